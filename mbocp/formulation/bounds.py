@@ -12,10 +12,8 @@ from mbocp.formulation.features.feature import Feature, joined, unbounded
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
-from mbocp.problem import ContactBounds, PathConstraint, Problem
-from mbocp.problem.rates import RateLimit
+from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.terms import RATE_TERMS
 
 __all__ = ["free_speed_bounds", "path_nodes", "sides_of_path", "state_bounds"]
 
@@ -96,31 +94,22 @@ def _at_nodes(
     if not (problem.has_limits_of_phases or problem.impacts):
         return lower, upper
     lower, upper = np.array(lower), np.array(upper)
-    along, first = problem.limits_along(), 0
+    N, dt, first = problem.num_steps, problem.dt, 0
+    limits = problem.limits_along() if problem.has_limits_of_phases else None
     for constraint in problem.inequalities:
         columns = slice(first, first + constraint.rows)
         first += constraint.rows
-        if isinstance(constraint, ContactBounds) and constraint.hits is not None:
-            hits = np.flatnonzero(constraint.hits & constraint.span.nodes(problem.num_steps, problem.dt))
-            lower[hits, columns], upper[hits, columns] = constraint.bounds_of_impulses(is_inner=is_inner)
-        if problem.has_limits_of_phases and isinstance(constraint, RateLimit):
-            scale = constraint.scale if is_inner else 1.0
-            low, high = along[RATE_TERMS[constraint.key].letter]
-            lower[:, columns] = low[:, constraint.columns] / scale
-            upper[:, columns] = high[:, constraint.columns] / scale
+        differing = constraint.sides_in_steps(N, dt, limits, is_inner=is_inner)
+        if differing is not None:
+            steps, low, high = differing
+            lower[steps, columns], upper[steps, columns] = low, high
     return lower, upper
 
 
 def path_nodes(problem: Problem) -> BoolArray:
     """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh)."""
-    N, dt = problem.num_steps, problem.dt
-    columns = [np.repeat(c.span.nodes(N, dt)[:, None], c.rows, axis=1) for c in problem.inequalities]
-    for constraint, holds in zip(problem.inequalities, columns, strict=True):
-        if isinstance(constraint, PathConstraint):
-            holds[: np.flatnonzero(holds[:, 0])[-1], list(constraint.term.rows_at_end)] = False
-        elif isinstance(constraint, ContactBounds) and constraint.steps is not None:
-            holds[~constraint.steps] = False
-    return np.hstack(columns) if columns else np.ones((N, 0), dtype=np.bool_)
+    columns = [constraint.nodes(problem.num_steps, problem.dt) for constraint in problem.inequalities]
+    return np.hstack(columns) if columns else np.ones((problem.num_steps, 0), dtype=np.bool_)
 
 
 def free_speed_bounds(problem: Problem) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
 from mbocp.mechanics.rates import rates_along
-from mbocp.problem import ContactBounds, PathConstraint, Problem
+from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
 __all__ = ["inequalities", "limit_violation", "path_along"]
@@ -58,17 +58,10 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
 
 def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     """Values of each path constraint at the nodes 1..N."""
-    robot, qs, vs, us = problem.robot, motion.qs[1:], motion.vs[1:], motion.us_at_ends
-    progress = iter(progress_along(problem, motion.qs)[1:].T)
-    found = []
-    for constraint in problem.path:
-        if isinstance(constraint, PathConstraint) and "progress" in constraint.term.remembers:
-            found.append(constraint.values_on_path(robot, qs, vs, next(progress)))
-        elif isinstance(constraint, ContactBounds):
-            found.append(constraint.values_of(lams))
-        else:
-            found.append(constraint.values_along(robot, qs, vs, us))
-    return found
+    states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
+    names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
+    progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))
+    return [one.values_in_motion(problem.robot, states, lams, progress) for one in problem.path]
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:

@@ -13,9 +13,8 @@ from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
-from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.path import PathConstraint, spans_found
-from mbocp.problem.timeline.meeting import Meeting, meetings
+from mbocp.problem.timeline.meeting import meetings
 from mbocp.problem.timeline.named_phase import (
     Horizon,
     NamedPhase,
@@ -33,7 +32,7 @@ from mbocp.problem.timeline.via_places import placed, via_marks, via_nodes, via_
 from mbocp.problem.timeline.via_points import resolved_points
 from mbocp.problem.warn import warn_singular
 from mbocp.robot import Robot
-from mbocp.terms import FrameTolerance, OwnPathConstraint, OwnTerm, frame_tolerances
+from mbocp.terms import BoundedTerm, OwnPathConstraint, OwnTerm, frame_tolerances
 
 __all__ = [
     "PathObject",
@@ -47,9 +46,7 @@ __all__ = [
     "with_places",
 ]
 
-PathObject: TypeAlias = (
-    PathConstraint | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
-)
+PathObject: TypeAlias = BoundedTerm
 
 
 def checked_terms(terms: Iterable[OwnTerm], robot: Robot) -> tuple[OwnTerm, ...]:

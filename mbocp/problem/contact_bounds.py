@@ -16,7 +16,8 @@ from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.constraints import Constraint, perpendiculars
-from mbocp.terms import ContactTerm, Span
+from mbocp.terms import BoundedTerm, ContactTerm, SidesInSteps, Span
+from mbocp.terms.span import Place
 
 __all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
 
@@ -49,7 +50,7 @@ class ForceSource:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactBounds:
+class ContactBounds(BoundedTerm):
     """Bounds on a contact force among the path constraints, see `mbocp.problem.PathConstraint`.
 
     Attributes
@@ -76,10 +77,6 @@ class ContactBounds:
         """When it holds."""
         return self.contact.span
 
-    def with_span(self, span: Span) -> ContactBounds:
-        """The same at other times."""
-        return replace(self, contact=replace(self.contact, span=span))
-
     @cached_property
     def map(self) -> Array:
         """From the forces of its rows to force and torque along the normal and two tangents, shape (6, k)."""
@@ -101,15 +98,6 @@ class ContactBounds:
             has_pressure=asked.pressure is not None,
             has_yaw=asked.yaw_friction is not None,
         )
-
-    def structure(self, rotations: str) -> ContactTerm:
-        """The same in all coordinates of attitudes."""
-        return self.term
-
-    @property
-    def rows(self) -> int:
-        """Number of its values."""
-        return self.term.rows
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
@@ -197,12 +185,39 @@ class ContactBounds:
         height = (self.contact.friction or 0.0) * math.cos(math.pi / max(count, 1))
         return np.column_stack([np.full(count, height), -np.cos(turns), -np.sin(turns)])
 
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same where attitudes are in these coordinates."""
-        return self.numbers
+    @property
+    def is_known_before(self) -> bool:
+        """Forces are not."""
+        return False
 
-    def check_frames(self, robot: Robot) -> None:
-        """Frames are the constraint's."""
+    def at_via(self, places: Mapping[str, Place]) -> ContactBounds:
+        """The same between nodes."""
+        if not self.span.via_names:
+            return self
+        span = self.span.at_via(places, self.contact.key)
+        return replace(self, contact=replace(self.contact, span=span))
+
+    def nodes(self, num_steps: int, dt: float) -> BoolArray:
+        """Those after steps in which it acts."""
+        found = super().nodes(num_steps, dt)
+        if self.steps is not None:
+            found[~self.steps] = False
+        return found
+
+    def sides_in_steps(
+        self, num_steps: int, dt: float, limits: Mapping[str, tuple[Array, Array]] | None, *, is_inner: bool
+    ) -> SidesInSteps | None:
+        """Impacts, whose impulses have bounds of their own."""
+        if self.hits is None:
+            return None
+        hits = np.flatnonzero(self.hits & self.span.nodes(num_steps, dt))
+        return hits, *self.bounds_of_impulses(is_inner=is_inner)
+
+    def values_in_motion(
+        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+    ) -> Array:
+        """Those of the forces."""
+        return self.values_of(lams)
 
     def wrenches(self, lams: Array) -> Array:
         """Force and torque along the normal and two tangents, shape (n, 6) [N, N m].

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
-from mbocp.mechanics import JointMechanics
 from mbocp.problem._checks import check_choice, check_finite
-from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.timeline.meeting import Meeting
-from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_TERMS, Follow, FrameTolerance, OwnPathConstraint, PathTerm, Point, Span
+from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Span
 from mbocp.terms.span import Place
 
 __all__ = ["PATH_KINDS", "PathConstraint", "check_path", "spans_found"]
@@ -30,7 +25,7 @@ PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PathConstraint:
+class PathConstraint(BoundedTerm):
     r"""Bounds on where a frame is, how far from something, or how fast; equal ones make it an equation.
 
     .. math:: \underline{h} \le h(q_n, v_n) \le \overline{h}, \qquad n = 1, \ldots, N
@@ -121,27 +116,14 @@ class PathConstraint:
         """Parameters of the expression by name."""
         return {name: self.number(name) for name in self.term.sizes}
 
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same where attitudes are in these coordinates."""
-        return self.numbers
-
     def number(self, key: str) -> Array:
         """Value of one of its parameters."""
         value: Array = self.point if key == "point" else self.further[key]
         return value
 
-    def structure(self, rotations: str) -> PathTerm:
-        """Its structure where attitudes are in these coordinates, which is the same in all of them."""
-        return self.term
-
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
         return self.term.slope(values)
-
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """h(q, v), shape (rows,) [m, m/s]."""
-        values: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return values
 
     def progress(self, robot: Robot, qs: Array) -> Array:
         """How far a frame that follows a path is along it at the nodes of a motion, shape (n,), from 0 to 1.
@@ -159,24 +141,43 @@ class PathConstraint:
     def values_on_path(self, robot: Robot, qs: Array, vs: Array, progress: Array) -> Array:
         """Values where the progress along the path is known, shape (n,), as of `values_along`."""
         s = ca.SX.sym("s")
-        function = self._function(robot, {"progress": s}, s).map(len(qs))
-        found: Array = self.term.value(np.asarray(function(qs.T, vs.T, progress[None])).T)
-        return found
+        function = self.function(robot, {"progress": s}, s).map(len(qs))
+        return self.value(np.asarray(function(qs.T, vs.T, progress[None])).T)
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values at each of n states, shape (n, rows) [m, m/s], by the expression that solvers see."""
-        if "progress" in self.term.remembers:
+        """Values at each of n states, shape (n, rows) [m, m/s]; where they are along a path is found."""
+        if self.follows:
             return self.values_on_path(robot, qs, vs, self.progress(robot, qs))
-        found = np.asarray(self._function(robot, {}).map(len(qs))(qs.T, vs.T)).T
-        values: Array = self.term.value(found)
-        return values
+        return super().values_along(robot, qs, vs, us)
 
-    def _function(self, robot: Robot, remembered: Mapping[str, ca.SX], *more: ca.SX) -> ca.Function:
-        """The expression as a function of configuration, velocity, and symbols of what is remembered."""
-        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
-        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
-        point = Point(JointMechanics(robot), q, v, remembered=remembered)
-        return ca.Function("h", [q, v, *more], [ca.densify(self.term.expression(point, numbers))])
+    def values_in_motion(
+        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+    ) -> Array:
+        """Values with the progress along a path that the motion has."""
+        if self.follows:
+            return self.values_on_path(robot, *states[:2], progress[self.name])
+        return self.values_along(robot, *states)
+
+    @property
+    def follows(self) -> bool:
+        """Whether it follows a path."""
+        return "progress" in self.term.remembers
+
+    def value(self, h: Array) -> Array:
+        """Values of those of the expression."""
+        return self.term.value(h)
+
+    def nodes(self, num_steps: int, dt: float) -> BoolArray:
+        """Those of the span; some rows hold at its end alone."""
+        found = super().nodes(num_steps, dt)
+        found[: np.flatnonzero(found[:, 0])[-1], list(self.term.rows_at_end)] = False
+        return found
+
+    def at_via(self, places: Mapping[str, Place]) -> PathConstraint:
+        """The same between nodes."""
+        if not self.span.via_names:
+            return self
+        return replace(self, span=self.span.at_via(places, f"path {self.name!r}"))
 
     def _parameters(self, key: str) -> dict[str, Array]:
         """Parameters of the kind that are no fields, checked."""
@@ -199,12 +200,7 @@ class PathConstraint:
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
-_Kept: TypeAlias = (
-    PathConstraint | ContactBounds | OwnPathConstraint | FrameTolerance | ViaConstraint | Clearance | Meeting
-)
-
-
-def spans_found(path: Sequence[_Kept], via: Mapping[str, Place]) -> tuple[_Kept, ...]:
+def spans_found(path: Sequence[BoundedTerm], via: Mapping[str, Place]) -> tuple[BoundedTerm, ...]:
     """The constraints with the nodes at which they begin and end, where via points or phases say it.
 
     Parameters
@@ -218,23 +214,12 @@ def spans_found(path: Sequence[_Kept], via: Mapping[str, Place]) -> tuple[_Kept,
     ProblemError
         If there is none of a name.
     """
-    return tuple(_span_found(constraint, via) for constraint in path)
-
-
-def _span_found(constraint: _Kept, via: Mapping[str, Place]) -> _Kept:
-    key = f"path {constraint.name!r}"
-    if isinstance(constraint, ContactBounds) and constraint.span.via_names:
-        return constraint.with_span(constraint.span.at_via(via, key))
-    if isinstance(constraint, PathConstraint) and constraint.span.via_names:
-        return replace(constraint, span=constraint.span.at_via(via, key))
-    if isinstance(constraint, OwnPathConstraint) and constraint.span.via_names:
-        return replace(constraint, own=replace(constraint.own, span=constraint.span.at_via(via, key)))
-    return constraint
+    return tuple(constraint.at_via(via) for constraint in path)
 
 
 def check_path(
     robot: Robot,
-    path: Sequence[_Kept],
+    path: Sequence[BoundedTerm],
     q_start: Array,
     v_start: Array,
     goal: Goal,
@@ -255,7 +240,7 @@ def check_path(
     for constraint in path:
         constraint.check_frames(robot)
         constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_phases=num_phases)
-        if isinstance(constraint, PathConstraint) and "progress" in constraint.term.remembers:
+        if isinstance(constraint, PathConstraint) and constraint.follows:
             if constraint.span.nodes(num_steps, dt).sum() + constraint.span.has_start < 2:
                 raise ProblemError(
                     f"path {constraint.name!r}: one node between from and until is no time to follow a path; "
@@ -263,7 +248,7 @@ def check_path(
                 )
             _check_ends_of_path(constraint, robot, q_start, goal, constraint.span.has_end(num_steps, dt))
             continue
-        if isinstance(constraint, ContactBounds) or constraint.structure("quaternion").remembers:
+        if not constraint.is_known_before:
             continue  # controls and forces are not known before
         if constraint.span.has_start:
             _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
@@ -296,16 +281,7 @@ def _check_ends_of_path(
         _refuse_outside(constraint, values, "goal", rows)
 
 
-def _refuse_outside(constraint: _Kept, values: Array, where: str, rows: slice = slice(None)) -> None:
+def _refuse_outside(constraint: BoundedTerm, values: Array, where: str, rows: slice = slice(None)) -> None:
     outside = (values < constraint.lower - BOUND_TOLERANCE) | (values > constraint.upper + BOUND_TOLERANCE)
     if outside[rows].any():
-        if isinstance(constraint, Clearance):
-            raise ProblemError(constraint.refusal(values, where))
-        i = int(np.flatnonzero(outside)[0])
-        above = values[i] > constraint.upper[i]
-        bound = constraint.upper[i] if above else constraint.lower[i]
-        label = constraint.labels[i]
-        raise ProblemError(
-            f"path {constraint.name!r}: at the {where} {label.name} is {values[i]:.6g} {label.unit}, "
-            f"{'above' if above else 'below'} its bound {bound:.6g}; move the {where}, or the bound"
-        )
+        raise ProblemError(constraint.refusal(values, where))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,13 @@ from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS, RateTerm, Span
+from mbocp.terms import RATE_TERMS, BoundedTerm, RateTerm, SidesInSteps, Span
 
 __all__ = ["RateLimit", "check_rates", "rate_limits"]
 
 
 @dataclass(frozen=True, eq=False)
-class RateLimit:
+class RateLimit(BoundedTerm):
     """Bounds on rates that hold in every step, see `mbocp.terms.RateTerm`.
 
     Attributes
@@ -54,11 +55,6 @@ class RateLimit:
         return Span()
 
     @property
-    def rows(self) -> int:
-        """Number of limits."""
-        return len(self.lower)
-
-    @property
     def inner_bounds(self) -> tuple[Array, Array]:
         """Bounds of the expression."""
         return np.asarray(self.lower) / self.scale, np.asarray(self.upper) / self.scale
@@ -68,13 +64,15 @@ class RateLimit:
         """Parameters of the expression by name."""
         return {"scale": np.array([self.scale])}
 
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same whatever attitudes are written in."""
-        return self.numbers
-
-    def structure(self, rotations: str) -> RateTerm:
-        """Its structure, which is the same whatever attitudes are written in."""
-        return self.term
+    def sides_in_steps(
+        self, num_steps: int, dt: float, limits: Mapping[str, tuple[Array, Array]] | None, *, is_inner: bool
+    ) -> SidesInSteps | None:
+        """All steps, where phases have limits of their own."""
+        if limits is None:
+            return None
+        scale = self.scale if is_inner else 1.0
+        lower, upper = limits[self.term.letter]
+        return slice(None), lower[:, self.columns] / scale, upper[:, self.columns] / scale
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""

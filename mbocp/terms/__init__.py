@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
+    from mbocp.terms.bounded import BoundedTerm, SidesInSteps
     from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
     from mbocp.terms.contact import ContactKeys, ContactTerm
     from mbocp.terms.cost import CostTerm, CostWeights, Reader, RunningTerm, TermNumbers, Weighted
@@ -53,6 +54,7 @@ __all__ = [
     "RATE_TERMS",
     "AccelerationEnd",
     "AngularSpeed",
+    "BoundedTerm",
     "ClearanceRow",
     "ClearanceTerm",
     "ContactKeys",
@@ -88,6 +90,7 @@ __all__ = [
     "RateTerm",
     "Reader",
     "RunningTerm",
+    "SidesInSteps",
     "Sizes",
     "Span",
     "Speed",

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.mechanics import JointMechanics
 from mbocp.robot import Label, Robot
+from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
@@ -82,7 +82,7 @@ class ToleranceTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class FrameTolerance:
+class FrameTolerance(BoundedTerm):
     """A tolerance of a problem among its path constraints, see `mbocp.problem.PathConstraint`."""
 
     name: str
@@ -96,11 +96,6 @@ class FrameTolerance:
     def term(self) -> ToleranceTerm:
         """Its structure, with its expression."""
         return ToleranceTerm(FrameShape.of(self.goal, self.robot))
-
-    @property
-    def rows(self) -> int:
-        """Number of its values."""
-        return self.term.rows
 
     @property
     def labels(self) -> tuple[Label, ...]:
@@ -131,34 +126,14 @@ class FrameTolerance:
         numbers = {**FrameShape.numbers(self.goal), "tolerance": self._scale}
         return {name: numbers[name] for name in self.term.sizes}
 
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same where attitudes are in these coordinates."""
-        return self.numbers
-
     @property
     def _scale(self) -> Array:
         return 2.0 * np.tan(self.tolerance / 2.0) if self.term.is_cone else self.tolerance
 
-    def structure(self, rotations: str) -> ToleranceTerm:
-        """The same in all coordinates of attitudes."""
-        return self.term
-
-    def check_frames(self, robot: Robot) -> None:
-        """Goals have been checked before."""
-
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Values at one state, shape (rows,) [m, rad]."""
-        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
-
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values at each of n states, shape (n, rows) [m, rad]."""
-        mechanics, q = JointMechanics(robot), ca.SX.sym("q", robot.nq)
-        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers.items()}
-        h = self.term.expression(Point(mechanics, q, ca.SX.zeros(robot.nv)), numbers)
-        found: Array = np.asarray(ca.Function("h", [q], [ca.densify(h)]).map(len(qs))(qs.T)).T
-        scaled: Array = found * self._scale
-        return 2.0 * np.arctan(np.sqrt(found) * self._scale / 2.0) if self.term.is_cone else scaled
+    def value(self, h: Array) -> Array:
+        """Distances and angles [m, rad]."""
+        scaled: Array = h * self._scale
+        return 2.0 * np.arctan(np.sqrt(h) * self._scale / 2.0) if self.term.is_cone else scaled
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""

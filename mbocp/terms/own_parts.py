@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -11,10 +11,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.robot import Label, Robot
+from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.cost import RunningTerm, TermNumbers, running_costs
 from mbocp.terms.own import OwnTerm, Traced
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.span import Span
+from mbocp.terms.span import Place, Span
 
 __all__ = ["OwnEnd", "OwnPath", "OwnPathConstraint", "OwnRunning", "own_ends", "running_terms"]
 
@@ -144,7 +145,7 @@ class OwnPath(_Part):
 
 
 @dataclass(frozen=True, eq=False)
-class OwnPathConstraint:
+class OwnPathConstraint(BoundedTerm):
     """A path constraint of a user's own among those of a problem, see `mbocp.problem.PathConstraint`."""
 
     own: OwnTerm
@@ -181,18 +182,9 @@ class OwnPathConstraint:
         return self.own.bounds(self.robot)[1]
 
     @property
-    def inner_bounds(self) -> tuple[Array, Array]:
-        """Bounds of the expression: the same."""
-        return self.own.bounds(self.robot)
-
-    @property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
         return dict(self.own.parameters)
-
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same where attitudes are in these coordinates."""
-        return self.numbers
 
     @property
     def term(self) -> OwnPath:
@@ -204,22 +196,20 @@ class OwnPathConstraint:
         part: OwnPath = OwnPath.of(self.own, self.robot, rotations)
         return part
 
+    def at_via(self, places: Mapping[str, Place]) -> OwnPathConstraint:
+        """The same between nodes."""
+        if not self.span.via_names:
+            return self
+        span = self.span.at_via(places, f"path {self.name!r}")
+        return replace(self, own=replace(self.own, span=span))
+
     def check_frames(self, robot: Robot) -> None:
         """Refuse what does not fit a robot."""
         self.own.check(robot)
 
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Values at one state, controls zero, shape (rows,)."""
-        found: Array = self.own.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
-
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Values at each of n states and controls, shape (n, rows)."""
         return self.own.values_along(robot, qs, vs, us)
-
-    def slopes(self, values: Array) -> Array:
-        """Derivatives of the expression in the values."""
-        return np.ones_like(values)
 
 
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:

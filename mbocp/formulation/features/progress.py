@@ -102,7 +102,7 @@ class Progress(Feature):
 
 def _followed(problem: Problem) -> tuple[PathConstraint, ...]:
     """The path constraints whose frames follow a path."""
-    return tuple(c for c in problem.frame_constraints if "progress" in c.term.remembers)
+    return tuple(c for c in problem.frame_constraints if c.follows)
 
 
 def advances(problem: Problem) -> Array:

@@ -17,7 +17,7 @@ from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms import ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
+from mbocp.terms import BoundedTerm, ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
 from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
 
@@ -53,7 +53,7 @@ class SelfCollision:
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
+class Clearance(BoundedTerm):
     """Distances of spheres from obstacles and from each other, see `mbocp.problem.PathConstraint`.
 
     A pair is a sphere and an obstacle, or two spheres; rows are what solvers see of them.
@@ -251,15 +251,6 @@ class Clearance:
         slots = HullSlots.of(list(self._hulls.values()) if of_hulls else [], of_hulls)
         return ClearanceTerm(self._frames, still, moving, slots)
 
-    def structure(self, rotations: str) -> ClearanceTerm:
-        """The same in all coordinates of attitudes."""
-        return self.term
-
-    @property
-    def rows(self) -> int:
-        """Number of rows, more than there are pairs: see `mbocp.terms.clearance`."""
-        return len(self._order)
-
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
@@ -294,18 +285,6 @@ class Clearance:
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
         return self.term.numbers([ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order])
-
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """The same where attitudes are in these coordinates."""
-        return self.numbers
-
-    def check_frames(self, robot: Robot) -> None:
-        """Frames have been found before."""
-
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Clearances at one state, shape (rows,) [m]."""
-        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see."""

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.mechanics import JointMechanics
 from mbocp.problem.timeline.switches import Begin, SwitchTable
 from mbocp.problem.timeline.via_constraint import AtNode
-from mbocp.robot import Label, Robot
-from mbocp.terms import MeetingTerm, Point
+from mbocp.robot import Label
+from mbocp.terms import BoundedTerm, MeetingTerm
 
 __all__ = ["Meeting", "meetings"]
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class Meeting(BoundedTerm):
     """What holds at the node where a constraint is taken on, see `mbocp.problem.PathConstraint`.
 
     Attributes
@@ -41,19 +39,6 @@ class Meeting:
         return AtNode(self.begin.step)
 
     @property
-    def rows(self) -> int:
-        """Number of its values."""
-        return self.term.rows
-
-    def structure(self, rotations: str) -> MeetingTerm:
-        """Its structure, the same in all coordinates of attitudes."""
-        return self.term
-
-    def numbers_in(self, rotations: str) -> dict[str, Array]:
-        """No parameters."""
-        return {}
-
-    @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
         labels = [self.begin.frame.rows[row] for row in self.term.kept]
@@ -71,30 +56,6 @@ class Meeting:
     def upper(self) -> Array:
         """Upper bounds, shape (rows,): zero."""
         return self.lower
-
-    @property
-    def inner_bounds(self) -> tuple[Array, Array]:
-        """Bounds of the expression."""
-        return self.lower, self.upper
-
-    def slopes(self, values: Array) -> Array:
-        """Derivatives of the expression in the values."""
-        return np.ones_like(values)
-
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Values at one state, shape (rows,)."""
-        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
-
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values at each of n states, shape (n, rows)."""
-        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
-        h = self.term.expression(Point(JointMechanics(robot), q, v), {})
-        found: Array = np.asarray(ca.Function("h", [q, v], [ca.densify(h)]).map(len(qs))(qs.T, vs.T)).T
-        return found
-
-    def check_frames(self, robot: Robot) -> None:
-        """Nothing: they were looked up by name."""
 
 
 def meetings(table: SwitchTable) -> tuple[Meeting, ...]:

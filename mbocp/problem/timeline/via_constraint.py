@@ -5,19 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._linear import independent_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import JointMechanics
 from mbocp.mechanisms.consistency import allowed_velocities, tangent_space
 from mbocp.problem.goals.frames import pose_jacobian, rate_jacobian
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Label, Robot
-from mbocp.terms import FrameGoal, FrameShape, Point, ViaFrameShape, ViaTerm
+from mbocp.terms import BoundedTerm, FrameGoal, FrameShape, ViaFrameShape, ViaTerm
 
 __all__ = ["AtNode", "ViaConstraint"]
 
@@ -44,7 +42,7 @@ class AtNode:
 
 
 @dataclass(frozen=True, eq=False)
-class ViaConstraint:
+class ViaConstraint(BoundedTerm):
     """A via point among the path constraints of a problem, see `mbocp.problem.PathConstraint`.
 
     Attributes
@@ -149,11 +147,6 @@ class ViaConstraint:
             found |= {f"{k}.{name}": value for name, value in FrameShape.numbers(frame).items()}
         return {name: found[name] for name in self.structure(rotations).sizes}
 
-    @property
-    def rows(self) -> int:
-        """Number of its values."""
-        return self.term.rows
-
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
@@ -218,29 +211,17 @@ class ViaConstraint:
         lower[first:], upper[first:] = np.cos(upper[first:]), np.inf
         return lower, upper
 
+    def value(self, h: Array) -> Array:
+        """Angles of their cosines."""
+        found, first = np.array(h), self.rows - self.term.num_angles
+        found[:, first:] = np.arccos(np.clip(found[:, first:], -1.0, 1.0))
+        return found
+
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
         found, first = np.ones_like(values), self.rows - self.term.num_angles
         found[..., first:] = -np.sin(values[..., first:])
         return found
-
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Values at one state, shape (rows,)."""
-        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
-
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values at each of n states, shape (n, rows), by the expression that solvers see."""
-        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
-        numbers = {name: ca.SX(ca.DM(value)) for name, value in self.numbers_in("quaternion").items()}
-        h = self.term.expression(Point(JointMechanics(robot), q, v), numbers)
-        found: Array = np.array(ca.Function("h", [q, v], [ca.densify(h)]).map(len(qs))(qs.T, vs.T)).T
-        first = self.rows - self.term.num_angles
-        found[:, first:] = np.arccos(np.clip(found[:, first:], -1.0, 1.0))
-        return found
-
-    def check_frames(self, robot: Robot) -> None:
-        """Nothing: they were looked up by name."""
 
 
 def _pose_labels(frame: FrameGoal) -> list[Label]:

@@ -1,0 +1,161 @@
+"""What all path constraints of a problem are: a term, its bounds, and when they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.mechanics import JointMechanics
+from mbocp.robot import Label, Robot
+from mbocp.terms.point import Point
+from mbocp.terms.span import Place
+
+__all__ = ["BoundedTerm", "SidesInSteps"]
+
+SidesInSteps: TypeAlias = tuple[slice | IntArray, Array, Array]
+
+
+class BoundedTerm:
+    """A term with bounds on its values that hold along a span.
+
+    A class says its name, term, span, labels and bounds, as fields or properties. Values are what people
+    speak of, in [m] and [rad]; the expression of the term may be their squares or cosines.
+    """
+
+    if TYPE_CHECKING:  # fields of some classes, properties of others
+
+        @property
+        def name(self) -> str:
+            """What it is called."""
+
+        @property
+        def span(self) -> Any:
+            """When it holds."""
+
+        @property
+        def term(self) -> Any:
+            """Its structure, with its expression."""
+
+        @property
+        def labels(self) -> tuple[Label, ...]:
+            """Name and unit of each row."""
+
+        @property
+        def lower(self) -> Array:
+            """Lower bounds of the values, shape (rows,)."""
+
+        @property
+        def upper(self) -> Array:
+            """Upper bounds of the values, shape (rows,)."""
+
+    @property
+    def rows(self) -> int:
+        """Number of its values."""
+        rows: int = self.term.rows
+        return rows
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters of the expression by name."""
+        return {}
+
+    @property
+    def inner_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the expression, shapes (rows,)."""
+        return self.lower, self.upper
+
+    @property
+    def is_known_before(self) -> bool:
+        """Whether its values follow from a configuration and a velocity."""
+        return not self.structure("quaternion").remembers
+
+    def numbers_in(self, rotations: str) -> dict[str, Array]:
+        """Parameters with attitudes in these coordinates."""
+        return self.numbers
+
+    def structure(self, rotations: str) -> Any:
+        """Its term with attitudes in these coordinates."""
+        return self.term
+
+    def value(self, h: Array) -> Array:
+        """Values of those of the expression, shape (n, rows)."""
+        return h
+
+    def slopes(self, values: Array) -> Array:
+        """Derivatives of the expression in the values."""
+        return np.ones_like(values)
+
+    def values(self, robot: Robot, q: Array, v: Array) -> Array:
+        """Values at one state, controls zero, shape (rows,)."""
+        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
+        return found
+
+    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+        """Values at each of n states and controls, shape (n, rows), by the expression that solvers see."""
+        return self.value(np.asarray(self.function(robot, {}).map(len(qs))(qs.T, vs.T)).T)
+
+    def values_in_motion(
+        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+    ) -> Array:
+        """Values at the nodes 1..N of a motion, shape (N, rows).
+
+        Parameters
+        ----------
+        robot : Robot
+        states : (ndarray, ndarray, ndarray)
+            Configurations, velocities and controls.
+        lams : ndarray, shape (N, rows)
+            Forces of constraints.
+        progress : mapping of str to ndarray, shape (N,)
+            Along paths that are followed, by the names of their constraints.
+        """
+        return self.values_along(robot, *states)
+
+    def function(self, robot: Robot, remembered: Mapping[str, ca.SX], *more: ca.SX) -> ca.Function:
+        """The expression as a function of configuration, velocity, and symbols of what is remembered."""
+        q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
+        numbers = {
+            name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers_in("quaternion").items()
+        }
+        point = Point(JointMechanics(robot), q, v, remembered=remembered)
+        return ca.Function("h", [q, v, *more], [ca.densify(self.term.expression(point, numbers))])
+
+    def nodes(self, num_steps: int, dt: float) -> BoolArray:
+        """At which of the nodes 1..N each row holds, shape (N, rows)."""
+        return np.repeat(self.span.nodes(num_steps, dt)[:, None], self.rows, axis=1)
+
+    def sides_in_steps(
+        self, num_steps: int, dt: float, limits: Mapping[str, tuple[Array, Array]] | None, *, is_inner: bool
+    ) -> SidesInSteps | None:
+        """Steps whose bounds differ, and these bounds, shape (steps, rows) or (rows,); None: there are none.
+
+        Parameters
+        ----------
+        limits : mapping of str to (ndarray, ndarray), optional
+            Of the robot along the steps, by letter, where phases differ in them.
+        is_inner : bool
+            Whether bounds of the expression are meant, and not of the values.
+        """
+        return None
+
+    def at_via(self, places: Mapping[str, Place]) -> BoundedTerm:
+        """The same with the nodes at which it begins and ends, where via points or phases say it."""
+        return self
+
+    def check_frames(self, robot: Robot) -> None:
+        """Refuse frames that `robot` does not have; by default they were looked up by name."""
+
+    def refusal(self, values: Array, where: str) -> str:
+        """Message about values out of bounds at the start or the goal."""
+        above = values > self.upper + BOUND_TOLERANCE
+        i = int(np.flatnonzero(above | (values < self.lower - BOUND_TOLERANCE))[0])
+        bound, label = self.upper[i] if above[i] else self.lower[i], self.labels[i]
+        return (
+            f"path {self.name!r}: at the {where} {label.name} is {values[i]:.6g} {label.unit}, "
+            f"{'above' if above[i] else 'below'} its bound {bound:.6g}; move the {where}, or the bound"
+        )
