@@ -8,6 +8,7 @@ process is ended, and what was told last counts. The process is kept for the nex
 from __future__ import annotations
 
 import math
+import atexit
 import os
 import threading
 import time
@@ -130,7 +131,15 @@ def _process() -> Elsewhere:
 
 @lru_cache(maxsize=1)
 def _kept(pid: int) -> Elsewhere:
-    return Elsewhere()
+    process = Elsewhere()
+    atexit.register(_close, process, pid)
+    return process
+
+
+def _close(process: Elsewhere, pid: int) -> None:
+    """End a process with the one that has started it, not with one that this has forked."""
+    if os.getpid() == pid:
+        process.close()
 
 
 def _unpacked(w: Array, programme: StagewiseProgramme) -> Iterate:
