@@ -7,8 +7,8 @@ process is ended, and what was told last counts. The process is kept for the nex
 
 from __future__ import annotations
 
-import math
 import atexit
+import math
 import os
 import threading
 import time
