@@ -202,7 +202,7 @@ def test_derivatives_and_values(keys: dict[str, Any]) -> None:
     programme, at, (contact,) = formulation.programme, formulation.layout, problem.contacts
     rng, h = np.random.default_rng(2), programme.functions.function("path")
     x = programme.x_start + 0.1 * rng.standard_normal(at.nx)
-    reaction = at.remembered["reaction"]
+    reaction = at.states["reaction"]
     x[reaction] = rng.standard_normal(6)
     m, u = rng.standard_normal(contact.rows), np.zeros(programme.kinds[0].nu)
 
