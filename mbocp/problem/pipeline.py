@@ -9,11 +9,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any
 
 __all__ = ["Step", "run_steps"]
 
-_PLAIN = (int, float, str, bytes, bool, tuple, type(None))  # compared by value; all else by identity
+_PLAIN = (int, float, str, bool, tuple, type(None), PurePath)  # compared by value; all else by identity
 
 
 @dataclass(frozen=True)
