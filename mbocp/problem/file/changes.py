@@ -171,44 +171,51 @@ def _with_horizon(
     """Steps and duration; one way to say which steps there are takes the place of another."""
     if not (values.keys() & {*_HORIZON, "phase"} or "phase" in tables):
         return document
-    old = dict(document.tables.get("horizon", {}))
-    given, lengths = dict(document.values), made["lengths"]
     has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made["phase"]))
-    if values.get("phase"):
-        old = _without(old, "duration", "steps", "accuracy")
-    elif "phase" in values:  # none any more: what they came to
-        old |= {"steps": made["num_steps"], "duration": _written(made)}
+    table = _horizon_now(document, values, made, has_phases=has_phases)
     if "duration" in values or "duration_range" in values:
         bounds = values.get("duration_range")
         duration = values.get("duration", made["duration"])
-        old["duration"] = plain(duration) if bounds is None else written_duration(duration, bounds)
-    if "num_steps" in values:
-        old = {**_without(old, "accuracy"), "steps": plain(values["num_steps"])}
-    if values.get("accuracy") is not None:
-        old = {**_without(old, "steps"), "accuracy": plain(values["accuracy"])}
-    elif "accuracy" in values:
-        old = {**({} if has_phases else {"steps": made["num_steps"]}), **_without(old, "accuracy")}
+        table["duration"] = plain(duration) if bounds is None else written_duration(duration, bounds)
+    for key, word in (("num_steps", "steps"), ("accuracy", "accuracy")):
+        if values.get(key) is not None:
+            table = {**_without(table, "steps", "accuracy"), word: plain(values[key])}
     if "controls" in values:
-        old["controls"] = values["controls"]
+        table["controls"] = values["controls"]
+    given = {key: value for key, value in document.values.items() if key != "said_lengths"}
+    lengths = None if "phase" in tables else _lengths(values, made, table)
+    if lengths is not None:
+        given["said_lengths"] = lengths
+        if not has_phases:
+            table = {**_without(table, "accuracy"), "steps": table.get("steps", made["num_steps"])}
+    return replace(document, tables={**document.tables, "horizon": table}, values=given)
+
+
+def _horizon_now(
+    document: Document, values: Mapping[str, Any], made: Mapping[str, Any], *, has_phases: bool
+) -> dict[str, Any]:
+    """The table with all that it does not leave to phases; without lengths of steps."""
+    old = _without(document.tables.get("horizon", {}), "lengths")
+    if values.get("phase"):  # they say how long all is
+        return _without(old, "duration", "steps", "accuracy")
+    if "accuracy" in values:
+        old = _without(old, "accuracy")
+    if has_phases:
+        return old
+    steps = {} if "accuracy" in old else {"steps": made["num_steps"]}
+    return {**old, "duration": _written(made), **steps}
+
+
+def _lengths(values: Mapping[str, Any], made: Mapping[str, Any], table: Mapping[str, Any]) -> Any:
+    """Lengths of the steps that are said, or those from before, as long as these go on."""
     if "lengths" in values:
-        is_given = values["lengths"] is not None
-        old = _without(old, "lengths")
-        if is_given and not has_phases:
-            old = {**_without(old, "accuracy"), "steps": old.get("steps", made["num_steps"])}
-            old.setdefault("duration", _written(made))
-    elif lengths is not None:
-        given.pop("said_lengths", None)
-        old = _without(old, "lengths")
-        is_kept = not values.keys() & {"num_steps", "accuracy", "phase"} and "phase" not in tables
-        if is_kept and not isinstance(old.get("duration"), Mapping):
-            old.setdefault("duration", made["duration"])
-            old["steps"] = made["num_steps"]
-            given["said_lengths"] = scaled_lengths(lengths, float(old["duration"]))
-        elif not has_phases and not {"steps", "accuracy"} & old.keys():
-            old["steps"] = made["num_steps"]
-    if not has_phases and old.get("duration") is None:
-        old["duration"] = _written(made)
-    return replace(document, tables={**document.tables, "horizon": old}, values=given)
+        return values["lengths"]
+    is_other = values.keys() & {"num_steps", "accuracy", "phase"} or isinstance(
+        table.get("duration"), Mapping
+    )
+    if made["lengths"] is None or is_other:
+        return None
+    return scaled_lengths(made["lengths"], float(table["duration"]))
 
 
 def _written(made: Mapping[str, Any]) -> Any:
