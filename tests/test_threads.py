@@ -244,7 +244,7 @@ def programmes(monkeypatch: pytest.MonkeyPatch) -> list[KernelProgramme]:
         return made[-1]
 
     for module in ("newton", "limits"):
-        monkeypatch.setattr(f"mbocp.solvers.{module}.kernel_programme", kept)
+        monkeypatch.setattr(f"mbocp.solvers.newton_method.{module}.kernel_programme", kept)
     return made
 
 

@@ -80,7 +80,7 @@ static inline __attribute__((unused)) int mbocp_agree(mbocp_lanes x) {
 
 #if MBOCP_LANES == 4
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd256(x))
-#elif !defined(__clang__)
+#elif defined(__AVX512F__) && !defined(__clang__)
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd512_mask(x, x, -1, 4))
 #else
 MBOCP_EACH(sqrt)

@@ -29,7 +29,8 @@ def test_random_tasks(name: str, tmp_path: Path) -> None:
     assert false_converged(rows) == []
     assert all(row["status"] not in ("crash", "refused") for row in rows), rows
     feasible = [row for row in rows if row["feasible"]]
-    assert sum(row["status"] == "converged" for row in feasible) >= len(feasible) - 1
+    solved = ("converged", "under_resolved")  # the second: limits are left between nodes, and that is said
+    assert sum(row["status"] in solved for row in feasible) >= len(feasible) - 1
     assert show(rows).count("\n") == 3
     assert "stationarity" in worst(rows)
 

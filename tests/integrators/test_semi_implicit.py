@@ -101,7 +101,7 @@ def test_an_optimum_is_a_roll_out_with_the_cost_of_its_starts(name: str) -> None
     assert np.abs(robot.difference(goal, qs[-1])).max() < 1e-7
     assert np.abs(vs[-1]).max() < 1e-7
     cost = problem.dt / 2 * (np.sum(s.us**2) + 0.5 * np.sum(vs[:-1] ** 2))
-    assert s.cost == pytest.approx(cost, rel=1e-9)
+    assert s.cost == pytest.approx(cost, rel=1e-8)  # residuals of 1e-9 beside a cost of 0.07
     assert "strict local minimum" in s.advice
     again = mbocp.solve(problem, warm_start=s)
     assert again.iterations <= 2

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.integrators import TABLEAUX
+from mbocp.integrators import SCHEMES
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
@@ -85,7 +85,7 @@ def why_in_vain(problem: Problem, status: str) -> str:
     """
     if problem.goals:
         return ""
-    is_why = status == "singular" or problem.scheme not in TABLEAUX
+    is_why = status == "singular" or SCHEMES[problem.scheme].solves_constraints
     for cause in causes_of(problem):
         if cause.is_certain or (cause.kind == "momentum" and is_why):
             return cause.words
