@@ -13,8 +13,6 @@ Array: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.intp]
 
-__all__ = ["Array", "BoolArray", "IntArray", "frozen_array", "frozen_mask"]
-
 
 def frozen_array(
     value: ArrayLike, *, shape: tuple[int | None, ...] | None = None, name: str = "array"

@@ -8,8 +8,6 @@ import sys
 
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["available_threads", "available_workers", "number_from"]
-
 
 def number_from(
     name: str, expected: str, *, may_be_zero: bool = False, below: float = math.inf

@@ -19,8 +19,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-__all__ = ["homes_in", "names_of"]
-
 
 def names_of(package: str, source: str) -> Callable[[str], Any]:
     """A `__getattr__` (PEP 562) for a package.

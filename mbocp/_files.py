@@ -22,20 +22,6 @@ if sys.version_info >= (3, 11):
 else:  # pragma: no cover
     import tomli as tomllib
 
-__all__ = [
-    "MAX_LEVELS",
-    "MEGABYTE",
-    "RESULT_SUFFIXES",
-    "TEXT_LIMIT",
-    "is_file",
-    "is_folder",
-    "parse_toml",
-    "path_of",
-    "read_bytes",
-    "read_text",
-    "read_toml",
-]
-
 MEGABYTE = 2**20
 RESULT_SUFFIXES = (".h5", ".hdf5")  # of results of a solve
 TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB

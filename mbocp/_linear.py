@@ -8,8 +8,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["independent_rows", "norm", "null_space", "spanning_rows"]
-
 _SMALL = 1e-150  # squares of what is smaller lose their digits
 
 

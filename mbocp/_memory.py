@@ -14,8 +14,6 @@ from pathlib import Path
 from mbocp._environment import number_from
 from mbocp.exceptions import MemoryLimitExceeded
 
-__all__ = ["check_memory", "is_given", "memory_limit"]
-
 _SHARE = 0.8  # of the memory that is left
 _NAME = "MBOCP_MEMORY_LIMIT"
 _CGROUPS = Path("/sys/fs/cgroup")

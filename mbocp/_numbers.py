@@ -7,8 +7,6 @@ from typing import Any, TypeGuard
 
 from mbocp._text import shown
 
-__all__ = ["LARGEST", "as_float", "finite_number", "is_number"]
-
 LARGEST = 1e100  # of numbers in files: squares and cubes of them are floats, too
 
 

@@ -9,8 +9,6 @@ import json
 import sys
 from collections.abc import Mapping
 
-__all__ = ["SAFE_PATH", "python_command"]
-
 # For processes that `multiprocessing` starts by commands of its own. Known since Python 3.11.
 SAFE_PATH: Mapping[str, str] = {"PYTHONSAFEPATH": "1"}
 

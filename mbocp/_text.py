@@ -8,8 +8,6 @@ import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["MAX_MESSAGE", "MAX_QUOTE", "has_control_characters", "listed", "printable", "shortened", "shown"]
-
 MAX_QUOTE = 200  # characters of one value in a message
 MAX_MESSAGE = 4000  # characters of a message
 _GAP = " [...] "

@@ -6,8 +6,6 @@ import threading
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-__all__ = ["SideBySide", "Watch"]
-
 T = TypeVar("T")
 Callback = Callable[[Any], object]
 

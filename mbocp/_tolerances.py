@@ -2,14 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ARRIVAL_TOLERANCE",
-    "BOUND_TOLERANCE",
-    "DIRECTION_TOLERANCE",
-    "RANK_TOLERANCE",
-    "STAYS",
-]
-
 RANK_TOLERANCE = 1e-9  # singular values below this part of the largest count as zero: rows depend
 ARRIVAL_TOLERANCE = 1e-6  # [rad, m] from the configuration that a search or a closed path was to reach
 STAYS = 1e-9  # [rad, m] that an impact may move by: the round-off of its row

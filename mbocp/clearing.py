@@ -32,8 +32,6 @@ from mbocp.solution.rest import Rest
 from mbocp.solvers import Phase, Status
 from mbocp.solvers.strategies.patience import Patience
 
-__all__ = ["solve_clear"]
-
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself

@@ -12,40 +12,6 @@ from typing import Any
 
 from mbocp._text import MAX_MESSAGE, shortened, shown
 
-__all__ = [
-    "CompilationError",
-    "CompilationTimeout",
-    "DimensionMismatch",
-    "InconsistentStart",
-    "InvalidValue",
-    "LoopNotClosed",
-    "MbocpError",
-    "MemoryLimitExceeded",
-    "NativeMismatch",
-    "NotConverged",
-    "OverdeterminedGoal",
-    "ProblemError",
-    "ProblemFileError",
-    "ReplayError",
-    "ResultFileError",
-    "RobotError",
-    "RobotFileError",
-    "SingularSystem",
-    "SolverError",
-    "StudyError",
-    "StudyFileError",
-    "TooManyOperations",
-    "TranscriptionError",
-    "UnknownFrame",
-    "UnknownJoint",
-    "UnknownRobot",
-    "UnreachableGoal",
-    "UnreachablePose",
-    "Unreadable",
-    "UnsupportedRobot",
-    "suggest",
-]
-
 
 def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     """Return "did you mean ...?" for a near miss in whatever case, else the (shortened) valid names."""

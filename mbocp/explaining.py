@@ -12,12 +12,11 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.problem.reasons.causes import Cause, causes_of
+from mbocp.problem.reasons.cause import Cause
+from mbocp.problem.reasons.causes import causes_of
 from mbocp.problem.reasons.relaxed import Relaxation, relaxations
 from mbocp.solution import Solution
 from mbocp.solving import solve
-
-__all__ = ["Explanation", "Given", "explain"]
 
 _ITERATIONS = 150  # of a solve; a problem that is solvable takes some thirty
 _SECONDS = 30.0  # of a solve, at most

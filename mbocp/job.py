@@ -26,8 +26,6 @@ from mbocp.solvers.reachability import dependent_end_rows
 from mbocp.solvers.records import timed
 from mbocp.solvers.strategies.patience import Patience
 
-__all__ = ["Attempt", "Job", "formulated"]
-
 Callback: TypeAlias = Callable[[IterationRecord], object]
 
 

@@ -17,8 +17,6 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.rest import Rest
 
-__all__ = ["solve"]
-
 
 def solve(
     problem: Problem | str | Path,

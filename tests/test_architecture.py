@@ -179,6 +179,14 @@ def test_public_names_exist(path):
     assert not missing
 
 
+@pytest.mark.parametrize("path", [p for p in SOURCES if p.name != "__init__.py"], ids=module_name)
+def test_modules_list_names_only_to_show_those_of_others(path):
+    """A leading underscore says what is private; a list of all other names would say it twice."""
+    module = importlib.import_module(module_name(path))
+    shown = [getattr(module, name) for name in getattr(module, "__all__", [])]
+    assert not [thing for thing in shown if getattr(thing, "__module__", None) == module.__name__]
+
+
 LATE = [path for path in SOURCES if path.name == "__init__.py" and "names_of(__name__" in path.read_text()]
 
 

@@ -33,8 +33,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["CostLimit", "cost_error", "cost_limit"]
-
 _LOWEST, _HIGHER = 0.8, 1.0  # orders that are believed: from about one to one above that of the scheme
 _ROUND_OFF = 1e-11  # of a cost: differences below it tell nothing
 _OF_ITS_ORDER = 1.5  # times what the last difference says: errors beyond are of no order

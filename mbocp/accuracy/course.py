@@ -21,8 +21,6 @@ from mbocp.mechanics.held import Acting
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 
-__all__ = ["Course", "Span", "course_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Span:

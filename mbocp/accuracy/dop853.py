@@ -11,8 +11,6 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 
-__all__ = ["NODES", "SLOPES", "WEIGHTS"]
-
 _ROWS: tuple[tuple[tuple[int, float], ...], ...] = (  # stage before, coefficient; all others are zero
     (),
     ((0, 0.05260015195876773),),

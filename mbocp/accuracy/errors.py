@@ -39,8 +39,6 @@ from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import momenta_of
 from mbocp.solution import Accuracy
 
-__all__ = ["StepErrors", "accuracy_of", "step_errors"]
-
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
 _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than

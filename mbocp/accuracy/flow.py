@@ -35,8 +35,6 @@ from mbocp.mechanics.held import Acting
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.robot import Robot
 
-__all__ = ["Flow"]
-
 
 @dataclass(frozen=True, eq=False)
 class Flow:

@@ -19,8 +19,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["Wanted", "control_shares", "halved", "lengths_for"]
-
 _FLOOR = 1e-3  # of the mean density: where errors vanish steps do not become infinite
 _STEEPEST = 0.25  # what the length of steps may change by, for each second
 _FINER, _COARSER = 8.0, 2.0  # by which steps change from one round to the next

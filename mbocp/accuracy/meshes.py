@@ -19,8 +19,6 @@ from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.step_counts import base_counts, has_places
 
-__all__ = ["MOST_STEPS", "Mesh", "first_mesh"]
-
 MOST_STEPS = 20_000
 _FINER, _COARSER = 8.0, 2.0  # by which numbers change from one round to the next
 _FEWEST = 4  # steps of a phase

@@ -13,8 +13,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
 
-__all__ = ["follows_fast", "with_accuracy"]
-
 _MOST_LOOPS = 6  # constraints, of which more take seconds to compile
 _MOST_JOINTS = 30  # velocity components, the same
 _MOST_STEPS = 20_000

@@ -27,8 +27,6 @@ from mbocp.solution.later import retold
 from mbocp.solution.rest import Rest
 from mbocp.solvers import Status
 
-__all__ = ["refined"]
-
 Work: TypeAlias = Callable[[Problem, Solution | Rest | None], Solution]
 
 _ROUNDS = 8

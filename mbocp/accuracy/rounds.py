@@ -34,8 +34,6 @@ from mbocp.problem.timeline.named_phase import phase_nodes
 from mbocp.solution import Solution
 from mbocp.solvers.strategies.cost_unit import is_no_cost
 
-__all__ = ["Round", "asked_of", "is_rough", "shares_of", "step_errors_of"]
-
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
 _OF_STATES = ("position", "velocity")
 _SURE = 1.2  # what the estimate of the cost's error may be wrong by

@@ -22,8 +22,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solvers.strategies.cost_unit import is_no_cost
 
-__all__ = ["trimmed"]
-
 _Work: TypeAlias = Callable[[Problem, Solution | None], Solution]
 
 _TRIES = 3

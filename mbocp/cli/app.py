@@ -16,8 +16,6 @@ from mbocp.cli.examples import examples
 from mbocp.cli.report import reporting
 from mbocp.cli.robot_options import RobotOptions
 
-__all__ = ["app", "app_for"]
-
 app = typer.Typer(
     name="mbocp",
     help="Optimal control of multibody systems: from a URDF to a solved, replayed motion.",

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
-__all__ = ["first_cause"]
-
 
 def first_cause(problem: Problem) -> str:
     """The first thing that arithmetic says against a problem; "" if it says nothing."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.robot import Robot
 
-__all__ = ["check_file"]
-
 _MAX_ENTRIES = 12
 _Rows = list[tuple[str, str | Text]]
 

@@ -9,8 +9,6 @@ from typing import IO, Any, cast
 
 from rich.console import Console
 
-__all__ = ["output"]
-
 _PIPE_WIDTH = 200  # nobody looks at the lines of a pipe through a narrow window
 _WIDTHS = range(20, 10_000)  # that COLUMNS may ask for
 _BLANKS = re.compile(r"[ ]+(?=\n)")

@@ -16,8 +16,6 @@ import typer
 
 from mbocp.exceptions import MbocpError
 
-__all__ = ["Check", "print_report", "report"]
-
 Verdict = Literal["ok", "warn", "fail"]
 
 _COLORS = {"ok": "green", "warn": "yellow", "fail": "red"}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["EXAMPLES", "epilog", "examples"]
-
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "new": ("mbocp new ur5", "mbocp new my_robot.urdf --package-dir ~/ros/src -o reach.toml"),
     "solve": (

@@ -16,8 +16,6 @@ from mbocp.cli.solve import problem_and_solution
 if TYPE_CHECKING:
     from mbocp.explaining import Explanation
 
-__all__ = ["explain_file"]
-
 _MAX_CAUSES = 6
 _OR = "or"
 

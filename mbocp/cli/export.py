@@ -11,8 +11,6 @@ from mbocp._files import is_folder
 from mbocp._text import shown
 from mbocp.exceptions import ResultFileError
 
-__all__ = ["export_result"]
-
 
 def export_result(
     result: Path, output: Path, kind: str | None, rate: float | None, *, check: bool, quiet: bool

@@ -13,8 +13,6 @@ from mbocp._files import RESULT_SUFFIXES
 from mbocp.cli import signals
 from mbocp.cli.solve import check_output, problem_of
 
-__all__ = ["live_page"]
-
 
 def live_page(
     file: Path,

@@ -14,8 +14,6 @@ from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import MbocpError, ResultFileError, UnsupportedRobot
 
-__all__ = ["write_new"]
-
 _SUFFIXES = (".toml",)
 _ROOT = "root_joint"
 _MANY_TURNS = 1e3  # [rad]: no limit that anybody means

@@ -22,8 +22,6 @@ from rich.live import Live
 from rich.spinner import Spinner
 from rich.text import Text
 
-__all__ = ["Progress", "Record"]
-
 _ROWS = 12  # as many iterations of the phase at work stay in view
 _PICTURES = 4  # a second; one takes about 2 ms to draw, and terminals far away take longer
 _FIRST, _LAST = 3, 12  # finished phases that are kept: so many from the beginning, so many from the end

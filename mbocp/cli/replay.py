@@ -13,8 +13,6 @@ from mbocp.cli.results import load_result, named, tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["Look", "Recording", "replay_results"]
-
 
 @dataclass(frozen=True)
 class Look:

@@ -23,8 +23,6 @@ from mbocp._text import MAX_MESSAGE, shortened
 from mbocp.cli import signals
 from mbocp.exceptions import MbocpError
 
-__all__ = ["BAD_INPUT", "BUG", "INTERRUPTED", "forget_output", "reporting", "shown_warnings"]
-
 BAD_INPUT = 2
 BUG = 70  # EX_SOFTWARE: 1 is "not converged", and a bug must not look like it
 INTERRUPTED = 130  # what a shell reports for Ctrl-C

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["load_result", "named", "plot_result", "print_info", "report_result", "tell"]
-
 
 def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: bool) -> None:
     """Write plots."""

@@ -12,8 +12,6 @@ from mbocp.exceptions import RobotError
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["RobotOptions"]
-
 
 @dataclass(frozen=True)
 class RobotOptions:

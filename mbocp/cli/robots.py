@@ -16,8 +16,6 @@ from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.summary import payload_words
 from mbocp.robot import describe, list_robots
 
-__all__ = ["print_robot", "print_robots"]
-
 
 def print_robots(*, as_json: bool) -> None:
     """List the robots that can be loaded by name."""

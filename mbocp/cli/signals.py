@@ -15,8 +15,6 @@ import os
 import signal
 import sys
 
-__all__ = ["BEFORE_A_RESULT", "leave_at_once", "leave_in_order", "status_of_signal"]
-
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType

@@ -21,16 +21,6 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import Solution
 
-__all__ = [
-    "IMAGES",
-    "PAGES",
-    "Outputs",
-    "check_output",
-    "problem_and_solution",
-    "problem_of",
-    "run",
-]
-
 PAGES = (".html", ".htm")
 IMAGES = (".png", ".pdf", ".svg")
 _MAX_NAME_BYTES = 255  # bytes, of a file: what Linux takes

@@ -15,8 +15,6 @@ from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import LinkSpheres
 
-__all__ = ["print_spheres"]
-
 
 def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_json: bool) -> None:
     """Print a row for each link, and draw the spheres if a page is asked for.

@@ -35,8 +35,6 @@ from mbocp.exceptions import ResultFileError, StudyError
 if TYPE_CHECKING:
     from mbocp.study import Group, Spread, StudyResult, Summary
 
-__all__ = ["How", "Shown", "run", "summarise"]
-
 TABLES = (".jsonl", ".ndjson")
 CSV = (".csv",)
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.solution import Accuracy, ActiveLimit, Solution
 
-__all__ = ["goal_error", "payload_words", "print_summary", "robot_words", "solution_rows"]
-
 _Rows = list[tuple[str, str | Text]]
 
 _MAX_NAMES = 12  # more names than that are counted

@@ -24,8 +24,6 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.robot import Label
 
-__all__ = ["Duals", "Formulation", "Motion"]
-
 
 @dataclass(frozen=True, eq=False)
 class Duals:

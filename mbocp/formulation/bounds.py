@@ -15,8 +15,6 @@ from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
-__all__ = ["free_speed_bounds", "path_nodes", "sides_of_path", "state_bounds"]
-
 
 def state_bounds(
     problem: Problem,

@@ -25,7 +25,6 @@ from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     NUMBERS,
     ParameterLayout,
-    Sizes,
     concatenated,
     mask,
     parameter_layout,
@@ -44,16 +43,16 @@ from mbocp.problem.timeline.horizon import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
-from mbocp.terms import AccelerationEnd, ExactGoal, Follow, TerminalCost, TermNumbers, own_ends, running_terms
-
-__all__ = [
-    "Pieces",
-    "build_programme",
-    "check_size",
-    "load_end_functions",
-    "needs_plain_states",
-    "signature_of",
-]
+from mbocp.terms import (
+    AccelerationEnd,
+    ExactGoal,
+    Follow,
+    Sizes,
+    TerminalCost,
+    TermNumbers,
+    own_ends,
+    running_terms,
+)
 
 
 @dataclass(frozen=True, eq=False)

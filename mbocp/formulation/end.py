@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import casadi as ca
 
-from mbocp.formulation.parameters import Sizes, parameter_layout, pieces, symbols_for
+from mbocp.formulation.parameters import parameter_layout, pieces, symbols_for
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import state_space
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Mechanics
-from mbocp.terms import Point
-
-__all__ = ["build_end_functions"]
+from mbocp.terms import Point, Sizes
 
 
 def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:

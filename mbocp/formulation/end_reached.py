@@ -24,14 +24,13 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.switches import ties_at_end
+from mbocp.formulation.motion import Motion
 from mbocp.mechanics.diagnostics import constraint_violation
 from mbocp.mechanisms.consistency import allowed_velocities
 from mbocp.problem.goals.frames import errors_of_poses
 from mbocp.robot.kinematics import momenta_of
-
-__all__ = ["EndMissed", "RatesMissed", "end_missed", "rates_missed"]
 
 _REACHED = 1e-6  # tangent-space distance [m, rad] beyond which the end is not at the goal
 _OPEN = (

@@ -19,8 +19,6 @@ from mbocp.formulation.rows import row_describer
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme
 
-__all__ = ["without_end_rows"]
-
 
 def without_end_rows(
     formulation: Formulation, rows: Sequence[int], *, deadline: float = math.inf

@@ -10,8 +10,6 @@ from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 
-__all__ = ["formulate", "transcribe"]
-
 
 def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
     """Formulation of a problem with its stagewise programme, compiled or from the cache.

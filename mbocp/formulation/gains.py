@@ -23,8 +23,6 @@ from mbocp.solvers.newton_method.held import hold_active_limits
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme
 
-__all__ = ["feedback_gains"]
-
 _FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _SHIFTS = (
     0.0,

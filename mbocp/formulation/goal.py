@@ -19,16 +19,6 @@ from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, FrameProjections
 
-__all__ = [
-    "EndRows",
-    "EndTarget",
-    "acceleration_rows",
-    "end_condition_rows",
-    "frame_ends",
-    "guarded_parts",
-    "independent_rows",
-]
-
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction
 )

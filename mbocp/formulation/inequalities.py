@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.base import Formulation
 from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
+from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
-
-__all__ = ["inequalities", "limit_violation", "path_along"]
 
 
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:

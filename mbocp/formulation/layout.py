@@ -10,8 +10,6 @@ import casadi as ca
 
 from mbocp.mechanics import Mechanics
 
-__all__ = ["Block", "StateLayout", "StateSpace", "places"]
-
 
 @dataclass(frozen=True)
 class Block:

@@ -9,8 +9,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.integrators import control_basis, control_powers
 
-__all__ = ["Motion"]
-
 
 @dataclass(frozen=True, eq=False)
 class Motion:

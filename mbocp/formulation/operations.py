@@ -11,8 +11,6 @@ from mbocp._environment import number_from
 from mbocp.exceptions import TooManyOperations
 from mbocp.formulation.signature import FunctionSignature
 
-__all__ = ["check_operations"]
-
 _NAME = "MBOCP_OPERATIONS_LIMIT"
 _LIMIT = 10e6
 

@@ -16,17 +16,6 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, unit_of
 from mbocp.terms import Sizes
 
-__all__ = [
-    "NUMBERS",
-    "ParameterLayout",
-    "Sizes",
-    "concatenated",
-    "parameter_layout",
-    "path_parameters",
-    "pieces",
-    "symbols_for",
-]
-
 S = TypeVar("S", ca.SX, ca.MX)
 
 NUMBERS = "robot"  # what varies of the robot

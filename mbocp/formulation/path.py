@@ -11,12 +11,10 @@ import numpy as np
 
 from mbocp.formulation.features.accelerations import driven_acceleration
 from mbocp.formulation.layout import Block
-from mbocp.formulation.parameters import NUMBERS, Sizes, parameter_layout, path_parameters, pieces
+from mbocp.formulation.parameters import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols, unit_of
-from mbocp.terms import ClearanceTerm, Point
-
-__all__ = ["build_path", "build_path_values"]
+from mbocp.terms import ClearanceTerm, Point, Sizes
 
 
 def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:

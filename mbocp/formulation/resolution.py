@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.base import Formulation
+from mbocp.formulation.motion import Motion
 from mbocp.mechanics.diagnostics import largest_turn
-
-__all__ = ["unresolved"]
 
 _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 

@@ -20,8 +20,6 @@ from mbocp.programme import StateBounds
 from mbocp.robot import Label
 from mbocp.terms import PeriodicEnd
 
-__all__ = ["RowLabels", "row_describer"]
-
 
 @dataclass(frozen=True)
 class _Times:

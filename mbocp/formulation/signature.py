@@ -35,8 +35,6 @@ from mbocp.terms import (
     ViaTerm,
 )
 
-__all__ = ["FunctionSignature"]
-
 
 @dataclass(frozen=True)
 class FunctionSignature:

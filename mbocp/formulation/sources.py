@@ -10,8 +10,6 @@ from pathlib import Path
 
 from mbocp import integrators, lie, mechanics, meshes, robot, symbolic, terms
 
-__all__ = ["sources_digest", "writing_sources"]
-
 _BRIDGE = "mbocp._native._bridge"  # Pinocchio's algorithms as expressions, compiled
 
 

@@ -35,14 +35,12 @@ import casadi as ca
 from mbocp.formulation.features.feature import Feature
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.parameters import Sizes, parameter_layout, pieces, symbols_for
+from mbocp.formulation.parameters import parameter_layout, pieces, symbols_for
 from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
-from mbocp.terms import Point
-
-__all__ = ["AT_EVERY_STEP", "LATER", "build_first_functions", "build_functions", "state_space"]
+from mbocp.terms import Point, Sizes
 
 # Functions that are asked at all steps at once; the others follow a motion step by step.
 AT_EVERY_STEP = ("values", "complete", "path", "path_values", "retract")

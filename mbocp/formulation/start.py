@@ -12,8 +12,6 @@ from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Robot
 
-__all__ = ["consistent_velocity"]
-
 _ITERATIONS = 30  # Newton's method is quadratic: four are typical
 _SMALL_STEP = 1e-12  # relative to the velocity: the next one would be round-off
 _FAR = 10.0  # times the wanted velocity: no small correction of it any more

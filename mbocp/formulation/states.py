@@ -20,8 +20,6 @@ from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
 
-__all__ = ["first_state", "read_motion", "states_and_controls", "with_memory"]
-
 
 def first_state(
     problem: Problem, features: Sequence[Feature], at: StateLayout, z: Array, speeds: Array

@@ -19,17 +19,6 @@ from mbocp.integrators.switched import Switched
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 
-__all__ = [
-    "HAS_BEFORE",
-    "EquationSteps",
-    "RunningCost",
-    "StepDerivatives",
-    "StepSymbols",
-    "Steps",
-    "unit_of",
-    "within",
-]
-
 HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
 
 _ROUND_OFF = 1e-14  # of a weight that is zero

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Formulation, Motion
+from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
+from mbocp.formulation.motion import Motion
 from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.kinematics import momenta_of
-
-__all__ = ["Trajectory", "measures_of", "read_trajectory", "times_of"]
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50

@@ -20,8 +20,6 @@ from mbocp.problem import Problem
 from mbocp.problem.typical import typical_force
 from mbocp.programme.units import Units
 
-__all__ = ["ordinary_units", "units_of", "units_of_end"]
-
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)
 

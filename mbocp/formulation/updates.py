@@ -20,8 +20,6 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
 
-__all__ = ["ParameterUpdates"]
-
 
 class ParameterUpdates:
     """Parameters of a formulation's programme, to be changed in place.

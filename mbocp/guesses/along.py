@@ -12,8 +12,6 @@ from mbocp.problem import PathConstraint, Problem
 from mbocp.robot import FrameTarget
 from mbocp.robot.poses.along import along_poses
 
-__all__ = ["follows_path", "is_led", "usual_way"]
-
 
 def usual_way(problem: Problem) -> Way:
     """Along the lines and paths that frames keep to all the time; without any, straight to the goal."""

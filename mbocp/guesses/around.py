@@ -26,8 +26,6 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import configuration_slice, joint_kind
 from mbocp.robot.nodes import between
 
-__all__ = ["around", "has_no_way", "near_the_way"]
-
 _SIZE = WaySize(step=0.2, resolution=0.02, most=10_000, cuts=300)  # [rad, m] in the configuration space
 _LONGER = 40_000  # configurations of a second search, where the first finds nothing ...
 _WIDER = 2.0  # ... among places that are so many times as far away

@@ -27,8 +27,6 @@ from mbocp.solvers.newton_method.polish import can_be_polished
 from mbocp.solvers.records import timed
 from mbocp.solvers.strategies.patience import Patience
 
-__all__ = ["interrupted", "solve_from_guesses"]
-
 _BRIEF = 40  # iterations from a warm start, before other guesses: most take less than half of them
 
 

@@ -16,8 +16,6 @@ from mbocp.programme.compiler import check_deadline
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
-__all__ = ["balance", "balances", "required_force"]
-
 _T = TypeVar("_T")
 
 

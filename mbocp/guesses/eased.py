@@ -23,8 +23,6 @@ from mbocp.guesses.screening import Screening, can_screen
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.strategies.phases import how_it_ended
 
-__all__ = ["GIVEN_SOLUTIONS", "better_of_eased"]
-
 GIVEN_SOLUTIONS = ("warm start", "solution")  # guesses with a minimum of their own, which is wanted
 _SHARES = (0.1, 1e-3)  # of the weight "auto": that of the first leaves effort a good part of the cost
 _SHARES_OF_FURTHER = (1e-3,)  # so small that other guesses lead to other optima

@@ -19,8 +19,6 @@ from mbocp.formulation.end_reached import rates_missed
 from mbocp.programme.carried import Carried
 from mbocp.solvers import Outcome, Status
 
-__all__ = ["with_rates_at_end"]
-
 _ROUNDS = 4  # of solving again
 
 Again = Callable[[Formulation, Carried], Outcome]

@@ -11,8 +11,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation, Motion, given_lengths
 from mbocp.programme import Iterate
 
-__all__ = ["finer"]
-
 
 def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> Iterate:
     """Iterate of a formulation from one of the same problem with fewer steps.

@@ -12,8 +12,6 @@ from mbocp.problem import Guess
 from mbocp.programme import Iterate
 from mbocp.solvers import SolverResult, SolverSettings, Start, Status, run_strategy
 
-__all__ = ["from_joints"]
-
 
 def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     """Optimum in joint coordinates, in natural ones; or what comes nearest to it."""

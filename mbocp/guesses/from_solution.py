@@ -24,8 +24,6 @@ from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
 from mbocp.solution.rest import place_at, place_of_start
 
-__all__ = ["iterate_from_solution"]
-
 _ON_NODE = 1e-9  # of a step: what is nearer to a node is the node
 
 

@@ -36,8 +36,6 @@ from mbocp.robot.poses.bounds import joint_bounds
 from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
 from mbocp.robot.poses.search import reach
 
-__all__ = ["Stop", "carried", "carried_rate", "held_stops"]
-
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
 _QUATERNION = 4  # numbers; pairs of cosine and sine have one sign

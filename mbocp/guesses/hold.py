@@ -11,8 +11,6 @@ from mbocp.guesses.balance import balance, balances, required_force
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 
-__all__ = ["can_hold", "hold"]
-
 _EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
 
 

@@ -19,8 +19,6 @@ from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 
-__all__ = ["guess_candidates", "kinds_in_turn", "none_made", "plain_guess"]
-
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
     """Kinds of guess to try in turn, see `kinds_in_turn`."""

@@ -23,8 +23,6 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.robot.nodes import steps_between
 
-__all__ = ["at_rest", "driven_line", "is_whole", "line"]
-
 _NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
 _SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
 

@@ -10,8 +10,6 @@ from mbocp.guesses.kinds import plain_guess
 from mbocp.programme import Iterate
 from mbocp.solution import Solution
 
-__all__ = ["make_guess"]
-
 
 def make_guess(kind: str, formulation: Formulation, deadline: float = math.inf) -> tuple[Iterate, str]:
     """Iterate of the given kind, and words that say what was taken.

@@ -9,8 +9,6 @@ from mbocp.formulation.end_reached import end_missed
 from mbocp.formulation.resolution import unresolved
 from mbocp.solvers import Outcome, SolverResult, Status
 
-__all__ = ["is_better", "is_preferred", "status_of", "with_end"]
-
 _SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
 
 

@@ -24,8 +24,6 @@ from mbocp.guesses.ways import middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 
-__all__ = ["Screening", "can_screen"]
-
 _FEWER = 4  # steps of a trial: this part of them
 _LEAST = 15  # steps of a trial; half as many turn joints too far in each
 _FADING = (1e-2, 1e-3)  # of the weight "auto", one after the other: the first leaves few minima

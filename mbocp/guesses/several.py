@@ -28,8 +28,6 @@ from mbocp.solvers.records import timed
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import Strategy
 
-__all__ = ["solve_from_starts"]
-
 _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
 
 _Callback: TypeAlias = Callable[[IterationRecord], object]

@@ -11,8 +11,6 @@ from mbocp.formulation.features.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 
-__all__ = ["simulated"]
-
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
 

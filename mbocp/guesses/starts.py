@@ -25,15 +25,6 @@ from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.rest import Rest
 
-__all__ = [
-    "StartGuess",
-    "Warm",
-    "further_kinds",
-    "guesses_in_turn",
-    "last_guesses",
-    "start_guesses",
-]
-
 _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried

@@ -17,8 +17,6 @@ from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 
-__all__ = ["Line", "guessed_times", "line_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Line:

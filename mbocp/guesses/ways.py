@@ -24,19 +24,6 @@ from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.nodes import interpolated
 from mbocp.robot.poses.bounds import inside, joint_bounds
 
-__all__ = [
-    "Way",
-    "branch_ways",
-    "given_way",
-    "middle_of_line",
-    "position_limits",
-    "random_way",
-    "straight",
-    "straight_to",
-    "through",
-    "turned_ways",
-]
-
 Way: TypeAlias = Callable[[Array, Array], Array]
 
 _FULL_TURN = 2.0 * np.pi

@@ -25,8 +25,6 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 
-__all__ = ["Affine", "Chain"]
-
 _LARGE = 500  # operations of a link's derivatives, from which on a call is worth its copies of numbers
 
 

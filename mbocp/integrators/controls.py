@@ -23,17 +23,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.schemes import SCHEMES
 
-__all__ = [
-    "CONTROLS",
-    "ControlKind",
-    "basis_slopes",
-    "control_basis",
-    "control_means",
-    "control_powers",
-    "cost_order",
-    "shares_of",
-]
-
 ControlKind: TypeAlias = Literal["constant", "linear", "stages"]
 CONTROLS: tuple[ControlKind, ...] = ("constant", "linear", "stages")
 

@@ -39,14 +39,6 @@ import casadi as ca
 from mbocp.integrators.tau import TAU, VELOCITY_TAU
 from mbocp.mechanics import Mechanics
 
-__all__ = [
-    "State",
-    "StepRows",
-    "evaluation_point",
-    "kinematic_velocity",
-    "step_rows",
-]
-
 Difference = Callable[[ca.SX, ca.SX], ca.SX]
 
 

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
 
-__all__ = ["PAIRS", "Pair"]
-
 
 @dataclass(frozen=True)
 class Pair:

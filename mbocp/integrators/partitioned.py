@@ -51,8 +51,6 @@ from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.mechanics import JointMechanics
 
-__all__ = ["Node", "PartitionedRows", "PartitionedStep", "Stage"]
-
 Length = Affine | ca.SX  # of a step: an unknown, or given
 
 

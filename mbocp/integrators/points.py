@@ -6,8 +6,6 @@ from mbocp._arrays import Array
 from mbocp.robot import Robot
 from mbocp.robot.nodes import moved
 
-__all__ = ["evaluation_points"]
-
 
 def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
     """States (q_tau, v_tau) of all steps, see `mbocp.integrators.evaluation_point`.

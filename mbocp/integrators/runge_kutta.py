@@ -28,8 +28,6 @@ from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics
 
-__all__ = ["ExplicitStep", "Gains", "State"]
-
 
 @dataclass(frozen=True)
 class Gains:

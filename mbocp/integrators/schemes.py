@@ -10,8 +10,6 @@ from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.integrators.tau import VELOCITY_TAU
 
-__all__ = ["SCHEMES", "SchemeData", "schemes_with"]
-
 
 @dataclass(frozen=True)
 class SchemeData:

@@ -34,8 +34,6 @@ from mbocp.integrators.euler import Difference, State, StepRows, evaluation_poin
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 
-__all__ = ["Switched", "switched_point", "switched_rows"]
-
 
 @dataclass(frozen=True, eq=False)
 class Switched:

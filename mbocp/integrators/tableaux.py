@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
 
-__all__ = ["LIE_METHODS", "TABLEAUX", "Tableau"]
-
 
 @dataclass(frozen=True)
 class Tableau:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-__all__ = ["EULER_SCHEMES", "TAU", "VELOCITY_TAU"]
-
 # Appendix B: where in its step a scheme looks at state and forces.
 TAU: Mapping[str, float] = MappingProxyType(
     {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}

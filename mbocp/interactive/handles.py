@@ -14,8 +14,6 @@ from mbocp.interactive.wish import Wish, goal_placement
 from mbocp.problem import Goal, Problem
 from mbocp.robot import Robot
 
-__all__ = ["JointHandle", "PoseHandle", "joint_handles", "pose_handles"]
-
 _FURTHEST = 2.0 * np.pi  # [rad, m] from the goal, where a joint has no limits
 _FREE = (True, True, True)
 

@@ -16,8 +16,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solving import solve
 
-__all__ = ["Answer", "Resolver"]
-
 
 @dataclass(frozen=True, eq=False)
 class Answer:

@@ -27,8 +27,6 @@ from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
 from mbocp.view.motion import Motion, sample_motion
 
-__all__ = ["Live", "live"]
-
 _FRAMES_PER_SECOND = 30.0
 _SHOWS_END = 0.8  # [s] for which the end is shown after the goal has moved
 _STAYS_AT_END = 0.8  # [s] before the motion starts again

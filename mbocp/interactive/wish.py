@@ -15,8 +15,6 @@ from mbocp.problem import Goal, Problem
 from mbocp.problem.cost import weights_by_key
 from mbocp.robot import FrameTarget, Robot
 
-__all__ = ["Wish", "changed_problem", "goal_placement", "weight_keys"]
-
 _ON_DISTANCES = ("tracking", "terminal")  # terms with a target, beside those that are weights alone
 
 

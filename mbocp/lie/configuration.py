@@ -20,8 +20,6 @@ from mbocp._arrays import Array
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.lie.groups import Circle, Group, Plane, Quaternion, RigidBody, RotationMatrix, Vector
 
-__all__ = ["ConfigurationSpace", "Part"]
-
 
 @dataclass(frozen=True)
 class Part:

@@ -13,8 +13,6 @@ from math import factorial
 
 import casadi as ca
 
-__all__ = ["half_angle_sinc", "log_factor", "one_minus_cos", "sinc", "theta_minus_sin", "v_inverse"]
-
 _TERMS = 12  # x^12 / 25! is below 1e-25 at x = 1
 
 

@@ -17,8 +17,6 @@ import casadi as ca
 
 from mbocp.lie.functions import half_angle_sinc, log_factor, one_minus_cos, sinc, theta_minus_sin, v_inverse
 
-__all__ = ["Circle", "Group", "Plane", "Quaternion", "RigidBody", "RotationMatrix", "Vector", "hat"]
-
 
 class Group(Protocol):
     """A Lie group in coordinates."""

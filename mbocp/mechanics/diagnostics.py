@@ -14,15 +14,6 @@ from mbocp.mechanics.symmetries import find_symmetries, momentum_map
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
-__all__ = [
-    "ConstraintViolation",
-    "constraint_violation",
-    "control_momenta",
-    "largest_turn",
-    "manifold_drift",
-    "worst_violation",
-]
-
 
 def control_momenta(
     robot: Robot,

@@ -21,8 +21,6 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import any_singular, mass_matrices
 from mbocp.robot.large import working_data
 
-__all__ = ["dual_of_momentum", "dual_of_velocity", "duals_of_momenta", "momentum_derivative"]
-
 
 def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
     """Derivative of M(q) v along the tangent space of q, shape (nv, nv) [N s/rad, N m s/rad, N s/m]."""

@@ -7,6 +7,4 @@ from typing import TypeAlias
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 
-__all__ = ["Mechanics"]
-
 Mechanics: TypeAlias = JointMechanics | NaturalMechanics

@@ -10,8 +10,6 @@ import casadi as ca
 from mbocp.robot import QuarticSpring, SpringDamper
 from mbocp.robot.resistance import JointResistance
 
-__all__ = ["force_element_energy", "force_element_force", "resistance_torque"]
-
 
 class Frames(Protocol):
     """Positions of frames and derivatives along the tangent space, in any coordinates."""

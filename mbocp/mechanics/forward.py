@@ -21,8 +21,6 @@ from mbocp.mechanics.held import Acting, held_jacobian
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.robot import Robot
 
-__all__ = ["ForwardMechanics"]
-
 
 class ForwardMechanics(JointMechanics):
     """Symbolic forward dynamics of `robot`.

@@ -30,16 +30,6 @@ from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.constraints import Constraint
 
-__all__ = [
-    "Acting",
-    "HeldFrame",
-    "held_jacobian",
-    "held_jacobians",
-    "held_labels",
-    "held_residuals",
-    "held_rows",
-]
-
 _Mechanics: TypeAlias = JointMechanics | NaturalMechanics
 _KEPT = 16  # functions
 

@@ -17,8 +17,6 @@ from mbocp.robot import Robot
 from mbocp.symbolic import ModelNumber, model_functions, values_of
 from mbocp.symbolic.matrices import call_with_matrices
 
-__all__ = ["JointMechanics", "symbols_of"]
-
 
 def symbols_of(robot: Robot) -> ca.SX:
     """Symbols for the numbers of a robot that vary, shape (len(robot.varying),)."""

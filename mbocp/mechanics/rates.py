@@ -8,8 +8,6 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import Robot
 
-__all__ = ["accelerations", "powers", "rates_along", "spacings"]
-
 
 def rates_along(
     robot: Robot | None,

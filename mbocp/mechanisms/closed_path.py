@@ -16,8 +16,6 @@ from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 
-__all__ = ["MAX_PATH_LENGTH", "closed_path", "constraint_jacobians", "driving_joints", "path_towards"]
-
 MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
 
 _MAX_LEAP = 0.3  # [rad, m] to the next configuration; a longer step is divided

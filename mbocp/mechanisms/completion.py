@@ -18,8 +18,6 @@ from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 
-__all__ = ["assembled", "assembled_velocity", "complete_goal"]
-
 _MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
 _STRIDE = 0.1  # [rad, m]
 

@@ -12,15 +12,6 @@ from mbocp.exceptions import InconsistentStart
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import violations
 
-__all__ = [
-    "CONSISTENCY_TOLERANCE",
-    "allowed_velocities",
-    "check_position",
-    "check_velocity",
-    "project_on_constraints",
-    "tangent_space",
-]
-
 # A start with nine digits is accepted, a measurable violation is not. The first step of the mechanics removes
 # the rest.
 CONSISTENCY_TOLERANCE = 1e-8  # [m, rad, m^2 for a rod, and their rates]

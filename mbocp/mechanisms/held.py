@@ -11,8 +11,6 @@ from mbocp.mechanics.held import HeldFrame, held_jacobians
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, project_on_constraints
 from mbocp.robot import Robot
 
-__all__ = ["independent_rows_held", "is_moved"]
-
 _NUM_POSES = 4  # around the start: what depends there by chance does not elsewhere
 _SPREAD = 0.2  # [rad, m]
 _RANK_TOLERANCE = 1e-6  # of a row's length

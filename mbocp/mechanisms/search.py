@@ -14,8 +14,6 @@ from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, gauss_newton, violations
 
-__all__ = ["search"]
-
 _STRIDE = 0.15  # [rad, m] of the joint that moves most
 _CURVE_TURNS = 1.5  # [2 pi rad, 2 pi m] a curve is followed beyond the distance of the target
 _NUM_WALKS, _MIN_STRIDES, _MAX_STRIDES = 16, 3, 15  # random walks, and the strides of each

@@ -30,8 +30,6 @@ from mbocp.meshes.parts import (
     fans,
 )
 
-__all__ = ["read_collada"]
-
 Node = ElementTree.Element
 _MAX_LEVELS = 64  # of nodes within each other
 _MAX_ENTRY = 1e15  # entry of a placement whose determinant is finite

@@ -10,8 +10,6 @@ from urllib.parse import unquote
 from mbocp._files import TEXT_LIMIT, is_file, read_bytes
 from mbocp.exceptions import Unreadable
 
-__all__ = ["MATERIALS", "companions"]
-
 MATERIALS = ".mtl"
 _IMAGE = re.compile(r"<(?:init_from|ref)>\s*([^<>]+?)\s*</(?:init_from|ref)>")
 _LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+(\S.*?)[ \t]*$", re.MULTILINE)

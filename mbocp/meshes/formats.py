@@ -11,8 +11,6 @@ from pathlib import Path
 from mbocp._files import read_bytes
 from mbocp.meshes.parts import MESH_LIMIT
 
-__all__ = ["check_single_file"]
-
 _MAGIC = {
     ".ply": (b"ply",),
     ".off": (b"OFF", b"COFF", b"NOFF", b"STOFF"),

@@ -12,17 +12,6 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
 
-__all__ = [
-    "MAX_TRIANGLES",
-    "MESH_LIMIT",
-    "Indices",
-    "MeshPart",
-    "Surface",
-    "checked",
-    "distinct_rows",
-    "fans",
-]
-
 Indices = NDArray[np.int64]
 
 MESH_LIMIT = 64 * MEGABYTE  # of one mesh file [bytes]; the largest that we know has 29 MB

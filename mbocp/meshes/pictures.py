@@ -14,8 +14,6 @@ from mbocp._files import MEGABYTE, is_file, read_bytes
 from mbocp._text import shortened
 from mbocp.exceptions import Unreadable
 
-__all__ = ["PACKAGE", "PICTURE_LIMIT", "Picture", "picture_folders", "read_picture"]
-
 PICTURE_LIMIT = 32 * MEGABYTE  # of one picture [bytes]
 _MAGIC = (  # first bytes, and what browsers call the kind
     (b"\x89PNG\r\n\x1a\n", "png"),

@@ -16,8 +16,6 @@ from mbocp.meshes.parts import Indices, checked
 from mbocp.meshes.stl import read_stl
 from mbocp.meshes.wavefront import read_wavefront
 
-__all__ = ["READERS", "UNREADABLE", "load_by_coal", "read_triangles"]
-
 READERS = {".dae": read_collada, ".obj": read_wavefront, ".stl": read_stl}
 UNREADABLE = (Unreadable, OSError, RuntimeError, ValueError, IndexError, KeyError, ElementTree.ParseError)
 

@@ -11,8 +11,6 @@ from mbocp._arrays import Array
 from mbocp._files import read_bytes
 from mbocp.meshes.parts import MESH_LIMIT, MeshPart
 
-__all__ = ["binary_stl", "read_stl"]
-
 _HEADER, _COUNT = 80, 4  # [bytes]
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)

@@ -15,8 +15,6 @@ from mbocp._files import TEXT_LIMIT, is_file, read_bytes
 from mbocp._text import shortened
 from mbocp.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
-__all__ = ["read_wavefront"]
-
 _GREY = (0.8, 0.8, 0.8)
 _MAX_LIBRARIES = 100  # material files of one mesh
 _MAX_INDEX = 2**40

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
+    from mbocp.problem._checks import ProblemWarning
     from mbocp.problem.contact_bounds import ContactBounds
     from mbocp.problem.contact_force import ContactForce
     from mbocp.problem.cost import Cost
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from mbocp.problem.integration import Stabilisation
     from mbocp.problem.limits import Bounds
     from mbocp.problem.path import PathConstraint
-    from mbocp.problem.problem import Problem, ProblemWarning
+    from mbocp.problem.problem import Problem
     from mbocp.problem.solver import SolverOptions
     from mbocp.problem.timeline.via import ViaPoint
     from mbocp.terms import FrameGoal

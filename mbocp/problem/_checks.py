@@ -17,21 +17,6 @@ from mbocp.robot.parts import Label
 if TYPE_CHECKING:
     from mbocp.robot.model import RobotModel
 
-__all__ = [
-    "MAX_POSITION",
-    "MAX_RATE",
-    "ProblemWarning",
-    "check_bool",
-    "check_choice",
-    "check_finite",
-    "check_frame",
-    "check_integer",
-    "check_non_negative",
-    "check_number",
-    "check_positive",
-    "check_size",
-]
-
 MAX_POSITION = 1e9  # [m, rad] as in replays; a float of this size is exact to 1e-7
 MAX_RATE = 1e15  # [m/s, rad/s, kg m/s, N m s] as of the numbers of a robot; products of several have numbers
 _MAX_INTEGER = 2**31 - 1

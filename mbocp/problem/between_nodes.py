@@ -22,8 +22,6 @@ from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["GROSS_EXCESS", "LimitExcess", "is_followed", "largest_excess"]
-
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
 )

@@ -34,18 +34,6 @@ from mbocp.problem.warn import warn_singular
 from mbocp.robot import Robot
 from mbocp.terms import BoundedTerm, OwnPathConstraint, OwnTerm, frame_tolerances
 
-__all__ = [
-    "PathObject",
-    "checked_terms",
-    "listed_path",
-    "ordered_via",
-    "phases_of_via",
-    "spread_phases",
-    "via_placed",
-    "with_contacts",
-    "with_places",
-]
-
 PathObject: TypeAlias = BoundedTerm
 
 

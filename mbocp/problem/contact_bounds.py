@@ -19,8 +19,6 @@ from mbocp.robot.loops.constraints import Constraint, perpendiculars
 from mbocp.terms import BoundedTerm, ContactTerm, SidesInSteps, Span
 from mbocp.terms.span import Place
 
-__all__ = ["ContactBounds", "ForceSource", "contact_bounds", "force_sources"]
-
 _ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
 

@@ -13,8 +13,6 @@ from mbocp.problem._checks import check_bool, check_integer, check_number, check
 from mbocp.robot.loops.constraints import Axis, Constraint, unit_axis
 from mbocp.terms import ContactTerm, Span
 
-__all__ = ["ContactForce"]
-
 _Z: Axis = (0.0, 0.0, 1.0)
 _LEAST_FACETS, _MOST_FACETS = 3, 64
 _ALONG = 1e-6  # part of a normal along which there is no force

@@ -14,8 +14,6 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["check_coordinates"]
-
 
 def check_coordinates(
     robot: Robot,

@@ -13,8 +13,6 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, sugg
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.terms import COST_TERMS, Weighted
 
-__all__ = ["Cost", "further_terms", "weights_by_key"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cost:

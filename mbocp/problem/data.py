@@ -45,8 +45,6 @@ from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import OwnTerm
 
-__all__ = ["ProblemData"]
-
 Inequality: TypeAlias = PathObject | RateLimit
 
 

@@ -27,8 +27,6 @@ from mbocp.problem.path import PathConstraint
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 
-__all__ = ["AUTO_SCHEME", "ChosenScheme", "choose_scheme"]
-
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
 _LONG_CHAIN = 24  # velocities, with which the functions of two stages have 350,000 operations

@@ -22,8 +22,6 @@ from mbocp.problem.pipeline import run_steps
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
-__all__ = ["Document", "make_document", "read_document"]
-
 _UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them
 
 

@@ -18,8 +18,6 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
 
-__all__ = ["FirstMotion", "first_motion", "holding_controls"]
-
 _ANGLE = 0.5  # [rad] by which joints turn at most
 _LENGTH = 0.2  # [m] by which they slide at most
 _SHARE_OF_ROOM = 0.3  # of the way to the farther limit

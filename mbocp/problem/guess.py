@@ -12,8 +12,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem._checks import check_choice, check_finite
 
-__all__ = ["GUESSES", "Guess", "GuessKind"]
-
 GuessKind = Literal["auto", "control", "line", "way", "at_rest", "hold", "joint", "solution"]
 
 GUESSES: tuple[GuessKind, ...] = ("auto", "control", "line", "way", "at_rest", "hold", "joint", "solution")

@@ -17,17 +17,6 @@ from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
-__all__ = [
-    "Lie",
-    "Scheme",
-    "Stabilisation",
-    "check_control_terms",
-    "check_controls",
-    "check_integrator",
-    "check_unused",
-    "has_rotations",
-]
-
 Scheme: TypeAlias = Literal[
     "auto",
     "se1",

@@ -16,8 +16,6 @@ from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["LIMITS", "Bounds", "check_end_limits", "check_limits", "check_within", "is_plain"]
-
 LIMITS = {  # keys of a problem file
     "u": "limits.effort",
     "v": "limits.velocity",

@@ -19,8 +19,6 @@ from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Span
 from mbocp.terms.span import Place
 
-__all__ = ["PATH_KINDS", "PathConstraint", "check_path", "spans_found"]
-
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
 

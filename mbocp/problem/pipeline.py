@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-__all__ = ["Step", "run_steps"]
-
 _PLAIN = (int, float, str, bool, tuple, type(None), PurePath)  # compared by value; all else by identity
 
 

@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.data import ProblemData
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
@@ -22,8 +20,6 @@ from mbocp.problem.pipeline import run_steps
 from mbocp.problem.resolve import RESOLVE
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
-
-__all__ = ["COORDINATES", "Problem", "ProblemWarning"]
 
 _FIELDS = [field.name for field in fields(ProblemData) if field.name not in ("source", "name")]
 

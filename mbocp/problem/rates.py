@@ -14,8 +14,6 @@ from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
 from mbocp.terms import RATE_TERMS, BoundedTerm, RateTerm, SidesInSteps, Span
 
-__all__ = ["RateLimit", "check_rates", "rate_limits"]
-
 
 @dataclass(frozen=True, eq=False)
 class RateLimit(BoundedTerm):

@@ -71,8 +71,6 @@ from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import OwnTerm
 
-__all__ = ["RESOLVE", "free_at_end"]
-
 _Range = tuple[float, float] | None
 
 

@@ -17,9 +17,6 @@ from mbocp.solvers.options import (
     Options,
 )
 
-__all__ = ["SolverOptions"]
-
-
 _LARGEST_TOLERANCE = 1e-2  # the paper's is 1e-9; half of the residual of rough solves around obstacles
 
 

@@ -17,8 +17,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["StepCubics"]
-
 
 @dataclass(frozen=True, eq=False)
 class StepCubics:

@@ -16,14 +16,6 @@ from mbocp.problem.timeline.switches import SwitchTable, check_impacts
 from mbocp.robot import Robot
 from mbocp.solvers.options import BOUNDED_METHODS
 
-__all__ = [
-    "check_guess",
-    "check_has_actuators",
-    "check_leaps",
-    "check_method",
-    "check_weights",
-]
-
 
 def check_has_actuators(robot: Robot) -> None:
     """Refuse a robot that nothing drives.

@@ -9,8 +9,6 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
-__all__ = ["typical_force", "velocity_weight"]
-
 _BEND = 0.7  # of every joint [rad, m]
 _SHARE = 0.1  # of the weight with which a radian in the whole time costs as much as the largest force
 

@@ -17,8 +17,6 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["has_equations_throughout", "warn_alternating", "warn_limits", "warn_singular"]
-
 _BESIDE = (
     "the solver may stop at such a singular configuration, and the mechanism go on from it in another "
     "assembly mode: give a pose beside it"

@@ -9,8 +9,6 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 
-__all__ = ["StateBounds"]
-
 
 @dataclass(frozen=True)
 class StateBounds:

@@ -27,23 +27,6 @@ from mbocp._environment import number_from
 from mbocp._warn import warn_caller
 from mbocp.exceptions import CompilationError
 
-__all__ = [
-    "cache_folder",
-    "cache_limit",
-    "cached",
-    "entries",
-    "environment",
-    "folders",
-    "is_private",
-    "is_sound",
-    "is_trusted",
-    "own_content",
-    "private_folder",
-    "scratch_folder",
-    "sealed",
-    "trim",
-]
-
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
 _TRAILER = len(_MAGIC) + 64
 _BUILD, _PRIVATE, _LOCK = "build-", "mbocp-stages-", "lock"

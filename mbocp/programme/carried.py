@@ -13,8 +13,6 @@ from mbocp.programme.iterate import Iterate
 if TYPE_CHECKING:
     from mbocp.programme.stagewise import StagewiseProgramme
 
-__all__ = ["Carried"]
-
 
 @dataclass(frozen=True, eq=False)
 class Carried:

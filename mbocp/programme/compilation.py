@@ -44,8 +44,6 @@ from mbocp.programme.keys import key_of, library_of, remember
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.processor import instruction_flags, number_of_lanes
 
-__all__ = ["CompiledFunctions", "Later", "NoCompilerWarning", "load_functions"]
-
 _FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
 # All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
 _OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")

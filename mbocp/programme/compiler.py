@@ -24,8 +24,6 @@ from pathlib import Path
 
 from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
 
-__all__ = ["check_deadline", "compiler", "run_compiler"]
-
 _SHELL = "/bin/sh"
 _WATCHED = """\
 exec 3<&0 </dev/null

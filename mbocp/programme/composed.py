@@ -16,8 +16,6 @@ from pathlib import Path
 
 from mbocp.programme.lanes import KIND
 
-__all__ = ["SOURCES", "ZEROS", "Composed", "entry", "fits", "head_of", "header", "read_composed", "work_of"]
-
 _HEADER = Path(__file__).with_name("composed.h")
 SOURCES = (_HEADER,)  # of the C, beside this module
 _MOST = 64 << 20  # bytes of what a thread keeps for a function

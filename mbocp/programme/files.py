@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 from mbocp.programme.generated import END
 
-__all__ = ["spread"]
-
 _PIECE = re.compile(r"static __attribute__\(\(noinline\)\) (void \w+\([^()]*\)) \{")
 _SHARED = '__attribute__((noinline, visibility("hidden")))'
 # Of a function for other files; CasADi writes some signatures on two lines.

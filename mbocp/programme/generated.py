@@ -11,18 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-__all__ = [
-    "CALLS",
-    "END",
-    "HEAD",
-    "Access",
-    "Call",
-    "Function",
-    "Statement",
-    "exported_names",
-    "read_function",
-]
-
 CALLS = "c"  # the array of what calls take and give
 
 _ARGUMENTS = "const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem"

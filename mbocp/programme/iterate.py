@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from mbocp._native._kernel import Programme as KernelProgramme
     from mbocp.programme.stagewise import StagewiseProgramme
 
-__all__ = ["BoundMultipliers", "Iterate", "zero_multipliers"]
-
 
 @dataclass(frozen=True)
 class BoundMultipliers:

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
 
-__all__ = ["Kernel", "NlpHelpers", "kernel", "kernel_programme", "nlp_helpers", "sides"]
-
 
 class Kernel(Protocol):
     """What both builds of the kernel offer."""

@@ -16,8 +16,6 @@ from pathlib import Path
 
 from mbocp.programme.cache import cached, folders, own_content, scratch_folder
 
-__all__ = ["key_of", "library_of", "remember"]
-
 _MOST = 4000  # of these files, each a block of the disk; without its file a library is found by its code
 _LIBRARY = re.compile(rb"[0-9a-f]{32}\.so")
 

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-__all__ = ["KIND", "SOURCES", "Lanes", "header", "in_lanes", "one_by_one", "other_half", "sine_and_cosine"]
-
 KIND = "mbocp_lanes"  # the type of a number in each lane
 _HEADER = Path(__file__).with_name("lanes.h")
 SOURCES = (_HEADER,)  # of the C, beside this module

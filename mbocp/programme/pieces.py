@@ -13,8 +13,6 @@ from itertools import groupby, pairwise
 
 from mbocp.programme.generated import CALLS, END, Call, Function, Statement
 
-__all__ = ["Pieces"]
-
 
 @dataclass(frozen=True)
 class Pieces:

@@ -8,8 +8,6 @@ from pathlib import Path
 from mbocp._environment import number_from
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["has_avx2", "instruction_flags", "number_of_lanes"]
-
 _NEEDED = {4: frozenset({"avx2", "fma"}), 8: frozenset({"avx2", "fma", "avx512f", "avx512dq", "avx512vl"})}
 _WIDTHS = (1, 4, 8)  # doubles of a vector register that functions are written for
 

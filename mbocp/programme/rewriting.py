@@ -14,8 +14,6 @@ from dataclasses import replace
 from mbocp.programme import lanes
 from mbocp.programme.generated import CALLS, Function, Statement
 
-__all__ = ["with_reciprocals", "with_sines"]
-
 _QUOTIENT = re.compile(r"\((a\d+)/(a\d+)\)")
 _MANY = 3  # divisions by the same number
 

@@ -36,8 +36,6 @@ from mbocp.programme.lanes import Lanes
 from mbocp.programme.pieces import Pieces
 from mbocp.programme.rewriting import with_reciprocals, with_sines
 
-__all__ = ["split_functions"]
-
 _PIECE = 500  # statements; of a few hundred the calls and what is kept cost nothing that can be measured
 _ZEROS, _SCRATCH, _WIDE_SCRATCH = "mbocp_zeros", "mbocp_scratch", "mbocp_wide_scratch"
 

@@ -17,8 +17,6 @@ from mbocp.programme.bounds import StateBounds
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.units import Units
 
-__all__ = ["StageKind", "StagewiseProgramme"]
-
 
 @dataclass(frozen=True)
 class StageKind:

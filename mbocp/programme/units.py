@@ -19,8 +19,6 @@ import numpy as np
 
 from mbocp._arrays import BoolArray, frozen_mask
 
-__all__ = ["Units"]
-
 
 @dataclass(frozen=True)
 class Units:

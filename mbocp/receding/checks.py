@@ -6,8 +6,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
 
-__all__ = ["check_can_recede", "check_functions"]
-
 _METHODS = ("auto", "monolithic")
 _WHY = "its times would have to move with the horizon"
 

@@ -28,8 +28,6 @@ from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Phase, Status
 from mbocp.solvers.receding import RecedingSettings, receding_horizon
 
-__all__ = ["HorizonStep", "RecedingHorizon"]
-
 _MICROSECOND = 1e-6  # [s]
 _MAX_ITERATIONS = 1_000_000  # of one step: more are a mistake, and take minutes
 

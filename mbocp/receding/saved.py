@@ -25,8 +25,6 @@ from mbocp.solvers.receding import RecedingSettings
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelHorizon, KernelProgramme
 
-__all__ = ["HEADERS", "check_can_be_saved", "write_horizon"]
-
 HEADERS = Path(__file__).parents[1] / "_native" / "include"  # for a C++ compiler: -I
 _VERSION = 1  # of the text file and of the library's functions
 _NUMBERS, _LIBRARY = "controller.txt", "libmbocp_receding.so"

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-__all__ = ["HorizonState", "HorizonStatus"]
-
 HorizonState: TypeAlias = Literal[
     "converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input", "moved_on"
 ]

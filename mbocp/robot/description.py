@@ -13,8 +13,6 @@ from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 
-__all__ = ["describe"]
-
 
 def describe(robot: Robot) -> dict[str, Any]:
     """Everything a person may want to know about a robot, JSON-able; a limit that is not there is None.

@@ -19,16 +19,6 @@ from mbocp.robot import kinematics
 from mbocp.robot.model import RobotModel
 from mbocp.robot.parts import Drive
 
-__all__ = [
-    "control_velocity_map",
-    "control_velocity_maps",
-    "drive_column",
-    "moved_joints",
-    "reduce_velocity",
-    "speed_map",
-    "speed_maps",
-]
-
 
 def drive_column(model: pin.Model, drive: Drive, q: Array) -> Array:
     """S(q) among all velocity components: v for a speed of 1, shape (nv,)."""

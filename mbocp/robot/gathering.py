@@ -26,8 +26,6 @@ from mbocp.robot.loading.visuals import resolve
 from mbocp.robot.robot import Robot
 from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, packed
 
-__all__ = ["gather", "load_stored"]
-
 _TOP = "."  # the folder of the list, from which the robot itself is asked for
 _FILES = "files"  # and below it the folder of all files
 _LIMIT = 16 * MEGABYTE  # of a URDF, SRDF, robot.toml

@@ -13,22 +13,6 @@ from mbocp.robot.parts import Label
 if TYPE_CHECKING:
     import pinocchio as pin
 
-__all__ = [
-    "JOINT_KINDS",
-    "JointKind",
-    "check_joints",
-    "configuration_slice",
-    "displacement",
-    "joint_id",
-    "joint_kind",
-    "joint_names",
-    "position_labels",
-    "unit_groups",
-    "velocity_labels",
-    "velocity_slice",
-    "why_without_numbers",
-]
-
 _LINEAR, _ANGULAR = "m", "rad"
 
 

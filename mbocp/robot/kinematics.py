@@ -14,25 +14,6 @@ from mbocp.exceptions import UnknownFrame
 from mbocp.robot.large import composite_mass_matrix, is_large, working_data
 from mbocp.robot.parts import QuarticSpring, SpringDamper
 
-__all__ = [
-    "WORLD",
-    "FramePair",
-    "any_singular",
-    "distance_jacobians",
-    "distances",
-    "force_elements",
-    "force_potential",
-    "frame_id",
-    "frame_jacobian",
-    "frame_jacobians",
-    "gravity_potential",
-    "mass_matrices",
-    "mass_matrix",
-    "momenta_of",
-    "turns",
-    "velocity_from_momentum",
-]
-
 WORLD = "world"
 _MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
 

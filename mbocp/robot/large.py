@@ -14,8 +14,6 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._memory import check_memory
 
-__all__ = ["check_working_memory", "composite_mass_matrix", "is_large", "working_data"]
-
 _MIN_LARGE_NV = 100  # velocities, from which on Pinocchio's working memory is avoided
 _TENSORS = 4  # of nv^3 numbers
 

@@ -31,8 +31,6 @@ from mbocp.symbolic import (
     values_of,
 )
 
-__all__ = ["RobotModel"]
-
 _VELOCITY_UNITS = {"m": "m/s", "rad": "rad/s"}
 _MOMENTUM_UNITS = {"m": "N s", "rad": "N m s"}
 _ROTATIONS = ("quaternion", "dcm")

@@ -13,8 +13,6 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot.model import RobotModel
 
-__all__ = ["between", "interpolated", "moved", "steps_between"]
-
 
 def interpolated(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
     """Configurations at shares of the way from one to another, shape (n, nq)."""

@@ -12,17 +12,6 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 
-__all__ = [
-    "Actuation",
-    "Connector",
-    "Drive",
-    "FrameActuator",
-    "Label",
-    "Limits",
-    "QuarticSpring",
-    "SpringDamper",
-]
-
 
 @dataclass(frozen=True)
 class Label:

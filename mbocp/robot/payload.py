@@ -15,8 +15,6 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
 from mbocp.robot import kinematics
 
-__all__ = ["INERTIA_KEYS", "SHAPES", "Payload", "attach", "shape_name"]
-
 INERTIA_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 SHAPES = {"box": 3, "sphere": 1, "cylinder": 2}  # keys that give a shape, and how many lengths it has
 MAX_VALUE = 1e15  # of mass, lengths and moments, as in a URDF

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["SEPARATOR", "PlacedRobot"]
-
 SEPARATOR = "/"  # between the name of a part and those of its joints and frames
 
 

@@ -18,8 +18,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["FRICTION_SPEED", "JointResistance", "resistance_forces"]
-
 FRICTION_SPEED = 0.1  # [rad/s, m/s]
 
 

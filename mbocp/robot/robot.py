@@ -27,8 +27,6 @@ from mbocp.robot.poses.target import Targets
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
 
-__all__ = ["Robot"]
-
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _ROUND_OFF = 1e-9  # a norm this close to 1 is normalised without a warning
 

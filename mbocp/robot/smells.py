@@ -16,8 +16,6 @@ from mbocp.robot.loading.urdf_inertia import Inertial, read_inertials
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
 from mbocp.robot.robot import Robot
 
-__all__ = ["smells", "smells_of_urdf"]
-
 _MAX_BYTES = 16 * MEGABYTE
 _TOLERANCE = 0.02  # of the largest moment of inertia: numbers with few digits
 _MAX_RADIUS = 3.0  # [m] of gyration; larger links are rare, and mm in place of m are not

@@ -2,17 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "IgnoredKeysWarning",
-    "ImpossibleInertiaWarning",
-    "InitialPoseWarning",
-    "MissingMeshWarning",
-    "NormalisationWarning",
-    "NotModelledWarning",
-    "RobotChangedWarning",
-    "RobotNotStoredWarning",
-]
-
 
 class MissingMeshWarning(UserWarning):
     """A mesh that the URDF names does not exist; the robot is shown without it."""

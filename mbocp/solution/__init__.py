@@ -5,8 +5,9 @@ from __future__ import annotations
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity
 from mbocp.solution.limits import ActiveLimit
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, Status
+from mbocp.solution.records import Column, Labels
 from mbocp.solution.solution import Solution
+from mbocp.solvers.records import IterationRecord, Phase, Status
 
 __all__ = [
     "Accuracy",

@@ -15,8 +15,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.storage.content import QUANTITIES, Quantity
 
-__all__ = ["checked_arrays", "json_copy", "same"]
-
 _NAMED = ("lam", "zeta", "symmetry", "path")  # axes of which there may be none
 
 

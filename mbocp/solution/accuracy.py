@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["Accuracy"]
-
 _SMALL = 0.02  # of a joint's way: the sum of its local errors
 
 

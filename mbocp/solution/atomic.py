@@ -21,8 +21,6 @@ from pathlib import Path
 
 from mbocp.exceptions import ResultFileError
 
-__all__ = ["atomic_path", "replace_file"]
-
 _MIN_AGE = 86_400.0  # [s] a file stays whose writer may live where locks are not seen
 _OURS = re.compile(r"\.mbocp-(?P<kernel>[0-9a-f]{8})-[0-9a-f]{8}\.tmp")
 _EARLIER = re.compile(r"\..+\.(h5|hdf5|html?|png|pdf|svg|csv|json)\.[0-9]{1,7}-[0-9a-f]{8}\.tmp")

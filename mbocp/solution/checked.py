@@ -21,10 +21,9 @@ from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData
 from mbocp.solution.facts import Facts
-from mbocp.solution.records import IterationRecord, Phase, StartRecord, Status
+from mbocp.solution.records import StartRecord
+from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import ITERATE, QUANTITIES, FileContent
-
-__all__ = ["check_content", "read_facts", "read_records"]
 
 _Record = TypeVar("_Record", Phase, IterationRecord, StartRecord, Accuracy)
 

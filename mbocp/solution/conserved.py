@@ -10,8 +10,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["ConservedQuantity", "conserved_quantities"]
-
 _ZERO_RATIO = 1e-9  # of the largest adjoint; a quantity below it is round-off of terms that cancel
 
 

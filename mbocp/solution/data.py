@@ -22,16 +22,12 @@ from mbocp.solution.facts import Facts, PhasePlace
 from mbocp.solution.later import Later, complete
 from mbocp.solution.records import (
     Column,
-    IterationRecord,
     Labels,
-    Phase,
     StartRecord,
-    Status,
     dual_columns,
 )
+from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import QUANTITIES
-
-__all__ = ["COUNTS", "NUMBERS", "WORDS", "SolutionData"]
 
 
 def _absent() -> Array:

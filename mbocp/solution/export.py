@@ -17,8 +17,6 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.records import Column
 from mbocp.storage.content import QUANTITIES
 
-__all__ = ["solution_dict", "table", "write_csv"]
-
 
 def table(solution: SolutionData) -> tuple[list[str], Array]:
     """All trajectories side by side, one row a node.

@@ -16,8 +16,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.terms.rates import RATE_TERMS
 
-__all__ = ["Facts", "PathRow", "PhasePlace", "ViaPlace"]
-
 _Numbers = tuple[float, ...]
 
 

@@ -16,8 +16,6 @@ from mbocp.storage.content import FileContent
 from mbocp.storage.reading import read_image
 from mbocp.storage.seal import LARGEST, sealed
 
-__all__ = ["FileContent", "read_content", "write_content"]
-
 
 def write_content(path: str | Path, content: FileContent) -> Path:
     """Write a result file; an interrupted write leaves the old file whole.

@@ -19,8 +19,6 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.sampled import Sampled, sample
 
-__all__ = ["FORMATS", "export_motion", "format_of", "rate_of"]
-
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
 _SUFFIXES = MappingProxyType(

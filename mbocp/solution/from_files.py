@@ -8,8 +8,6 @@ from mbocp._files import RESULT_SUFFIXES
 from mbocp.problem import Problem, load_problem
 from mbocp.solution.solution import Solution
 
-__all__ = ["problem_from"]
-
 
 def problem_from(given: Problem | str | Path) -> Problem:
     """A problem as it is, or the problem of a problem file or a result.

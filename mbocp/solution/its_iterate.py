@@ -13,8 +13,6 @@ from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solution.records import Column
 from mbocp.storage.content import FileContent
 
-__all__ = ["MEANING", "arrays_of", "columns_of", "is_part", "iterate_in"]
-
 MEANING = "iterate_meaning"  # among the texts of a result file
 _PART = "iterate_"  # how names of its arrays begin
 _STATES, _CONTROLS, _PATH, _GUARD, _ROOM = (

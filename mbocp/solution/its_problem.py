@@ -29,8 +29,6 @@ from mbocp.solution.facts import Facts, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, tell_changed
 from mbocp.terms import RATE_TERMS, OwnTerm
 
-__all__ = ["Shown", "facts_of", "facts_of_text", "problem_of", "problem_to_show"]
-
 
 def problem_of(
     solution: SolutionData,

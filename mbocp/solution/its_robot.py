@@ -16,8 +16,6 @@ from mbocp.robot import (
 )
 from mbocp.solution.data import SolutionData
 
-__all__ = ["MESH_LIMIT", "files_to_store", "held_files", "robot_of", "tell_changed"]
-
 MESH_LIMIT = 64 * MEGABYTE  # of all meshes of a robot that go into a result unasked [bytes]
 _MAX_NAMES = 3
 

@@ -14,8 +14,6 @@ from mbocp.storage.content import QUANTITIES
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["dataset_of"]
-
 _DIMENSIONS = {"node": "t", "step": "step"}  # of rows, by the first axis
 
 

@@ -7,8 +7,6 @@ from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-__all__ = ["Later", "complete", "deferred", "is_complete", "is_there", "retold"]
-
 T = TypeVar("T")
 
 _REST = "_rest"  # in the place of the fields that are not there yet, what gives them

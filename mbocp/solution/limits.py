@@ -15,8 +15,6 @@ from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["ActiveLimit", "active_limits"]
-
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
 _OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions
 _PULLS = 1e-6  # part of the largest multiplier or adjoint; less is what a barrier leaves over

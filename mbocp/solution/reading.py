@@ -37,8 +37,6 @@ from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
 from mbocp.solvers.records import timed
 
-__all__ = ["read_solution"]
-
 
 def read_solution(
     formulation: Formulation,

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mbocp.exceptions import DimensionMismatch
-from mbocp.solvers.records import IterationRecord, Phase, Status
+from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
-
-__all__ = ["Column", "IterationRecord", "Labels", "Phase", "StartRecord", "Status", "dual_columns"]
 
 
 class Column(NamedTuple):

@@ -13,8 +13,6 @@ from mbocp.problem import Problem
 from mbocp.programme.carried import Carried
 from mbocp.solution.solution import Solution
 
-__all__ = ["Rest", "place_at", "place_of_start"]
-
 _AGREES = 0.05  # of the motion's extent and of its largest velocity: what a start is away from it at most
 _NEARER = 0.5  # of its distance from the motion's start, or the motion is taken from there
 _LEAST = 0.5  # [steps]: a start that is hardly later is the motion's own

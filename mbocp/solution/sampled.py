@@ -14,8 +14,6 @@ from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["Excess", "Sampled", "excesses", "sample"]
-
 _LARGEST_RATE = 1e5  # [1/s]
 _MOST_SAMPLES = 2_000_000
 _BETWEEN = 10  # places between two nodes at which limits are looked at

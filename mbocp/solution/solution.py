@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from mbocp.solution.its_problem import Shown
     from mbocp.terms import OwnTerm
 
-__all__ = ["ProblemNotShownWarning", "Solution"]
-
 T = TypeVar("T")
 
 

@@ -15,10 +15,9 @@ from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_facts, read_records
 from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData
 from mbocp.solution.its_iterate import MEANING, arrays_of, columns_of, is_part, iterate_in
-from mbocp.solution.records import Column, IterationRecord, Labels, Phase, StartRecord
+from mbocp.solution.records import Column, Labels, StartRecord
+from mbocp.solvers.records import IterationRecord, Phase
 from mbocp.storage.content import QUANTITIES, FileContent
-
-__all__ = ["content_of", "fields_of"]
 
 _STRUCTURES = ("phases", "history", "robot_spec", "options", "versions")
 _FACTS = "facts"

@@ -7,18 +7,6 @@ from typing import Literal
 
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
-__all__ = [
-    "ADJOINTS",
-    "BOUNDED_METHODS",
-    "GLOBALISATIONS",
-    "HESSIANS",
-    "LINEAR_SOLVERS",
-    "LOOPS",
-    "METHODS",
-    "Globalisation",
-    "Options",
-]
-
 Globalisation = Literal["default", "none"]
 
 METHODS: tuple[str, ...] = (

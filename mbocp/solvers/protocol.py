@@ -11,8 +11,6 @@ from mbocp.solvers.records import Status
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme
 
-__all__ = ["Measures", "Norms", "Solver", "SolverState"]
-
 
 class Norms(Protocol):
     """How far the optimality conditions are from being satisfied."""

@@ -22,8 +22,6 @@ from mbocp.exceptions import OverdeterminedGoal
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 
-__all__ = ["dependent_end_rows"]
-
 _RANK_TOLERANCE = 1e-9  # relative to the largest derivative: far above round-off, far below a real one
 _MET = 1e-6  # violation of a row that nothing acts upon beyond which the goal is out of reach
 # Of the random controls, relative to their bounds or to one: all that lead to a tame motion.

@@ -21,8 +21,6 @@ from mbocp.solvers.newton_method.newton import new_state
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelHorizon, KernelProgramme
 
-__all__ = ["RecedingSettings", "receding_horizon"]
-
 _MIN_BARRIER, _MAX_BARRIER = 1e-9, 1.0
 _STEPS = 60  # to the optimum with the loop's barrier: the solution has another one
 

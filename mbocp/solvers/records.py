@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 
-__all__ = ["IterationRecord", "Phase", "Status", "timed"]
-
 
 class Status(str, Enum):
     """How a solve ended; the advice that goes with it says what to do."""

@@ -8,8 +8,6 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.options import Options
 from mbocp.solvers.staggered.switch import Switch
 
-__all__ = ["SolverSettings"]
-
 _INTERIOR_ITERATIONS = 1000
 _UNHURRIED_ITERATIONS = 1500  # of Newton's method, where somebody watches whether it makes progress
 

@@ -2,7 +2,5 @@
 
 from __future__ import annotations
 
-__all__ = ["FEASIBLE_VIOLATION", "SOLVER_TOLERANCE"]
-
 SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
 FEASIBLE_VIOLATION = 1e-9  # violation of the constraints that counts as none

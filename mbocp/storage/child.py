@@ -9,8 +9,6 @@ import sys
 from mbocp.exceptions import ResultFileError
 from mbocp.storage.guarded import REFUSED
 
-__all__ = ["main"]
-
 
 def main(cpu_seconds: int, memory: int) -> None:
     """Read a file from stdin, and write a new one, or the reason why there is none, to stdout.

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 from mbocp._arrays import Array
 
-__all__ = ["ITERATE", "QUANTITIES", "FileContent", "Quantity"]
-
 _ROWS = {  # what the first axis runs over
     "node": "nodes n = 0..N",
     "later node": "nodes n = 1..N",

@@ -15,8 +15,6 @@ from typing import NamedTuple
 from mbocp._processes import python_command
 from mbocp.exceptions import ResultFileError
 
-__all__ = ["LIMITS", "REFUSED", "Limits", "renewed"]
-
 REFUSED = 3  # exit status of the process with a reason on stdout
 
 

@@ -24,8 +24,6 @@ from mbocp.exceptions import ResultFileError
 from mbocp.storage.content import ITERATE, QUANTITIES, FileContent
 from mbocp.storage.seal import FORMAT_VERSION, LARGEST, SEAL_SIZE, newer_words
 
-__all__ = ["FORMAT", "content_of", "image_of"]
-
 FORMAT = "mbocp solution"
 _EVERY = {**QUANTITIES, **ITERATE}
 _ROBOT, _LIST, _CONTENTS = "robot", "list", "contents"  # group of the robot's files, and what is in it

@@ -9,8 +9,6 @@ from mbocp.exceptions import ResultFileError, Unreadable
 from mbocp.storage.guarded import renewed
 from mbocp.storage.seal import HDF5_SIGNATURE, LARGEST, SEAL_SIZE, is_sealed, unsealed
 
-__all__ = ["read_image"]
-
 
 def read_image(path: str | Path) -> memoryview:
     """The HDF5 part of a result file, as it was written.

@@ -19,17 +19,6 @@ from pathlib import Path
 
 from mbocp.exceptions import ResultFileError
 
-__all__ = [
-    "FORMAT_VERSION",
-    "HDF5_SIGNATURE",
-    "LARGEST",
-    "SEAL_SIZE",
-    "is_sealed",
-    "newer_words",
-    "sealed",
-    "unsealed",
-]
-
 FORMAT_VERSION = 3
 LARGEST = 2 << 30  # [bytes] of a result file; a million steps of an arm with limits are 0.8 GB
 SEAL_SIZE = 512  # the smallest user block of HDF5

@@ -8,10 +8,8 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
+from mbocp._environment import available_workers
 from mbocp.exceptions import StudyError
-from mbocp.study.pools import available_workers
-
-__all__ = ["dask_executor"]
 
 _TIMEOUT = 10.0  # [s] for a scheduler to answer
 

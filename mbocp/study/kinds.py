@@ -12,8 +12,6 @@ from typing import Any
 
 from mbocp.study.study import Study, Task
 
-__all__ = ["first_of_each_kind"]
-
 _NUMBERS_MATTER = ("robot", "integrator", "path", "horizon.steps")  # each value makes a kind
 _PARAMETERS = (
     "payload",

@@ -16,8 +16,6 @@ from pydantic import (
     ValidationError,
 )
 
-__all__ = ["MAX_TASKS", "is_header", "is_row"]
-
 MAX_TASKS = 10**9  # of a study
 _MAX_COUNT = 2**53  # of anything that is counted: beyond it, numbers of other programs are not exact
 

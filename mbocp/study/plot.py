@@ -15,8 +15,6 @@ from mbocp.exceptions import StudyError
 from mbocp.study.summary import Group, Spread, Summary
 from mbocp.view.figures.style import GREY, PALETTE, house_style, new_figure, plain_text, save_figure
 
-__all__ = ["plot_summary"]
-
 _WIDTH, _BAR, _FRAME = 2.5, 0.3, 1.1  # [inch] of a panel, a bar, and what stands around the bars
 _MIN_BARS, _MAX_BARS = 3, 100  # bars for whose height there is room
 

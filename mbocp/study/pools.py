@@ -21,8 +21,6 @@ from mbocp._processes import SAFE_PATH
 from mbocp.exceptions import StudyError
 from mbocp.study.rows import CRASHED, TIMEOUT, failure_row
 
-__all__ = ["ExecutorPool", "LocalPool", "Pool", "available_workers", "check_picklable"]
-
 Row = dict[str, Any]
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")

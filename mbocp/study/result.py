@@ -19,8 +19,6 @@ from mbocp.study.rows import FIELDS
 from mbocp.study.summary import Summary, summarise
 from mbocp.study.table import read_table
 
-__all__ = ["StudyResult"]
-
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:

@@ -14,19 +14,6 @@ from mbocp.problem import Problem
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.solution import Solution
 
-__all__ = [
-    "CRASHED",
-    "ERROR",
-    "FIELDS",
-    "NO_SOLVER",
-    "TIMEOUT",
-    "check_record",
-    "failure_row",
-    "plain_json",
-    "solution_row",
-    "solver_seconds",
-]
-
 # How a task ends that has no solution to show for it, beside the statuses of solutions.
 ERROR, TIMEOUT, CRASHED = "error", "timeout", "crashed"
 

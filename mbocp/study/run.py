@@ -19,8 +19,6 @@ from mbocp.study.summary import word
 from mbocp.study.table import FORMAT, FORMAT_VERSION, RowFile
 from mbocp.study.task import Solve, make_problem, rehearse, run_task
 
-__all__ = ["Progress", "StudyWarning", "run_study"]
-
 _PERIOD = 0.25  # [s] between two looks at the clock of the file
 _NUM_PROBES = 10  # tasks to try before a study is refused
 _MAX_TRIES = 3  # of a task whose pool broke away under it

@@ -14,8 +14,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 from mbocp._numbers import as_float, is_number
 from mbocp._text import shown
 
-__all__ = ["AxisTable", "StudyTable", "SummaryTable"]
-
 Keys: TypeAlias = dict[str, Any]
 Entries: TypeAlias = list[dict[str, Any]]
 Names: TypeAlias = list[str]

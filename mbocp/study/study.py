@@ -33,8 +33,6 @@ from mbocp.study.values import (
     sample_dimension,
 )
 
-__all__ = ["Study", "Task"]
-
 _GOALS = ("goal", "start", "guess")  # numbers there tell tasks apart, not groups of tasks
 
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["MISSED", "Group", "Spread", "Summary", "summarise", "word"]
-
 MISSED = "off the goal"  # converged, but further from the goal than a success may be
 
 

@@ -22,8 +22,6 @@ from mbocp._files import read_bytes
 from mbocp.exceptions import ResultFileError, StudyError, Unreadable
 from mbocp.study.lines import is_header, is_row
 
-__all__ = ["FORMAT", "FORMAT_VERSION", "RowFile", "read_table"]
-
 FORMAT = "mbocp study"
 FORMAT_VERSION = 1
 

@@ -21,8 +21,6 @@ from mbocp.solution import Solution
 from mbocp.solving import solve
 from mbocp.study.rows import ERROR, TIMEOUT, failure_row, solution_row, solver_seconds
 
-__all__ = ["Job", "Solve", "make_problem", "rehearse", "run_task"]
-
 Solve = Callable[[Problem], Solution]
 
 _MAX_ROBOTS = 32  # kept in a process

@@ -16,17 +16,6 @@ from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.study.schema import AxisTable
 
-__all__ = [
-    "LABEL",
-    "Dimension",
-    "Point",
-    "axis_dimension",
-    "fixed_keys",
-    "grid_dimensions",
-    "list_dimension",
-    "sample_dimension",
-]
-
 LABEL = "label"
 _COUNT = "count"
 _MAX_VALUES = 1_000_000  # of one key

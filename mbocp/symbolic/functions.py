@@ -16,8 +16,6 @@ from mbocp.symbolic.numbers import ModelNumber
 
 Reference: TypeAlias = Literal["local", "world", "local_world_aligned"]
 
-__all__ = ["ModelFunctions", "Reference"]
-
 _REFERENCES: dict[str, int] = {
     "world": int(pin.ReferenceFrame.WORLD),
     "local": int(pin.ReferenceFrame.LOCAL),

@@ -16,8 +16,6 @@ import casadi as ca
 
 from mbocp.exceptions import UnsupportedRobot
 
-__all__ = ["call_with_matrices"]
-
 
 @dataclass(frozen=True)
 class _Component:

@@ -15,8 +15,6 @@ from mbocp.symbolic.versions import check_versions
 if TYPE_CHECKING:
     from mbocp._native import _bridge
 
-__all__ = ["bridge", "native_constraint"]
-
 
 @cache
 def bridge() -> ModuleType:

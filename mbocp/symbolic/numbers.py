@@ -15,17 +15,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-__all__ = [
-    "ModelNumber",
-    "all_numbers",
-    "inertia_numbers",
-    "placement_numbers",
-    "placements_of_followers",
-    "translation_numbers",
-    "values_of",
-    "with_values",
-]
-
 _MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # in Pinocchio's order
 _TRANSLATION = range(9, 12)  # after the rotation
 

@@ -11,8 +11,6 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.symbolic.functions import ModelFunctions
 from mbocp.symbolic.numbers import ModelNumber, values_of, with_values
 
-__all__ = ["model_functions", "self_test", "text_without"]
-
 # Round-off of a recursion over a hundred joints stays below this, relative to the largest joint force;
 # numbers read through a foreign memory layout do not.
 TOLERANCE = 1e-8

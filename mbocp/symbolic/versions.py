@@ -11,8 +11,6 @@ from importlib.metadata import PackageNotFoundError, version
 
 from mbocp.exceptions import NativeMismatch
 
-__all__ = ["check_versions"]
-
 
 def check_versions() -> None:
     """Compare what the native part was compiled against with what is installed.

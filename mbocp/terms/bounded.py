@@ -15,8 +15,6 @@ from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.span import Place
 
-__all__ = ["BoundedTerm", "SidesInSteps"]
-
 SidesInSteps: TypeAlias = tuple[slice | IntArray, Array, Array]
 
 

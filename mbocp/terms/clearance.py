@@ -22,8 +22,6 @@ from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
 from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
 from mbocp.terms.point import Point
 
-__all__ = ["ClearanceRow", "ClearanceTerm", "HullSlots", "clearance_slots"]
-
 _LEAST_SLOTS = 16
 _CENTER, _AT, _AXES, _PLACED = slice(0, 3), slice(3, 6), slice(6, 15), 15
 _NUMBERS = _PLACED + CORE  # of a row, beside its places

@@ -27,8 +27,6 @@ from pydantic import Field
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Table
 
-__all__ = ["ContactKeys", "ContactTerm"]
-
 _SIZE = 6  # force along the normal and two tangents, torque about them
 
 

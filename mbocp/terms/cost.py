@@ -26,18 +26,6 @@ from mbocp.terms.own import OwnTerm
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import Table
 
-__all__ = [
-    "COST_TERMS",
-    "CostTerm",
-    "CostWeights",
-    "Reader",
-    "RunningCost",
-    "RunningTerm",
-    "TermNumbers",
-    "Weighted",
-    "running_costs",
-]
-
 COST_TERMS: list[type[CostTerm]] = []  # in the order of their parameters and of their keys
 
 

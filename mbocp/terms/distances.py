@@ -34,8 +34,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["CORE", "Core", "core_of", "distance_from_core", "distances_from_cores"]
-
 CORE = 5  # numbers of a core
 _BROAD = 1e3  # [m]: what has no side; cancellation takes 1e-13 m
 

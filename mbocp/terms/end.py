@@ -17,8 +17,6 @@ from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Weights
 from mbocp.terms.written import Finite, Key, Table, check_weight_is_given
 
-__all__ = ["ExactGoal", "TerminalCost"]
-
 
 @dataclass(frozen=True)
 class ExactGoal:

@@ -12,8 +12,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.terms.point import Point
 
-__all__ = ["AccelerationEnd"]
-
 
 @dataclass(frozen=True)
 class AccelerationEnd:

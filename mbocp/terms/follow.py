@@ -30,8 +30,6 @@ from mbocp.terms.point import Point
 from mbocp.terms.spline import Curve, curve_through, symbolic_curve
 from mbocp.terms.written import Finite, Key, Table
 
-__all__ = ["Follow"]
-
 _Row = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 _Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 _SHORTEST = 1e-9  # [m] between points of a path

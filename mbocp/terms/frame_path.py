@@ -17,8 +17,6 @@ from mbocp.terms.path import PathNumbers, PathTerm, finite_bounds, one_bound
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Finite, Key, Range, Table
 
-__all__ = ["AngularSpeed", "Distance", "Orientation", "Position", "Speed"]
-
 _AXES = "xyz"
 
 

@@ -18,8 +18,6 @@ from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
 
-__all__ = ["AtEnd", "FrameTolerance", "ToleranceTerm", "frame_tolerances", "tolerance_bounds"]
-
 
 @dataclass(frozen=True)
 class AtEnd:

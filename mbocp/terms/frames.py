@@ -33,8 +33,6 @@ from mbocp.robot.poses.target import normals_to
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.point import Point
 
-__all__ = ["FrameEnd", "FrameProjections", "FrameShape"]
-
 
 @dataclass(frozen=True)
 class FrameShape:

@@ -14,8 +14,6 @@ import casadi as ca
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point
 
-__all__ = ["MeetingTerm"]
-
 
 @dataclass(frozen=True)
 class MeetingTerm:

@@ -29,8 +29,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["MOST_PLANES", "PLANE", "HullCore", "hull_measure", "plane_slots"]
-
 PLANE = 4  # numbers of a plane
 MOST_PLANES = 256
 _LEAST_PLANES = 64

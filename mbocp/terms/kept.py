@@ -19,8 +19,6 @@ from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite, Key, Table
 
-__all__ = ["Line", "OrientationKept"]
-
 _Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
 _SHORTEST = 1e-9  # [m] a shorter line has no direction
 _OVERSHOOT = 1e-3  # of a segment's length: room for solvers where start and goal are its ends

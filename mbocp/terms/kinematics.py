@@ -12,8 +12,6 @@ from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.symbolic import Reference
 
-__all__ = ["Kinematics"]
-
 _ALIGNED: Reference = "local_world_aligned"
 _WORDS = {"u": "controls", "a": "accelerations", "t": "time"}
 

@@ -33,17 +33,6 @@ from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span, end_from
 
-__all__ = [
-    "ROLES",
-    "OwnTerm",
-    "Role",
-    "Traced",
-    "end_condition",
-    "path_constraint",
-    "running_cost",
-    "terminal_cost",
-]
-
 Role: TypeAlias = Literal["running", "terminal", "path", "end"]
 ROLES: dict[str, str] = {
     "running": "running cost",

@@ -17,8 +17,6 @@ from mbocp.terms.own import OwnTerm, Traced
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import Place, Span
 
-__all__ = ["OwnEnd", "OwnPath", "OwnPathConstraint", "OwnRunning", "own_ends", "running_terms"]
-
 _WEIGHT = "weight"
 
 

@@ -26,8 +26,6 @@ from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.point import Point
 from mbocp.terms.written import Table
 
-__all__ = ["PATH_TERMS", "PathNumbers", "PathTerm", "finite_bounds", "one_bound"]
-
 PATH_TERMS: dict[str, type[PathTerm]] = {}  # by kind, in the order in which they are documented
 
 

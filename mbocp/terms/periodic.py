@@ -17,8 +17,6 @@ from mbocp._arrays import Array
 from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point, Sizes
 
-__all__ = ["KeptRows", "PeriodicEnd", "StartEnd", "StartState"]
-
 
 @dataclass(frozen=True)
 class StartState:

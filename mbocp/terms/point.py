@@ -11,8 +11,6 @@ import casadi as ca
 from mbocp.exceptions import TranscriptionError
 from mbocp.mechanics import Mechanics
 
-__all__ = ["Point", "Sizes"]
-
 
 class Sizes(NamedTuple):
     """Sizes of what the parameters speak of; in joint coordinates the last two repeat the first."""

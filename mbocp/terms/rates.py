@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from mbocp.terms.point import Point
 
-__all__ = ["RATE_TERMS", "RateTerm"]
-
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 

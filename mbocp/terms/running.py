@@ -15,8 +15,6 @@ from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Target, Weights
 from mbocp.terms.written import Control, ControlOrAuto, Finite, Key, Table, check_weight_is_given
 
-__all__ = ["Acceleration", "ControlRate", "Effort", "Fuel", "Potential", "Tracking", "Velocity"]
-
 
 @dataclass(frozen=True)
 class Effort(Weighted):

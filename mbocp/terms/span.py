@@ -15,8 +15,6 @@ from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.terms.written import Table
 
-__all__ = ["SPAN", "AtVia", "End", "Place", "Share", "Span", "SpanKeys", "end_from"]
-
 _GRAIN = 1e-6  # of a step: times closer to a node than this are the node's
 
 

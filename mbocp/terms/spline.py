@@ -14,8 +14,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["Curve", "curve_through", "symbolic_curve"]
-
 _SAMPLES = 24  # of each piece, among which the nearest is looked for
 _DRAWN = 8  # points of each piece in a picture
 _MAX_SAMPLES = 4000

@@ -8,8 +8,6 @@ from pydantic import BeforeValidator
 
 from mbocp.terms.written import Control, Table, Trajectory, VectorOrNamed
 
-__all__ = ["Target", "TargetTable", "Weights", "WeightsTable"]
-
 
 class TargetTable(Table):
     """What the running cost tracks."""

@@ -12,8 +12,6 @@ from mbocp.terms.cost import Weighted
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite, Key, Table
 
-__all__ = ["Time"]
-
 
 @dataclass(frozen=True)
 class Time(Weighted):

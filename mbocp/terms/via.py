@@ -26,8 +26,6 @@ from mbocp.lie.configuration import Part
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
 
-__all__ = ["ViaFrameShape", "ViaTerm"]
-
 
 @dataclass(frozen=True)
 class ViaFrameShape:

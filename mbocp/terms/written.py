@@ -13,28 +13,6 @@ from mbocp._numbers import as_float, finite_number, is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
 
-__all__ = [
-    "AUTO",
-    "Bound",
-    "Control",
-    "ControlOrAuto",
-    "Finite",
-    "Key",
-    "Named",
-    "Range",
-    "Table",
-    "Trajectory",
-    "Vector",
-    "VectorOrNamed",
-    "VectorOrNumber",
-    "check_weight_is_given",
-    "merged",
-    "named_numbers",
-    "range_of",
-    "sided",
-    "vector_or_named",
-]
-
 Vector: TypeAlias = list[float]
 Named: TypeAlias = dict[str, float | list[float]]
 

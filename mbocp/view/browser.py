@@ -8,8 +8,6 @@ from pathlib import Path
 
 from mbocp.exceptions import ReplayError
 
-__all__ = ["BROWSERS", "browse", "browser_command", "find_browser"]
-
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 _FLAGS = (
     "--headless=new",

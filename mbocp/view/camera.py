@@ -8,8 +8,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["Camera", "fit_camera", "upright"]
-
 FIELD_OF_VIEW = 40.0  # [deg], vertical; the viewer's own 75 distorts
 ASPECT = 1.5  # width over height that a fit assumes; the page adapts it to its window
 # Share of the half picture that the motion may fill: to the sides, above (title) and below (playback bar).

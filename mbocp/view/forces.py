@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["ForceMark", "forces_of", "in_time"]
-
 
 @dataclass(frozen=True, eq=False)
 class ForceMark:

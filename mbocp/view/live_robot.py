@@ -15,8 +15,6 @@ from mbocp.view.meshcat.live import LiveReplay
 from mbocp.view.meshcat.scene import build_scene, joint_node
 from mbocp.view.motion import sample_motion
 
-__all__ = ["LiveRobot"]
-
 
 class LiveRobot:
     """A page that shows one pose of a robot after the other; use it in a `with` block.

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from mbocp.solution import Solution
     from mbocp.terms import FrameGoal
 
-__all__ = ["Marks", "ViaMark", "marks_of", "marks_of_result"]
-
 
 @dataclass(frozen=True, eq=False)
 class ViaMark:

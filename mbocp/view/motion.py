@@ -13,8 +13,6 @@ from mbocp._tolerances import STAYS
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot.large import working_data
 
-__all__ = ["MAX_SAMPLES", "Motion", "pose_at", "sample_motion"]
-
 _MAX_COORDINATE = 1e9  # [m, rad] of a configuration that can be drawn; as for the corners of meshes
 MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer a second
 

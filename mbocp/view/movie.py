@@ -17,8 +17,6 @@ from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.browser import browse
 
-__all__ = ["MOVIES", "Film", "frame_times", "pictures_of", "write_frames", "write_movie"]
-
 MOVIES = (".gif", ".mp4")
 _MAX_FRAMES = 3000
 _MAX_SIDE = 4096  # [pixel]

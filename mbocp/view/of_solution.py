@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
     from mbocp.solution import Solution
 
-__all__ = ["drawn_of", "film_solution", "goals_of", "replay_solution"]
-
 _MAX_GHOSTS = 50
 
 

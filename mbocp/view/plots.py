@@ -40,19 +40,6 @@ from mbocp.view.figures.zigzag import SHORT_NOTE
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = [
-    "overview",
-    "plot_controls",
-    "plot_convergence",
-    "plot_invariants",
-    "plot_multipliers",
-    "plot_path",
-    "plot_rates",
-    "plot_solution",
-    "plot_states",
-    "save_figure",
-]
-
 _LETTERS = 11  # on a line of the title, by inch
 
 

@@ -18,8 +18,6 @@ from mbocp.view.motion import sample_motion
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
-__all__ = ["write_preview"]
-
 _MAX_GHOSTS = 6
 
 

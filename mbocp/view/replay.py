@@ -22,8 +22,6 @@ from mbocp.view.motion import Motion, pose_at, sample_motion
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["OtherMotion", "open_replay", "replay_page", "write_replay"]
-
 _STEEPEST = 89.0  # [deg]; from straight above there is no upright
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import ActiveLimit, Solution
 
-__all__ = ["write_report"]
-
 _RESOURCES = Path(__file__).parent / "reports"
 
 

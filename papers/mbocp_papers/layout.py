@@ -11,8 +11,6 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-__all__ = ["WIDTH", "Column", "PaperTable", "Section", "milliseconds", "norm", "ratio"]
-
 WIDTH = 120  # letters that a table may be wide
 
 Kind = Literal["label", "paper", "mbocp", "ratio"]

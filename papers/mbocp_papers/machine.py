@@ -10,8 +10,6 @@ from pathlib import Path
 
 import mbocp
 
-__all__ = ["machine_line", "processor"]
-
 
 def machine_line() -> str:
     """Versions, processor and how busy it is."""

@@ -6,8 +6,6 @@ from collections.abc import Collection
 
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["check_number"]
-
 
 def check_number(option: str, number: int, known: Collection[int], sketches: Collection[int] = ()) -> None:
     """Refuse a number that is not among the known ones; figures that are sketches have no results.

@@ -8,13 +8,13 @@ import pinocchio as pin
 import pytest
 
 from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.parameters import Sizes, parameter_layout
+from mbocp.formulation.parameters import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
-from mbocp.terms import Effort, ExactGoal, TerminalCost, Tracking, Velocity
+from mbocp.terms import Effort, ExactGoal, Sizes, TerminalCost, Tracking, Velocity
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 

@@ -12,8 +12,6 @@ from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.terms import Point
 
-__all__ = ["acceleration_at", "driven_acceleration", "mean_acceleration", "rate_of_speeds"]
-
 
 def mean_acceleration(mechanics: Mechanics, before: State, after: State, dt: ca.SX) -> ca.SX:
     """Their mean over a step."""

@@ -28,8 +28,6 @@ from mbocp.formulation.steps import HAS_BEFORE, StepSymbols, within
 from mbocp.integrators import control_means, shares_of
 from mbocp.problem import Problem
 
-__all__ = ["ControlValues"]
-
 
 @dataclass(frozen=True)
 class ControlValues(Feature):

@@ -14,8 +14,6 @@ from mbocp.problem import Problem
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.terms import Effort, RunningTerm, Velocity
 
-__all__ = ["eased_terms", "easing_weights"]
-
 
 def eased_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[RunningTerm, ...]:
     """Terms of the running cost that the functions have: the weight of velocities, too, where it may ease.

@@ -26,8 +26,6 @@ from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 from mbocp.robot import Label
 
-__all__ = ["Asked", "Feature", "joined", "unbounded"]
-
 V = TypeVar("V")
 
 _NOTHING: Mapping[str, Any] = {}

@@ -15,8 +15,6 @@ from mbocp.formulation.features.unequal_lengths import UnequalLengths
 from mbocp.formulation.features.varying_weights import VaryingWeights
 from mbocp.problem import Problem
 
-__all__ = ["features_of"]
-
 # Lengths take the time of a step as `Moment` gives it, and the state as a free start moves it.
 _KINDS: tuple[type[Feature], ...] = (
     Moment,

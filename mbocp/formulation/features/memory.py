@@ -29,8 +29,6 @@ from mbocp.formulation.layout import Block
 from mbocp.problem import Problem
 from mbocp.robot import Label
 
-__all__ = ["RULES", "Memory", "Rule", "memory_units", "ordered"]
-
 _RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
 
 

@@ -11,8 +11,6 @@ from mbocp.formulation.features.switches import evaluation_times
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 
-__all__ = ["Moment"]
-
 _TIME = "t"  # [s]
 
 

@@ -39,8 +39,6 @@ from mbocp.problem.timeline.seam import compared
 from mbocp.robot import Label
 from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
 
-__all__ = ["MovedStart", "start_ends"]
-
 
 @dataclass(frozen=True)
 class MovedStart(Feature):

@@ -30,8 +30,6 @@ from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import PathConstraint, Problem
 from mbocp.robot import Label
 
-__all__ = ["Progress", "advances", "progress_along"]
-
 _ADVANCES = "advances"  # the stage parameters e
 _LEAST, _MOST = -1e-2, 8.0  # paces
 _MOST_OF_PATH = 1.0 / 3.0  # in one step, where steps are few

@@ -18,8 +18,6 @@ from mbocp.problem import Problem
 from mbocp.robot import Label
 from mbocp.terms import ContactTerm
 
-__all__ = ["Reactions", "reactions_along"]
-
 
 @dataclass(frozen=True)
 class Reactions(Feature):

@@ -36,14 +36,6 @@ from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Label
 
-__all__ = [
-    "StepLengths",
-    "begins_phase",
-    "given_lengths",
-    "length_controls",
-    "lengths_of_states",
-]
-
 _BEGINS_PHASE = "begins_phase"  # the stage parameter e
 _STEP_SHARE = "step_share"  # the parameter 1/N
 

@@ -20,23 +20,6 @@ from mbocp.problem.timeline.phases import node_times, step_lengths
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
 
-__all__ = [
-    "Switches",
-    "acting",
-    "breaks_symmetries",
-    "evaluation_times",
-    "filled_impulses",
-    "filled_lengths",
-    "has_step_before",
-    "impacts_of",
-    "labels_of",
-    "repeated",
-    "switched_violation",
-    "ties_at_end",
-    "with_held",
-    "worse_of",
-]
-
 _ACTIVE = "active"  # the stage parameters e
 _IS_IMPACT = "is_impact"  # the stage parameter k
 

@@ -14,8 +14,6 @@ from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
 from mbocp.problem.timeline.phases import step_lengths
 
-__all__ = ["UnequalLengths"]
-
 _STRETCH, _SPACING = "stretch", "spacing"  # length, and way between middles, by the mean length
 
 

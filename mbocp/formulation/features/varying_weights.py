@@ -11,8 +11,6 @@ from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 
-__all__ = ["VaryingWeights"]
-
 
 @dataclass(frozen=True)
 class VaryingWeights(Feature):

@@ -8,8 +8,6 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 
-__all__ = ["Algebraic", "impulses"]
-
 
 @dataclass(frozen=True, eq=False)
 class Algebraic:

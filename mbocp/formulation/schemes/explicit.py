@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.base import Duals
 from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
+from mbocp.formulation.motion import Motion
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
@@ -31,8 +32,6 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.drives import control_velocity_maps, speed_maps
-
-__all__ = ["ExplicitFormulation"]
 
 
 @dataclass(frozen=True, eq=False)

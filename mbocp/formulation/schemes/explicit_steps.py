@@ -18,8 +18,6 @@ from mbocp.mechanics import Mechanics, symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
 
-__all__ = ["ExplicitSteps"]
-
 _OPERATIONS = 3000  # of "complete" by nv^2 and stage of the method
 
 

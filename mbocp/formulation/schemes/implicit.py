@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.switches import (
     acting,
@@ -21,6 +21,7 @@ from mbocp.formulation.features.switches import (
     with_held,
 )
 from mbocp.formulation.goal import end_condition_rows
+from mbocp.formulation.motion import Motion
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
@@ -38,8 +39,6 @@ from mbocp.mechanics import dual_of_momentum, duals_of_momenta
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.kinematics import momenta_of
-
-__all__ = ["ImplicitFormulation"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,6 @@ from mbocp.integrators.switched import switched_point, switched_rows
 from mbocp.mechanics import JointMechanics, Mechanics, natural_mechanics, symbols_of
 from mbocp.robot import Robot
 
-__all__ = ["ImplicitSteps", "NaturalSteps"]
-
 _OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
 _OPERATIONS_BY_COORDINATE = 400  # of "complete" of bodies: they grow with their number
 

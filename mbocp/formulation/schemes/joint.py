@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.base import Duals
 from mbocp.formulation.build import Pieces, build_programme, check_size
 from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.motion import Motion
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
@@ -26,18 +27,6 @@ from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
 from mbocp.terms import TermNumbers, running_terms
-
-__all__ = [
-    "JointFormulation",
-    "boundary_duals",
-    "joint_pieces",
-    "largest_defects",
-    "momenta_of_symmetries",
-    "stage_costs",
-    "tangent_duals",
-    "turning_factors",
-    "weighed_components",
-]
 
 F = TypeVar("F", bound="JointFormulation")
 

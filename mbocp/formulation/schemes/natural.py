@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.base import Duals
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
 from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.features.switches import (
@@ -24,6 +24,7 @@ from mbocp.formulation.features.switches import (
 )
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.motion import Motion
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
@@ -42,8 +43,6 @@ from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
-
-__all__ = ["NaturalFormulation"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Duals, Motion
+from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows
+from mbocp.formulation.motion import Motion
 from mbocp.formulation.rows import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.schemes.joint import (
@@ -28,8 +29,6 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Label
 from mbocp.robot.nodes import steps_between
-
-__all__ = ["PartitionedFormulation"]
 
 
 @dataclass(frozen=True, eq=False)

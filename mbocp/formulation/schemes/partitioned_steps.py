@@ -16,8 +16,6 @@ from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.robot import Robot
 
-__all__ = ["PartitionedSteps"]
-
 _INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off
 _OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms and chains
 

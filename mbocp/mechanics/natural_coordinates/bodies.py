@@ -25,8 +25,6 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
 
-__all__ = ["Body", "BodyTree", "body_tree"]
-
 SIZE = 12  # numbers of a body
 TURNING = ("revolute", "continuous")  # joints whose displacement is an angle, known up to full turns
 _ROUND_OFF = 1e-12

@@ -11,8 +11,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.mechanics.natural_coordinates.bodies import TURNING, Body
 
-__all__ = ["JointRow", "follower_row", "joint_rows", "perpendiculars"]
-
 
 @dataclass(frozen=True)
 class JointRow:

@@ -16,8 +16,6 @@ from mbocp.mechanics.natural_coordinates.joints import perpendiculars
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
 
-__all__ = ["NaturalKinematics", "Placement", "constant"]
-
 _ROUND_OFF = 1e-14
 
 

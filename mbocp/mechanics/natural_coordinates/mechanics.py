@@ -29,8 +29,6 @@ from mbocp.mechanics.natural_coordinates.kinematics import NaturalKinematics, co
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
 
-__all__ = ["NaturalMechanics"]
-
 _ORTHONORMAL = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 

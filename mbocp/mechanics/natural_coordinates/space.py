@@ -14,8 +14,6 @@ from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.robot import Robot
 
-__all__ = ["NaturalSpace", "natural_mechanics"]
-
 
 @lru_cache(maxsize=16)
 def natural_mechanics(robot: Robot) -> NaturalMechanics:

@@ -16,8 +16,6 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.robot import Robot
 
-__all__ = ["Ansatz", "LieBlock", "Symmetry", "skew"]
-
 _LIE_JOINTS = {"JointModelFreeFlyer": 6, "JointModelSpherical": 3, "JointModelPlanar": 3}
 _ROUND_OFF = 1e-12  # relative; coefficients come out at 1e-15 or are of order one
 

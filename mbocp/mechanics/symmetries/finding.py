@@ -38,8 +38,6 @@ from mbocp.mechanics.symmetries.parts import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 
-__all__ = ["Symmetry", "find_symmetries", "momentum_map"]
-
 _RANK_TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
 # A body with less inertia by mass has no orientation: a radius of gyration of 10 um.
 _MIN_INERTIA_RATIO = 1e-10  # [m^2]

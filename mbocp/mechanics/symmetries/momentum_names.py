@@ -9,8 +9,6 @@ from mbocp._arrays import Array
 from mbocp.mechanics.symmetries.fields import LieBlock, Symmetry
 from mbocp.robot import Robot
 
-__all__ = ["momentum_name"]
-
 _COEFFICIENT_TOLERANCE = 1e-9  # coefficients are of order one, to round-off
 _COMPONENTS = {  # of a twist, that sigma has
     "JointModelFreeFlyer": [0, 1, 2, 3, 4, 5],

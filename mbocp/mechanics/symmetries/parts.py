@@ -10,8 +10,6 @@ import pinocchio as pin
 from mbocp._arrays import IntArray
 from mbocp.robot import Robot
 
-__all__ = ["independent_parts", "part_name"]
-
 _SEED, _SAMPLES = 20250521, 3  # what couples does so at random configurations
 
 

@@ -23,8 +23,6 @@ from mbocp.mechanics.symmetries.parts import part_name
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
-__all__ = ["Spin", "spins_of"]
-
 _FLOATING = "JointModelFreeFlyer"
 
 

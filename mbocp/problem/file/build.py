@@ -12,8 +12,6 @@ from mbocp.problem.problem import Problem
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
-__all__ = ["problem_from_tables"]
-
 
 def problem_from_tables(
     document: Mapping[str, Any],

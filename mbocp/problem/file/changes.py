@@ -21,8 +21,6 @@ from mbocp.problem.timeline.duration import written_duration
 from mbocp.problem.timeline.step_table import scaled_lengths
 from mbocp.terms.written import AUTO
 
-__all__ = ["FIELDS", "change_document"]
-
 # Of each field that is given as a value: its name among those that are said, and the table it stands for.
 FIELDS = {
     "q_start": ("said_q_start", "start"),

@@ -22,8 +22,6 @@ from mbocp.problem.first_motion import FirstMotion, first_motion
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = ["first_file"]
-
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _STEPS = 100  # of schemes of low order; half of them for others
 _HIGH_ORDER = 4

@@ -16,8 +16,6 @@ from mbocp.terms.frame_goal import FURTHER_KEYS
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import FramePoseTable
 
-__all__ = ["frame_tables", "frames_from"]
-
 
 def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:
     """Make the goals from the tables at `key`.

@@ -16,8 +16,6 @@ from typing import get_type_hints
 from mbocp.terms import COST_TERMS, PATH_KEYS
 from mbocp.terms.written import Key, Table
 
-__all__ = ["key_rows", "updated"]
-
 _PATH_HEAD = {
     "name": Key(
         "string",

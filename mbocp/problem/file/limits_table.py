@@ -15,8 +15,6 @@ from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.terms import RATE_TERMS, RateTerm
 
-__all__ = ["bounds_from"]
-
 _Sides = tuple[Array, Array]
 
 

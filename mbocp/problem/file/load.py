@@ -14,8 +14,6 @@ from mbocp.problem.file.sample import is_robot_file, smallest_problem
 from mbocp.problem.problem import Problem
 from mbocp.terms import OwnTerm
 
-__all__ = ["load_document", "load_problem", "parse_problem"]
-
 
 def load_problem(
     path: str | Path,

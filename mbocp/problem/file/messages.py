@@ -14,8 +14,6 @@ from pydantic import BaseModel, ValidationError
 from mbocp._text import shown
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
-__all__ = ["in_file", "located", "schema_error"]
-
 
 @contextmanager
 def located(key: str) -> Iterator[None]:

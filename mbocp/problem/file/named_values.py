@@ -19,17 +19,6 @@ from mbocp.problem._checks import ProblemWarning
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = [
-    "Written",
-    "configuration_from",
-    "control_from",
-    "coordinate_slots",
-    "joint_values",
-    "tangent_from",
-    "tangent_slots",
-    "weights_from",
-]
-
 Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 
 _T = TypeVar("_T")

@@ -20,8 +20,6 @@ from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, Obstacle
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import ObstacleTable, SelfCollisionTable
 
-__all__ = ["obstacle_tables", "obstacles_from", "self_collision_from", "self_collision_table"]
-
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 

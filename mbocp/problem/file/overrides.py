@@ -14,8 +14,6 @@ from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemFileError, Unreadable
 
-__all__ = ["apply_overrides", "parse_override", "plain"]
-
 # A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
 _BARE_WORD = re.compile(r"[A-Za-z_./~][\w./~+-]*")
 

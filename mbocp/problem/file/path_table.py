@@ -26,8 +26,6 @@ from mbocp.terms.span import SPAN, Span
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import PathHead
 
-__all__ = ["path_from", "path_tables"]
-
 _HEAD = ("name", "kind", "frame", *SPAN)
 
 

@@ -17,8 +17,6 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.periodic import Periodic
 from mbocp.robot import Robot
 
-__all__ = ["free_from", "free_table", "periodic_from", "periodic_table"]
-
 _PARTS = ("q", "v")
 _WORDS = ("swap", "mirror", "combine", "moved", "except", "impact")
 

@@ -24,16 +24,6 @@ from mbocp.terms.span import SPAN, AtVia, Share
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import HoldTable, HorizonTable, PhaseTable
 
-__all__ = [
-    "horizon_from",
-    "phase_tables",
-    "phase_weights",
-    "phases_from",
-    "with_paths",
-    "with_via",
-    "written_limits",
-]
-
 
 def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[NamedPhase, ...]:
     """Make the phases from the tables of `[[phase]]`, but for their weights.

@@ -14,8 +14,6 @@ from mbocp._files import MEGABYTE, is_file, read_bytes, read_text
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, Unreadable
 
-__all__ = ["read_points"]
-
 _MAX_BYTES = 16 * MEGABYTE
 _COLUMNS = "x, y, z, or x, y, z, qx, qy, qz, qw"
 

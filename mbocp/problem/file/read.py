@@ -50,7 +50,6 @@ from mbocp.problem.file.schema import (
     SolverTable,
     StartTable,
     ViaTable,
-    WeightsTable,
     checked_tables,
 )
 from mbocp.problem.file.target import read_target
@@ -75,9 +74,8 @@ from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot, robot_from_spec
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import COST_TERMS, OwnTerm
+from mbocp.terms.tables import WeightsTable
 from mbocp.terms.written import AUTO
-
-__all__ = ["READ", "load_its_robot", "read_tables"]
 
 
 def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:

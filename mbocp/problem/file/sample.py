@@ -10,8 +10,6 @@ import numpy as np
 from mbocp.exceptions import MbocpError
 from mbocp.robot import Robot, load_robot
 
-__all__ = ["is_robot_file", "smallest_problem"]
-
 _ROBOTS = (".urdf", ".xacro", ".sdf", ".xml")
 _MAX_JOINTS = 12  # that are written out; the others may end anywhere
 _DISPLACEMENT = 0.5  # [rad, m]

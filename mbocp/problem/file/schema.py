@@ -27,7 +27,6 @@ from mbocp.robot.loading.part_table import PartTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.terms import COST_TERMS, PATH_KEYS
 from mbocp.terms.span import SpanKeys
-from mbocp.terms.tables import TargetTable, WeightsTable
 from mbocp.terms.written import (
     Bound,
     Control,
@@ -43,31 +42,6 @@ from mbocp.terms.written import (
     sided,
     vector_or_named,
 )
-
-__all__ = [
-    "CostTable",
-    "FrameGoalTable",
-    "GoalTable",
-    "GuessTable",
-    "HoldTable",
-    "HorizonTable",
-    "IntegratorTable",
-    "LimitsTable",
-    "ObstacleTable",
-    "PathHead",
-    "PathTable",
-    "PhaseTable",
-    "ProblemTable",
-    "ReleaseTable",
-    "RobotTable",
-    "SelfCollisionTable",
-    "SolverTable",
-    "StartTable",
-    "TargetTable",
-    "ViaTable",
-    "WeightsTable",
-    "checked_tables",
-]
 
 Limit: TypeAlias = float | list[float]
 

@@ -29,8 +29,6 @@ from mbocp.problem.timeline.duration import written_duration
 from mbocp.robot import Robot
 from mbocp.terms import COST_TERMS
 
-__all__ = ["tables_of", "to_toml", "written_tables"]
-
 
 def tables_of(problem: ProblemData) -> dict[str, Any]:
     """Return the tables of a problem file that loads as the same problem.

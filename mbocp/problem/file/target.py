@@ -15,8 +15,6 @@ from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
 from mbocp.robot import Robot
 from mbocp.storage.reading import read_image
 
-__all__ = ["read_target"]
-
 _KEY = "cost.target_file"
 _MAX_BYTES = 256 * MEGABYTE  # of a CSV table
 

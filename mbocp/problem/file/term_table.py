@@ -17,8 +17,6 @@ from mbocp.robot import Robot
 from mbocp.terms.own import ROLES, OwnTerm
 from mbocp.terms.span import Span
 
-__all__ = ["term_tables", "terms_from"]
-
 
 def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
     """Return the tables `[[terms]]`."""

@@ -19,8 +19,6 @@ from mbocp.robot import Robot
 if TYPE_CHECKING:
     from mbocp.problem.file.schema import ViaTable
 
-__all__ = ["via_from", "via_tables"]
-
 
 def via_from(robot: Robot, tables: Sequence[ViaTable], q_start: Array) -> tuple[ViaPoint, ...]:
     """Make the via points from the tables of `[[via]]`.

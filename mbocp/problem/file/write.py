@@ -5,8 +5,6 @@ from __future__ import annotations
 from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.problem import Problem
 
-__all__ = ["problem_to_toml"]
-
 
 def problem_to_toml(problem: Problem) -> str:
     """Return a problem file that loads as the same problem, see `mbocp.problem.file.tables.tables_of`."""

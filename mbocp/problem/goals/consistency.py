@@ -17,8 +17,6 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
-__all__ = ["check_end_conditions", "check_goal_rate"]
-
 
 def check_goal_rate(robot: Robot, goal: Goal) -> None:
     """Refuse an exact end velocity or momentum that no motion on the constraints has."""

@@ -12,13 +12,6 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Robot
 
-__all__ = [
-    "check_driven_acceleration",
-    "check_driven_rate",
-    "check_driven_start",
-    "without_driven_velocities",
-]
-
 
 def check_driven_start(robot: Robot, q: Array, v: Array) -> None:
     """Refuse a velocity that the drives do not allow."""

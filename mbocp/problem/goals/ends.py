@@ -26,8 +26,6 @@ from mbocp.problem.warn import warn_limits, warn_singular
 from mbocp.robot import Label, Robot
 from mbocp.terms import RATE_TERMS
 
-__all__ = ["checked_acceleration", "checked_start", "completed_goal"]
-
 
 def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
     """Return configuration and velocity of a start, with unit quaternions.

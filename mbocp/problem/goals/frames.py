@@ -25,19 +25,6 @@ from mbocp.robot.poses.inverse_kinematics import LimitChoice
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.terms import FrameGoal, FrameProjections
 
-__all__ = [
-    "check_frames",
-    "errors_of_poses",
-    "frame_projections",
-    "frame_rates",
-    "goal_branches",
-    "pose_errors",
-    "pose_jacobian",
-    "rate_jacobian",
-    "start_at",
-    "with_configuration",
-]
-
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
 _BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
 _MANY_RESTARTS, _MANY_WITH_LOOPS = 200, 30  # before a pose counts as out of reach; loops take longer

@@ -24,8 +24,6 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 
-__all__ = ["FreeStart", "check_free_start", "check_periodic", "kept_at_start", "start_bounds"]
-
 _KEY = "start.free"
 _NUM_POSES = 2  # beside the start, at which a row that nothing free moves has no derivative either
 _SPREAD = 0.2  # [m, rad]

@@ -13,8 +13,6 @@ from mbocp.problem._checks import check_bool, check_choice, check_finite
 from mbocp.problem.goals.periodic import Periodic
 from mbocp.terms import FrameGoal
 
-__all__ = ["ENFORCE", "RATES", "REDUNDANT", "AccelerationRule", "Enforce", "Goal", "Rate", "Redundant"]
-
 Enforce = Literal["exact", "penalty", "both", "none"]
 Rate = Literal["p", "v"]
 Redundant = Literal["drop", "keep"]

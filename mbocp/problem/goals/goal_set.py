@@ -14,9 +14,6 @@ from mbocp.exceptions import MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goals.goal import Goal
 
-__all__ = ["check_goals", "of_member", "reachable_members"]
-
-
 P = TypeVar("P")
 
 

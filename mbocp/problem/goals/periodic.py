@@ -33,8 +33,6 @@ from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_jacobian
 
-__all__ = ["Image", "Periodic", "impact_axes", "numbers_of", "point_jacobian"]
-
 _KEY = "goal.periodic"
 _BEND = 0.4  # [m, rad] from the initial pose, for configurations that are not special
 

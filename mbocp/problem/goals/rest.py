@@ -18,10 +18,8 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 
-__all__ = ["at_rest", "words_of_rest"]
 
-
-class HasEnd(Protocol):
+class _HasEnd(Protocol):
     """What of a `Problem` is asked here."""
 
     # fmt: off
@@ -59,7 +57,7 @@ def at_rest(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> Goal:
     return replace(goal, a_active=stops, a_rule="rest")
 
 
-def words_of_rest(problem: HasEnd) -> str:
+def words_of_rest(problem: _HasEnd) -> str:
     """What a goal of rest says of accelerations where jerks are limited; "" where there is nothing to say."""
     robot, goal = problem.robot, problem.goal
     if goal.a_rule == "rest":

@@ -17,8 +17,6 @@ from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.model import RobotModel
 from mbocp.robot.nodes import between
 
-__all__ = ["Approach", "clearances_along", "keeps_clear", "nearest_approach", "poses_between"]
-
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
 _NEAR = 0.1  # [m]: farther spheres are only looked at where nothing is as near

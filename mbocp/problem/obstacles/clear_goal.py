@@ -11,8 +11,6 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot import Robot
 
-__all__ = ["clear_configuration"]
-
 _BRANCHES, _RESTARTS = 24, 96  # of the search; a redundant arm has as many branches as one looks for
 
 

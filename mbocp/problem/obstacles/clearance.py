@@ -21,8 +21,6 @@ from mbocp.terms import BoundedTerm, ClearanceRow, ClearanceTerm, HullSlots, Spa
 from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
 
-__all__ = ["Clearance", "SelfCollision"]
-
 _TOLD = 20  # obstacles of which the summary speaks each
 _OF_ALL_PAIRS = ("_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
 _IDLE = Label("nothing", "m")  # a row that is not needed

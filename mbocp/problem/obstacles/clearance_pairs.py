@@ -21,8 +21,6 @@ from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.reach import reach
 from mbocp.robot.collision.self_pairs import SelfPairs, disabled_by, find_srdf, self_pairs
 
-__all__ = ["clearance_of"]
-
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
 _ASTRAY = 20.0  # times the reach: no room is as large

@@ -19,8 +19,6 @@ from mbocp.robot.nodes import between
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
 
-__all__ = ["MANY", "missing_pairs", "near_pairs", "rows_of", "with_pairs"]
-
 MANY = 48  # pairs, from which on they are chosen
 _NEAR = 0.05  # [m]
 _MOST = 64  # chosen pairs at first

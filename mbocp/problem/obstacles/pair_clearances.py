@@ -21,8 +21,6 @@ from mbocp.terms.hulls import HullCore
 if TYPE_CHECKING:
     from mbocp._native._room import Room
 
-__all__ = ["PairClearances", "WaySize"]
-
 
 @dataclass(frozen=True)
 class WaySize:

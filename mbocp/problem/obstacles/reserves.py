@@ -16,8 +16,6 @@ from mbocp.robot.nodes import between
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
 
-__all__ = ["largest_reserve", "room_of", "with_first_reserve", "with_room", "with_rows_and_room"]
-
 _RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
 _MOST = 0.03  # [m]
 _FIRST = 5e-3  # [m] that is worth having before anything is known

@@ -13,8 +13,6 @@ from mbocp._arrays import Array
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.large import working_data
 
-__all__ = ["LinkPair", "ShapeDistances"]
-
 Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
 LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whether it is an obstacle
 

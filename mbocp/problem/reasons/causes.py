@@ -27,8 +27,6 @@ from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = ["Cause", "causes_of", "why_in_vain"]
-
 _MARGIN = 1e-6  # relative: what differs by less is the same
 _SURE = 2.0  # of an estimate, before it is told
 _COARSE = 1.0  # [rad] that a joint turns in a step at most

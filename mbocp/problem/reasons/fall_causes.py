@@ -15,8 +15,6 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
 
-__all__ = ["fall_causes"]
-
 _ROUND_OFF = 1e-6  # [m, m/s]
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-__all__ = ["least_time"]
-
 
 def least_time(
     distance: float,

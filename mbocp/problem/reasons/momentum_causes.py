@@ -25,8 +25,6 @@ from mbocp.problem.reasons.cause import Cause
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 
-__all__ = ["momentum_causes"]
-
 _ZERO = 1e-8  # relative: round-off of forces and momenta along a symmetry
 _POSES = 3  # at which forces along it are looked at, beside start and goal
 _SLACK, _SHARE = 1e-3, 0.01  # [m], and of the way: what steps of first order miss

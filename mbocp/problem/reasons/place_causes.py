@@ -16,8 +16,6 @@ from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-__all__ = ["place_causes"]
-
 _SLACK = 1e-6  # [m, m/s, rad] by which bounds may miss each other
 _AXES = "xyz"
 

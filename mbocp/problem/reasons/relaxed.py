@@ -12,8 +12,6 @@ from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 
-__all__ = ["Relaxation", "relaxations"]
-
 _WIDEST = {"q": 4.0, "v": 30.0}  # times what there is, by letter of `LIMITS`
 _WIDEST_OTHER = 300.0
 _LONGEST = 8.0

@@ -9,8 +9,6 @@ from typing import Any
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_number, check_positive
 
-__all__ = ["KEYS", "check_duration", "duration_from", "written_duration"]
-
 KEYS = ("min", "max", "guess")  # of the table `horizon.duration`
 _KEY = "horizon.duration"
 _LARGEST = 1e12  # [s] 30,000 years; squares of much longer ones overflow

@@ -32,8 +32,6 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.constraints import HOLDS, Axis, FrameConstraint
 
-__all__ = ["Hold", "Release", "Spans", "checked_spans", "holds_in"]
-
 Spans = tuple[tuple[int, int], ...]
 
 _PLACES = ("where_it_is", "coincide")

@@ -11,8 +11,6 @@ from mbocp.problem.timeline.hold import Spans
 from mbocp.problem.timeline.phase_holds import Switches
 from mbocp.robot import Robot
 
-__all__ = ["check_holds"]
-
 
 def check_holds(robot: Robot, scheme: str, coordinates: str, num_steps: int, switches: Switches) -> None:
     """Refuse holds of unknown frames or names, outside the horizon, or with schemes that take none.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from mbocp._memory import check_memory, is_given
 
-__all__ = ["bytes_per_step", "check_horizon"]
-
 # Fitted to the largest resident memory of solves of 10,000 to 40,000 steps; 10 to 30 % more than measured.
 _MATRICES, _VECTORS, _REST = 2.5, 16.0, 3000.0
 _INTERIOR = 4.5  # solvers of others keep their own Jacobians, Hessians and factors; IPOPT: 3.7 measured

@@ -12,8 +12,6 @@ from mbocp.problem.timeline.via_constraint import AtNode
 from mbocp.robot import Label
 from mbocp.terms import BoundedTerm, MeetingTerm
 
-__all__ = ["Meeting", "meetings"]
-
 
 @dataclass(frozen=True, eq=False)
 class Meeting(BoundedTerm):

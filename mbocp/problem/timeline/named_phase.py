@@ -24,19 +24,6 @@ from mbocp.problem.timeline.phase_holds import (
 )
 from mbocp.terms.span import Place
 
-__all__ = [
-    "Horizon",
-    "NamedPhase",
-    "are_alike",
-    "horizon_of",
-    "phase_lengths",
-    "phase_nodes",
-    "phase_spans",
-    "places_by_name",
-    "step_counts",
-    "with_total",
-]
-
 _ROUND_OFF = 1e-9  # relative: durations that are the same
 
 

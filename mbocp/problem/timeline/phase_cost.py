@@ -16,8 +16,6 @@ from mbocp.problem.cost import Cost, weights_by_key
 from mbocp.problem.timeline.named_phase import NamedPhase
 from mbocp.robot import Robot
 
-__all__ = ["heaviest_cost", "weight_shares"]
-
 
 def heaviest_cost(cost: Cost, phases: Sequence[NamedPhase], robot: Robot) -> Cost:
     """The cost with those weights of all phases that are largest, component by component."""

@@ -11,18 +11,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice
 from mbocp.problem.timeline.hold import Hold, Release
 
-__all__ = [
-    "PhaseHold",
-    "PhaseRelease",
-    "Switches",
-    "begin_with_impacts",
-    "checked_switches",
-    "end_with_partings",
-    "steps_of",
-    "switches_of",
-    "takes_switches",
-]
-
 Meeting = Literal["impact", "soft"]
 _MEETINGS = ("impact", "soft")
 
@@ -65,7 +53,7 @@ class PhaseRelease:
         check_choice(f"release {self.constraint!r}: meeting", self.meeting, _MEETINGS)
 
 
-class Switched(Protocol):
+class _Switched(Protocol):
     """What a phase says, see `mbocp.problem.timeline.named_phase.NamedPhase`."""
 
     # fmt: off
@@ -91,12 +79,12 @@ class Switches(NamedTuple):
 T = TypeVar("T")
 
 
-def takes_switches(phases: Iterable[Switched]) -> bool:
+def takes_switches(phases: Iterable[_Switched]) -> bool:
     """Whether a phase holds or releases anything."""
     return any(phase.holds or phase.releases for phase in phases)
 
 
-def begin_with_impacts(phases: Sequence[Switched]) -> tuple[bool, ...]:
+def begin_with_impacts(phases: Sequence[_Switched]) -> tuple[bool, ...]:
     """Which phases begin with a step of no duration, in which velocities leap.
 
     Raises
@@ -107,7 +95,7 @@ def begin_with_impacts(phases: Sequence[Switched]) -> tuple[bool, ...]:
     return (False, *(_leaps(*both) for both in pairwise(phases)))[: len(phases)]
 
 
-def _leaps(before: Switched, phase: Switched) -> bool:
+def _leaps(before: _Switched, phase: _Switched) -> bool:
     held, released = {one.hold for one in before.holds}, {one.constraint for one in phase.releases}
     begin = {f"hold {one.hold.name!r}": one.meeting for one in phase.holds if one.hold not in held}
     for one in before.releases:
@@ -122,7 +110,7 @@ def _leaps(before: Switched, phase: Switched) -> bool:
     return "impact" in found
 
 
-def end_with_partings(phases: Sequence[Switched]) -> tuple[bool, ...]:
+def end_with_partings(phases: Sequence[_Switched]) -> tuple[bool, ...]:
     """Which phases end with a step of no duration, in which velocities become those that are held.
 
     All that is held up to where something is let go: by the schemes it keeps its place alone.
@@ -130,19 +118,19 @@ def end_with_partings(phases: Sequence[Switched]) -> tuple[bool, ...]:
     return (*(_parts(*both) for both in pairwise(phases)), False)[: len(phases)]
 
 
-def _parts(phase: Switched, after: Switched) -> bool:
+def _parts(phase: _Switched, after: _Switched) -> bool:
     held, released = {one.hold for one in after.holds}, {one.constraint for one in phase.releases}
     ends = any(one.hold not in held for one in phase.holds)
     return ends or any(one.constraint not in released for one in after.releases)
 
 
-def steps_of(phases: Sequence[Switched]) -> tuple[int, ...]:
+def steps_of(phases: Sequence[_Switched]) -> tuple[int, ...]:
     """Number of steps of each phase, with those of no duration at its beginning and at its end."""
     ends = zip(phases, begin_with_impacts(phases), end_with_partings(phases), strict=True)
     return tuple(phase.steps + leaps + parts for phase, leaps, parts in ends)
 
 
-def switches_of(phases: Sequence[Switched]) -> Switches:
+def switches_of(phases: Sequence[_Switched]) -> Switches:
     """Spans of all holds and releases in steps of the horizon, and the impacts among these."""
     holds: dict[Hold, list[tuple[int, int]]] = {}
     releases: dict[str, list[tuple[int, int]]] = {}
@@ -172,7 +160,7 @@ def _extend(spans: dict[T, list[tuple[int, int]]], key: T, first: int, last: int
         found.append((first, last))
 
 
-def checked_switches(phases: Sequence[Switched], given: Switches) -> Switches:
+def checked_switches(phases: Sequence[_Switched], given: Switches) -> Switches:
     """Those of a problem: what its phases say, or else what it is given.
 
     Raises

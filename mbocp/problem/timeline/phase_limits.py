@@ -18,8 +18,6 @@ from mbocp.problem.timeline.named_phase import NamedPhase, phase_nodes
 from mbocp.problem.timeline.phase_holds import begin_with_impacts
 from mbocp.robot import Robot
 
-__all__ = ["checked_phases", "in_phase", "limits_along", "limits_of_phases", "widest_limits"]
-
 _AT_NODES = ("q", "v")  # letters of `LIMITS`; others are of steps
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["least_time"]
-
 _SHORTEST = 1e-3  # of the mean length of a step at the least duration: a phase takes some time
 
 

@@ -20,15 +20,6 @@ from mbocp.problem.timeline.named_phase import NamedPhase, are_alike, phase_leng
 from mbocp.problem.timeline.phase_holds import begin_with_impacts, end_with_partings
 from mbocp.problem.timeline.phase_time import least_time
 
-__all__ = [
-    "Mark",
-    "Phase",
-    "free_phases",
-    "node_times",
-    "phases_between",
-    "step_lengths",
-]
-
 _ROOM = 0.05  # of that mean length: what a guess leaves for the steps of a phase at least, where bounds do
 
 
@@ -174,7 +165,7 @@ def free_phases(
     return tuple(found)
 
 
-class Horizon(Protocol):
+class _Horizon(Protocol):
     """What a problem says of its steps, see `mbocp.problem.Problem`."""
 
     # fmt: off
@@ -193,7 +184,7 @@ class Horizon(Protocol):
     # fmt: on
 
 
-def step_lengths(problem: Horizon) -> Array:
+def step_lengths(problem: _Horizon) -> Array:
     """Lengths of the steps [s], or their guess, shape (N,)."""
     if problem.lengths is not None:
         return np.array(problem.lengths)
@@ -207,7 +198,7 @@ def step_lengths(problem: Horizon) -> Array:
     return lengths
 
 
-def node_times(problem: Horizon) -> Array:
+def node_times(problem: _Horizon) -> Array:
     """Times of the nodes [s], or their guess, shape (N + 1,)."""
     is_even = problem.lengths is None and len(problem.phases) < 2 and are_alike(problem.phase)
     if is_even and not problem.impacts:

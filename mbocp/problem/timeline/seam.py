@@ -29,8 +29,6 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.periodic import Periodic
 from mbocp.problem.timeline.switches import SwitchTable, rows_by_frame
 
-__all__ = ["Compared", "check_seam", "compared"]
-
 _TOLERANCE = 1e-6  # of a unit vector, and [m, rad] of what a symmetry moves
 _NUM_POSES = 3  # around the start, where a symmetry has to keep what is held
 _SPREAD = 0.2  # [m, rad]

@@ -18,8 +18,6 @@ from mbocp.problem.timeline.via_time import InPhase
 from mbocp.terms import OwnTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
-__all__ = ["FIRST_STEPS", "Places", "base_counts", "first_count", "has_places"]
-
 FIRST_STEPS = 20  # with which the search for steps begins
 _MOST = 200  # steps among which nodes are looked for
 _ON_NODE = 1e-6  # of a step

@@ -14,8 +14,6 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.step_counts import Places, base_counts
 
-__all__ = ["check_accuracy", "check_lengths", "check_takes_steps", "scaled_lengths"]
-
 _FINEST, _COARSEST = 1e-10, 0.1  # what flows are sure of; beyond, a motion is hardly one
 _ROUND_OFF = 1e-9  # relative: durations that are the same
 _WIDEST = 1e6  # ratio of the longest step and the shortest

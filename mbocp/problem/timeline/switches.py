@@ -18,8 +18,6 @@ from mbocp.mechanisms.held import independent_rows_held, is_moved
 from mbocp.problem.timeline.hold import Hold, Release, holds_in
 from mbocp.robot import Label, Robot
 
-__all__ = ["Begin", "SwitchTable", "check_impacts", "rows_by_frame", "switch_table"]
-
 
 @dataclass(frozen=True, eq=False)
 class Begin:

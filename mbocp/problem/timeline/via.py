@@ -12,8 +12,6 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.via_time import FreeTime, InPhase
 
-__all__ = ["ViaPoint"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViaPoint:

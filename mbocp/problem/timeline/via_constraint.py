@@ -17,8 +17,6 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Label, Robot
 from mbocp.terms import BoundedTerm, FrameGoal, FrameShape, ViaFrameShape, ViaTerm
 
-__all__ = ["AtNode", "ViaConstraint"]
-
 
 @dataclass(frozen=True)
 class AtNode:

@@ -19,8 +19,6 @@ from mbocp.problem.timeline.via_time import FreeTime, InPhase
 from mbocp.robot import Robot
 from mbocp.terms.span import Place
 
-__all__ = ["placed", "via_marks", "via_nodes", "via_order"]
-
 _ON_NODE = 1e-6  # of a step
 _LEAST_LEG = 0.25  # of the mean way between neighbours
 

@@ -21,8 +21,6 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import Robot
 
-__all__ = ["resolved_points", "via_constraints"]
-
 _EXACT = 1e-8  # [m, rad]
 
 

@@ -11,8 +11,6 @@ from mbocp._numbers import is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 
-__all__ = ["FREE", "FreeTime", "InPhase", "time_from", "written_time"]
-
 FREE = "free"
 _KEYS = ("min", "max", "guess")
 _SIDES = ("earliest", "latest", "guess")

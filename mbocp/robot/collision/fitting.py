@@ -20,8 +20,6 @@ from mbocp._arrays import Array
 from mbocp.robot.collision.samples import directions, sequence
 from mbocp.robot.collision.solid import Solid
 
-__all__ = ["Cover", "cover", "sticking_out"]
-
 _POINTS = 1200  # to cover, on the surface and inside each
 _TURNS = 10
 _BALL_STEPS = 40

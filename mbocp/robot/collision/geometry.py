@@ -23,8 +23,6 @@ from mbocp.robot.collision.source import CollisionSource
 from mbocp.robot.loading.visuals import placement_of, shape_of
 from mbocp.robot.payload import SHAPES, Payload, shape_name
 
-__all__ = ["MAX_TRIANGLES", "read_geometry", "triangles_of"]
-
 MAX_TRIANGLES = 1_000_000  # of all meshes of a robot; the largest that we know has 60,000
 _MAX_SIZE = 1e6  # [m] of a mesh
 _MIN_LENGTH = 1e-6  # [m] of a shape

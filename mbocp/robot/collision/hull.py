@@ -15,8 +15,6 @@ from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
 
-__all__ = ["MAX_CORNERS", "Hull", "hull_of", "hull_of_file"]
-
 MAX_CORNERS = 5000
 _MAX_EXCESS = 0.01  # of a file's volume, by which its hull may be larger without being asked for
 _LEAST_VOLUME = 1e-9  # of the cube over the diagonal

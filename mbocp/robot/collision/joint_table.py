@@ -9,8 +9,6 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.large import working_data
 
-__all__ = ["joint_table", "placement_numbers"]
-
 _SCREW, _CIRCLE = 0, 1
 _KINDS = {
     "revolute": _SCREW,

@@ -16,8 +16,6 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
 from mbocp.robot.collision.hull import Hull
 
-__all__ = ["MESH", "SHAPES", "SIZES", "SMOOTHING", "Obstacle"]
-
 # Keys of a shape's sizes, and how many lengths each has.
 SIZES: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},

@@ -26,8 +26,6 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.robot.collision.hull import Hull
 
-__all__ = ["Planes", "planes_around"]
-
 _LEAST_REACH = 1e-3  # [m]
 _SAME = 1.0 - 1e-9  # cosine of normals that are one
 _APART = 0.97  # cosine of normals that are added at once

@@ -8,8 +8,6 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import joints
 
-__all__ = ["ancestors", "reach"]
-
 _TURNING = ("revolute", "continuous", "spherical")
 
 

@@ -10,8 +10,6 @@ from mbocp._arrays import Array
 from mbocp.meshes.parts import Indices
 from mbocp.robot.collision.geometry import triangles_of
 
-__all__ = ["directions", "sequence", "surface_points"]
-
 _PLASTIC = 1.22074408460575947536  # real root of x^4 = x + 1: the most even sequence in three dimensions
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # [rad]
 _CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)

@@ -18,8 +18,6 @@ from mbocp.robot import joints
 from mbocp.robot.collision.reach import ancestors
 from mbocp.robot.collision.spheres import LinkSpheres
 
-__all__ = ["SelfPairs", "disabled_by", "find_srdf", "self_pairs"]
-
 _POSES = 400
 _RESERVE = 0.05  # [m]: links that stay farther apart than this in all poses are left out
 _MAX_BYTES = 4 * MEGABYTE  # of an SRDF

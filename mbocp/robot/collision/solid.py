@@ -18,8 +18,6 @@ from mbocp.robot.collision.samples import surface_points
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-__all__ = ["Solid"]
-
 _CELLS = 40  # along the longest side
 _SURFACE = 6000  # points that distances are measured to
 _SHIFT = 1e-4  # of a cell: rays do not hit the edges of meshes that lie on a grid

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from mbocp.robot.loading.urdf import Urdf
 
-__all__ = ["CollisionSource", "CollisionSphere"]
-
 
 @dataclass(frozen=True)
 class CollisionSphere:

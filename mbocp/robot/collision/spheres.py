@@ -16,8 +16,6 @@ from mbocp.robot.collision.samples import surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere
 
-__all__ = ["LinkSpheres", "link_spheres"]
-
 _TOLERANCE = 0.03  # of the robot's size: how far fitted spheres may stick out
 _MOST = 8  # spheres of a link
 _CHECKED = 8000  # points of a link that are looked at once more

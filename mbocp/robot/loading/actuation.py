@@ -18,8 +18,6 @@ from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Actuation, FrameActuator, Label
 
-__all__ = ["ActuationReader"]
-
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}
 
 

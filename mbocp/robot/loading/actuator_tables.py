@@ -8,8 +8,6 @@ from pydantic import Field, PositiveFloat, model_validator
 
 from mbocp.robot.loading.table_types import Component, Number, Table, Vector3, is_zero
 
-__all__ = ["ActuationTable", "Actuator", "DriveTable", "JointActuator", "Thruster", "Wrench"]
-
 
 class ActuationTable(Table):
     """[actuation]: the joints that have motors, in the order of the controls."""

@@ -25,8 +25,6 @@ from mbocp.robot.resistance import FRICTION_SPEED
 from mbocp.robot.robot import Robot
 from mbocp.symbolic import placements_of_followers
 
-__all__ = ["LossesOf", "assemble_robot", "losses_of"]
-
 # Losses of some joints, by name; None: of all.
 LossesOf: TypeAlias = tuple[Losses, frozenset[str] | None]
 

@@ -10,8 +10,6 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.loading.urdf import ROOT_JOINT
 
-__all__ = ["make_spherical"]
-
 _LIMITS_V = (
     "lowerEffortLimit",
     "upperEffortLimit",

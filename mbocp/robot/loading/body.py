@@ -25,8 +25,6 @@ from mbocp.robot.loading.visuals import build_visuals, resolve
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 
-__all__ = ["Body", "initial_pose", "make_body", "object_body", "posed_joints"]
-
 # A URDF that says "mimic" means it. example-robot-data builds its models without, as do the collections that
 # have a robot.yaml, whose motors may be on such joints.
 _MIMIC = {"toml": True, "yaml": False, "urdf": True, "chain": True, "example": False}

@@ -13,8 +13,6 @@ from xml.etree import ElementTree
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf import Urdf
 
-__all__ = ["EXAMPLE", "MAX_LINKS", "chain_description", "chain_urdf", "num_links"]
-
 EXAMPLE = "chain_8"
 MAX_LINKS = 1000  # as of any robot, see mbocp.robot.loading.urdf_tree
 _LENGTH, _RADIUS, _MASS = 0.25, 0.018, 0.5  # [m, m, kg]

@@ -14,8 +14,6 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.robot import Robot
 
-__all__ = ["IndefiniteMassMatrix", "SingularMassMatrix", "check_mechanics"]
-
 _NUM_POSES = 16  # at which a mass matrix that may be indefinite is looked at
 _MIN_SHARE = 1e-3  # share of the null vector from which a joint is named
 

@@ -18,8 +18,6 @@ from mbocp.robot.loading.body import Body, initial_pose, posed_joints
 from mbocp.robot.loading.schema import InitialTable, RobotTable
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 
-__all__ = ["Part", "combined", "prefixed", "prefixed_frame"]
-
 _SHARED = {"gravity": (0.0, 0.0, -9.81), "rotations": "quaternion"}  # of all parts, and what is usual
 _OF_VELOCITIES = (
     "armature",

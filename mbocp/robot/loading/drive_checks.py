@@ -15,8 +15,6 @@ from mbocp.robot.drives import drive_column, moved_joints
 from mbocp.robot.parts import Drive
 from mbocp.robot.robot import Robot
 
-__all__ = ["check_drives"]
-
 _NUM_SAMPLES = 5  # random configurations at which a drive is checked
 _SEED = 20170
 

@@ -14,8 +14,6 @@ from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Drive
 
-__all__ = ["DriveReader"]
-
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
 
 

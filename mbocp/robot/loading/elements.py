@@ -27,8 +27,6 @@ from mbocp.robot.parts import (
     SpringDamper,
 )
 
-__all__ = ["Assembly"]
-
 _MIN_LENGTH = 1e-9  # [m] of a spring whose coefficient is its stiffness by the square of its length
 _STEEL, _BRASS = (0.35, 0.35, 0.38, 1.0), (0.75, 0.5, 0.15, 1.0)
 _LOOKS = {"rod": (0.02, _STEEL), "spring": (0.06, _BRASS), "line": (0.005, _STEEL)}

@@ -25,8 +25,6 @@ from mbocp.robot.loading.mimic import Follower, followers
 from mbocp.robot.loading.urdf import build_model, captured_stderr, read_urdf
 from mbocp.robot.loading.visuals import build_visuals
 
-__all__ = ["Example", "ExampleFacts", "description", "example_facts", "load_example", "names"]
-
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
 _CORRECTED = {"ur3": "UR3Loader"}
 _COLLISION_ONLY = ("PandaLoaderCollision",)

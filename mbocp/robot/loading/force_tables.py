@@ -8,8 +8,6 @@ from pydantic import model_validator
 
 from mbocp.robot.loading.table_types import Length, PairTable, PositiveNumber
 
-__all__ = ["QuarticSpringTable", "SpringDamperTable"]
-
 
 class QuarticSpringTable(PairTable):
     """A spring with a quartic potential."""

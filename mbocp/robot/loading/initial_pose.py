@@ -16,8 +16,6 @@ from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import InitialPoseWarning
 
-__all__ = ["close_loops"]
-
 
 def close_loops(robot: Robot, given: Sequence[str]) -> Robot:
     """Return the robot with an initial pose that closes the loops, and without redundant rows.

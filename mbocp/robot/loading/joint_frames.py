@@ -12,8 +12,6 @@ from mbocp.robot.loading.placement_table import placement_from
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loops.constraints import ConstraintKeys
 
-__all__ = ["with_joint_frames"]
-
 
 def with_joint_frames(
     model: pin.Model, table: RobotTable, robot: str, file: Path

@@ -4,6 +4,4 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-__all__ = ["Kind"]
-
 Kind: TypeAlias = Literal["toml", "yaml", "urdf", "chain", "example"]

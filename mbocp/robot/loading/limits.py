@@ -14,8 +14,6 @@ from mbocp.robot.loading.mimic import Follower
 from mbocp.robot.parts import Limits
 from mbocp.robot.warnings import NotModelledWarning
 
-__all__ = ["limit_of", "limits_of"]
-
 _NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
 
 

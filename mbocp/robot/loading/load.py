@@ -20,8 +20,6 @@ from mbocp.robot.loading.world import load_parts
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
-__all__ = ["load_robot", "robot_from_spec"]
-
 LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
 
 # Options of each part; beside several parts they would not say whose.

@@ -18,8 +18,6 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.symbolic import ModelNumber, all_numbers, values_of, with_values
 
-__all__ = ["decided_by_locks"]
-
 _SAMPLES = 3  # values of the joints; what depends on them differs between two of them but for an accident
 _ROUND_OFF = 1e-13  # of the largest entry of an inertia's moments, or a placement
 

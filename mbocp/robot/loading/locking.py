@@ -15,8 +15,6 @@ from mbocp.robot.large import check_working_memory
 from mbocp.robot.loading.lock_numbers import decided_by_locks
 from mbocp.symbolic import ModelNumber
 
-__all__ = ["Lock", "joint_configuration", "lock_joints", "pose_by_joint", "refuse_follower"]
-
 Lock = Mapping[str, float | Sequence[float]] | Sequence[str]
 _MIN_NORM = 1e-8
 

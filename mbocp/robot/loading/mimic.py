@@ -12,8 +12,6 @@ from mbocp._text import listed
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import finite_numbers
 
-__all__ = ["Follower", "followers", "with_first_leaders"]
-
 _KINDS = ("revolute", "continuous", "prismatic")
 _MAX_NAMES = 12  # in a message
 _REMEDY = "mend it, or load the robot with mimic = false"

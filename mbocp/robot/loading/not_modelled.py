@@ -17,8 +17,6 @@ from mbocp.robot.loading.urdf_inertia import read_inertials
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
 from mbocp.robot.warnings import NotModelledWarning
 
-__all__ = ["tell_not_modelled"]
-
 # Tags and attributes of extensions of the format that change the equations of motion.
 _SPRINGS = ("springStiffness", "spring_stiffness", "stiffness")
 _ROTORS = ("rotorInertia", "rotor_inertia", "motorInertia", "motor_inertia", "armature")

@@ -9,8 +9,6 @@ from xml.etree import ElementTree
 from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.payload import Payload
 
-__all__ = ["OBJECT_LINK", "object_urdf", "solid_inertia"]
-
 OBJECT_LINK = "body"  # the one link of an object, at the centre of its shape
 _COLOR = "0.92 0.62 0.18 1"
 _INERTIA = '<inertia ixx="{}" iyy="{}" izz="{}" ixy="{}" ixz="{}" iyz="{}"/>'

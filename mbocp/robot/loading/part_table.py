@@ -19,8 +19,6 @@ from mbocp.robot.loading.placement_table import Orientation, Position, placement
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
 
-__all__ = ["PartTable", "part_of"]
-
 
 def _name(value: Any) -> str:
     if not isinstance(value, str) or not value or SEPARATOR in value or has_control_characters(value):

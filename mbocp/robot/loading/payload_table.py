@@ -13,8 +13,6 @@ from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
-__all__ = ["PayloadTable", "ShapeTable", "payloads_of"]
-
 _NUMPY = (np.ndarray, np.generic)
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
 

@@ -12,8 +12,6 @@ from pydantic import BeforeValidator
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 
-__all__ = ["Orientation", "Position", "placement_from"]
-
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 
 

@@ -16,8 +16,6 @@ from mbocp.robot.loading.mimic import Follower
 from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 from mbocp.robot.warnings import NotModelledWarning
 
-__all__ = ["FRICTION_MODELS", "Losses", "joint_resistances"]
-
 FRICTION_MODELS = ("none", "smooth")
 _MAX_NAMES = 6  # in a message
 

@@ -29,8 +29,6 @@ from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.loops.constraints import ConstraintKeys, Point, Weld
 from mbocp.robot.warnings import IgnoredKeysWarning
 
-__all__ = ["RobotYaml", "read_robot_yaml"]
-
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in _AXES if a != b))

@@ -12,8 +12,6 @@ import yaml
 
 from mbocp.exceptions import Unreadable
 
-__all__ = ["MAX_LEVELS", "MAX_NODES", "parse_yaml"]
-
 MAX_NODES = 20_000  # names, lists and tables, each as often as aliases repeat it
 MAX_LEVELS = 20  # of lists and tables within each other
 

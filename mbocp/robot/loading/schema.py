@@ -35,17 +35,6 @@ from mbocp.robot.loading.table_types import (
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS, ConstraintKeys
 
-__all__ = [
-    "TABLES",
-    "CollisionSphereTable",
-    "InitialTable",
-    "RobotTable",
-    "VisualTable",
-    "read_robot_toml",
-    "tables_from",
-]
-
-
 if TYPE_CHECKING:
     ConstraintTable: TypeAlias = ConstraintKeys
 else:

@@ -10,8 +10,6 @@ from pydantic import ValidationError
 from mbocp._text import shown
 from mbocp.exceptions import suggest
 
-__all__ = ["first_complaint"]
-
 Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]
 
 

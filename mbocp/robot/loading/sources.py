@@ -28,8 +28,6 @@ from mbocp.robot.loading.kinds import Kind
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
-__all__ = ["RobotEntry", "Source", "find_source", "list_robots", "robot_folders"]
-
 TOML = "robot.toml"
 YAML = "robot.yaml"
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"

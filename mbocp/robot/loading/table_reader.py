@@ -16,8 +16,6 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.locking import refuse_follower
 from mbocp.robot.parts import Connector
 
-__all__ = ["TableReader"]
-
 
 @dataclass(frozen=True)
 class TableReader:

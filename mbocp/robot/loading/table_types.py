@@ -16,21 +16,6 @@ from pydantic import (
 
 from mbocp._text import has_control_characters
 
-__all__ = [
-    "Component",
-    "Direction",
-    "FramePair",
-    "Length",
-    "Number",
-    "Numbers",
-    "PairTable",
-    "PositiveNumber",
-    "Printable",
-    "Table",
-    "Vector3",
-    "is_zero",
-]
-
 _MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]

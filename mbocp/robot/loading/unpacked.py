@@ -14,8 +14,6 @@ from typing import Any
 
 from mbocp._text import shortened
 
-__all__ = ["LIST", "PREFIX", "Addresses", "unpacked_file", "unpacked_root", "unpacked_source"]
-
 PREFIX = "mbocp-robot-"  # of the folder's name
 LIST = "mbocp-robot.json"
 

@@ -23,8 +23,6 @@ from mbocp.robot.loading.urdf_inertia import read_inertials, tell_impossible_ine
 from mbocp.robot.loading.urdf_losses import check_losses
 from mbocp.robot.loading.urdf_tree import check_tree
 
-__all__ = ["Urdf", "build_model", "read_urdf"]
-
 ROOT_JOINT = "root_joint"
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
 _MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB

@@ -17,8 +17,6 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
 from mbocp.robot.warnings import ImpossibleInertiaWarning
 
-__all__ = ["Inertial", "read_inertials", "tell_impossible_inertias", "total_mass"]
-
 _ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number
 _PRINT_TOLERANCE = 0.02  # of a link's largest moment: error of numbers with few digits
 _KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

@@ -9,8 +9,6 @@ from mbocp._text import shown
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
-__all__ = ["check_losses"]
-
 
 def check_losses(path: Path, root: ElementTree.Element) -> None:
     """Check ``<dynamics damping= friction=>`` of every joint.

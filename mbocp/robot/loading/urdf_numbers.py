@@ -12,8 +12,6 @@ from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp.exceptions import RobotFileError
 
-__all__ = ["LARGEST", "child_attribute", "finite_number", "finite_numbers"]
-
 LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers stay finite
 # Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")

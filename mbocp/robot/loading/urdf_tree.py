@@ -13,8 +13,6 @@ from mbocp._text import has_control_characters, listed, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 
-__all__ = ["MAX_CHAIN_LENGTH", "MAX_MOVING_JOINTS", "check_tree"]
-
 MAX_MOVING_JOINTS = 1000  # joints; loading takes nv^2 memory and nv^3 time
 MAX_CHAIN_LENGTH = 1200  # joints; the stack of a thread (8 MB) ends somewhere between 2000 and 4000
 

@@ -24,8 +24,6 @@ from mbocp.robot.loading.urdf import Urdf
 from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
 from mbocp.robot.warnings import MissingMeshWarning
 
-__all__ = ["build_visuals", "placement_of", "resolve", "shape_of"]
-
 _GREY = (0.7, 0.7, 0.72, 1.0)
 _SCHEMES = ("package://", "model://")
 _SCALE_RANGE = (1e-9, 1e9)  # of a mesh, in size; a mirror has a negative one

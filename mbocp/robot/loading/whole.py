@@ -27,8 +27,6 @@ from mbocp.robot.loading.whole_table import by_joint, with_own_tables
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot
 
-__all__ = ["Options", "Whole", "whole_from_source", "whole_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Options:

@@ -13,8 +13,6 @@ from mbocp.robot.loading.body import Body
 from mbocp.robot.loading.schema import InitialTable, RobotTable
 from mbocp.robot.placed import SEPARATOR
 
-__all__ = ["by_joint", "with_own_tables"]
-
 _NAMED = {"constraints": "constraint", "springs": "spring", "spring_dampers": "spring_damper"}
 _LISTS = ("actuators", "drives", "visuals", "collision_spheres", *_NAMED)
 

@@ -17,8 +17,6 @@ from mbocp.robot.loading.whole_table import by_joint
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
-__all__ = ["load_parts"]
-
 
 def load_parts(
     parts: Sequence[PartTable | Mapping[str, Any]],

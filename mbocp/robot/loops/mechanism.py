@@ -11,8 +11,6 @@ from mbocp._arrays import Array
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Label
 
-__all__ = ["Mechanism"]
-
 
 class Mechanism(Protocol):
     """A multibody system with holonomic constraints, see `mbocp.robot.Robot`.

@@ -23,19 +23,6 @@ from mbocp.robot.large import working_data
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.loops.mechanism import Mechanism
 
-__all__ = [
-    "REDUNDANT_ROW_TOLERANCE",
-    "assemble",
-    "assemble_velocity",
-    "attitude_rows",
-    "closure_by_angle",
-    "components",
-    "follow",
-    "gauss_newton",
-    "reduced",
-    "violations",
-]
-
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
 
 REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: URDFs have six digits

@@ -19,8 +19,6 @@ from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
 
-__all__ = ["redundant_rows", "singular_closure", "singular_pose"]
-
 _log = logging.getLogger(__name__)
 
 _NUM_POSES = 5  # around the initial one

@@ -14,8 +14,6 @@ from mbocp.robot import joints
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.constraints import Constraint
 
-__all__ = ["Closure"]
-
 
 class Closure:
     """Residual and tangent Jacobian of a model's constraints, all rows.

@@ -15,8 +15,6 @@ from mbocp.robot.poses.rows import PoseRows
 from mbocp.robot.poses.search import reach
 from mbocp.robot.poses.target import FrameTarget
 
-__all__ = ["along_poses"]
-
 _TOLERANCE = 1e-9  # [m, rad]
 _LEAP, _FACTOR = 0.5, 4.0  # [rad, m] beyond so many times the step of what is near: another branch
 

@@ -10,8 +10,6 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.robot import joints
 
-__all__ = ["JointBounds", "inside", "joint_bounds"]
-
 _AT_BOUND = 1e-9  # [rad, m]
 _SPREAD = 1.0  # [m] of random displacements that have no bounds
 

@@ -25,8 +25,6 @@ from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.robot.poses.search import reach
 from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
 
-__all__ = ["InverseKinematics", "LimitChoice", "Posable", "closed_anywhere", "solve_inverse_kinematics"]
-
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
 
 _SAME = 1e-3  # [rad, m] between configurations that count as one

@@ -25,8 +25,6 @@ from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import closure_by_angle
 from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
 
-__all__ = ["CLOSURE_WEIGHT", "PoseErrors", "PoseRows", "placement_of"]
-
 CLOSURE_WEIGHT = 30.0  # of rows of closed loops beside those of a pose that is out of reach
 
 

@@ -17,8 +17,6 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray
 from mbocp.robot.poses.bounds import JointBounds
 
-__all__ = ["ReachRows", "reach"]
-
 _MAX_ITERATIONS = 80  # six to fifteen are typical
 _MAX_STEP = 1.0  # [rad, m] of one joint
 _MIN_DAMPING = 1e-14  # of the largest diagonal entry: above round-off

@@ -16,8 +16,6 @@ from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.kinematics import WORLD
 
-__all__ = ["FrameTarget", "Targets", "normals_to", "rotation_between", "target_from_words", "targets_of"]
-
 _MIN_NORM = 1e-8  # below, a direction is noise
 _ROUND_OFF = 1e-15  # of a norm: what is written and read again stays as it is
 _COORDINATES = ("x", "y", "z")

@@ -18,8 +18,6 @@ from dataclasses import dataclass, field, replace
 
 from mbocp.solvers.newton_method.filter import Filter
 
-__all__ = ["Centring", "aimed_barrier", "may_correct"]
-
 _MEMORY = 4  # residuals, of which the next one has to be below the largest ...
 _PROGRESS = 0.9999  # ... times this ...
 _GROWTH = 100.0  # ... and below the smallest times this

@@ -10,8 +10,6 @@ from mbocp.solvers.tolerances import FEASIBLE_VIOLATION
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, Trial
 
-__all__ = ["Filter"]
-
 _MARGIN = (
     1e-5  # relative decrease of the violation, or of the cost against the violation, that counts as progress
 )

@@ -8,8 +8,6 @@ from mbocp.solvers.newton_method.newton import NewtonState, factorise
 from mbocp.solvers.staggered.multiplier import end_multiplier
 from mbocp.solvers.staggered.sweep import Kept, Sweeps
 
-__all__ = ["with_adjoint", "with_least_squares"]
-
 _MAX_ADJOINT = 1e8  # of a backward sweep that is worth starting from
 _STIFF = 100.0  # shift with which a Newton step gives multipliers that fit, hardly moving the states
 _EXPLAINED = 0.2  # of the gradient: what they may leave

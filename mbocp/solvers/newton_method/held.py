@@ -19,8 +19,6 @@ from mbocp.solvers.newton_method.limits import multipliers_in_rows, why_limits_c
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme
 
-__all__ = ["hold_active_limits"]
-
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _ANY = 1.0  # barrier parameter: equations have none
 

@@ -29,21 +29,6 @@ from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelDirection, KernelProgramme
 
-__all__ = [
-    "aimed",
-    "fixed",
-    "init_barrier",
-    "largest_product",
-    "multipliers_in_rows",
-    "multipliers_of",
-    "predicts",
-    "raised",
-    "resumed",
-    "update_barrier",
-    "warm_barrier",
-    "why_limits_cannot_be_kept",
-]
-
 _BARRIER_BY_COST = 0.1  # initial sum of mu over all limits, by the cost of the guess ...
 _MIN_BARRIER, _MAX_BARRIER = 1e-5, 1.0  # ... within these
 _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and to their gap

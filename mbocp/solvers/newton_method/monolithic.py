@@ -82,8 +82,6 @@ from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Factorisation, KernelCare
 
-__all__ = ["GlobalisedNewton", "PureNewton"]
-
 _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take more follow a valley
 _RESTARTS = 2
 _MIN_SHIFT = 1e-6  # of the Hessian: a larger one makes many short steps along flat valleys

@@ -18,18 +18,6 @@ from mbocp.solvers.staggered.sweep import Kept, Sweeps
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, Factorisation, KernelDirection, KernelProgramme
 
-__all__ = [
-    "Direction",
-    "NewtonState",
-    "Reference",
-    "check_termination",
-    "factorise",
-    "is_resolved",
-    "new_state",
-    "next_state",
-    "start",
-]
-
 _MIN_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
 _MAX_AUGMENTATION = 1e12
 

@@ -21,8 +21,6 @@ from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual, 
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest
 
-__all__ = ["Judged", "can_be_polished", "meets", "polisher"]
-
 _STEPS = 30  # Newton steps: from near a solution it takes a few, or does not get there
 
 

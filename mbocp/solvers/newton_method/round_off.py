@@ -36,8 +36,6 @@ from mbocp.solvers.staggered.sweep import Kept
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelProgramme
 
-__all__ = ["has_a_say", "relative_increment", "relative_residual", "round_off", "round_off_of_terms"]
-
 _ROUND_OFF = 8.0 * 2.0**-52
 # Of terms: each is what hundreds of operations on links come to, and all of them round. Chains of 8 and 16
 # links leave between 0.5 and 120 times the machine's precision.

@@ -12,8 +12,6 @@ from mbocp.programme.kernel import kernel
 if TYPE_CHECKING:
     from mbocp.programme.kernel import KernelCare
 
-__all__ = ["MAX_SHIFT", "bold", "careful"]
-
 MAX_SHIFT = 1e10
 
 

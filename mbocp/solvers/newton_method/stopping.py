@@ -17,8 +17,6 @@ from mbocp.solvers.newton_method.round_off import (
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation
 
-__all__ = ["STILL", "has_arrived", "is_within_round_off", "leads_no_farther", "stillness"]
-
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _STALL_WITHIN_LIMITS = 0.05  # the same of increments there, which vary more where they are round-off
 _RESOLVED = 1e-2  # of the tolerance, for the residual, ...

@@ -9,8 +9,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import NlpLayout
 
-__all__ = ["bounds_of", "check_fatrop_takes", "kinds_of_bounds", "missed", "tightened"]
-
 _FATROP_RELAXES = 1e-8  # relative to a bound, absolute below one
 _INSTEAD = 'take "monolithic" or "ipopt"'
 

@@ -17,9 +17,6 @@ from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import Index, NlpLayout
 
-__all__ = ["NlpFunctions", "all_or_none", "calm_or_none", "finite_or_zero", "parameters"]
-
-
 _INPUTS = ["x", "p", "lam_f", "lam_g"]  # of functions of the Lagrangian
 
 

@@ -33,8 +33,6 @@ from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.iterating import Callback, SolverResult
 
-__all__ = ["InteriorPoint", "Watch", "unpacked"]
-
 Watch = Callable[[IterationRecord, Array | None], object]
 
 _THROWN = "exception was raised in the solver"

@@ -11,8 +11,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["IterationCallback"]
-
 
 class IterationCallback(ca.Callback):
     """A function of the unknowns that is zero, and NaN once the solve must end.

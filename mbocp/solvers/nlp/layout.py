@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from mbocp.programme import StagewiseProgramme
 
-__all__ = ["NlpLayout"]
-
 Index = NDArray[np.int64]
 
 

@@ -19,8 +19,6 @@ from typing import Any
 from mbocp.programme.kernel import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
-__all__ = ["IterationLog", "OfThread", "whole_lines"]
-
 _NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"
 _LINE = re.compile(
     rf"^\s*(?P<iteration>\d+)(?P<restoration>r?)\s+(?P<cost>{_NUMBER})\s+(?P<primal>{_NUMBER})\s+"

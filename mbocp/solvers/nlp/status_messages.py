@@ -12,8 +12,6 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.records import Status
 
-__all__ = ["advice_of", "status_of"]
-
 _ACCEPTABLE_RESIDUAL = 1e-5  # residual below which a solver that stalls has found what it was looking for
 
 _IPOPT = {

@@ -39,8 +39,6 @@ from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, KernelProgramme
 
-__all__ = ["FBSMGradient", "GradientState"]
-
 _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40
 _ARMIJO = 1e-4

@@ -37,8 +37,6 @@ from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, KernelProgramme
 
-__all__ = ["FBSMNewton"]
-
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT = 1e-3
 _MAX_DENSE_UNKNOWNS = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB

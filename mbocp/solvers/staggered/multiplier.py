@@ -18,8 +18,6 @@ from mbocp.solvers.staggered.sweep import Sweeps
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, KernelProgramme
 
-__all__ = ["EndCondition", "end_multiplier"]
-
 _RANK = 1e-12  # relative singular value of G below which a row adds nothing
 
 

@@ -28,8 +28,6 @@ from mbocp.programme import StagewiseProgramme
 if TYPE_CHECKING:
     from mbocp.programme.kernel import Evaluation, KernelProgramme
 
-__all__ = ["Kept", "Sweep", "Sweeps", "init_sweeps"]
-
 _TOLERANCE = 1e-13  # of a step's equations in the programme's scaling: round-off
 _ITERATIONS = 50
 _AMPLIFICATION = 100.0  # of the sensitivities by opening the loop, above which it is closed

@@ -29,8 +29,6 @@ from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError
 from mbocp.solvers.strategies.iterating import Callback, SolverResult
 
-__all__ = ["run_apart"]
-
 _GRACE = 1.0  # [s] beyond a time limit: for the process to begin, and for an iteration that is under way
 _ALONE = threading.RLock()
 

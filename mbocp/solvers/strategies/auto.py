@@ -18,8 +18,6 @@ from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, how_it_end
 from mbocp.solvers.strategies.progress import WINDOW, has_stalled
 from mbocp.solvers.strategies.registry import make_solver
 
-__all__ = ["solve_automatically"]
-
 _PATIENCE = 200  # iterations without progress, of the phase after which there is no other
 _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
 

@@ -10,8 +10,6 @@ from typing import IO, Any
 
 from mbocp.solvers.strategies.elsewhere import Answer, Failure, Told, receive, send
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Do what comes in until nothing does any more, or the parent ends."""

@@ -20,8 +20,6 @@ from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.phases import Outcome, Start
 from mbocp.solvers.strategies.units import Run, run_in
 
-__all__ = ["cost_factor", "is_no_cost", "run_with_tiny_costs"]
-
 _MIN_COST = 1e-5  # cost: ten thousand tolerances of the default
 _ZERO = 1e-20  # cost: the square of controls of 1e-10, in units in which ordinary ones are about 1
 _ROUND_OFF = 1e-6  # residual in the unit of a cost of about 1: more is no round-off

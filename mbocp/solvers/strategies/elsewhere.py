@@ -22,18 +22,6 @@ from typing import IO, Protocol
 
 from mbocp._processes import python_command
 
-__all__ = [
-    "Answer",
-    "Elsewhere",
-    "ElsewhereEnded",
-    "ElsewhereError",
-    "Failure",
-    "Task",
-    "Told",
-    "receive",
-    "send",
-]
-
 _START = "from mbocp.solvers.strategies.child import main\nmain()\n"
 _LENGTH = struct.Struct("<Q")  # bytes that follow
 _GRACE = 0.5  # [s] for a task that is to stop in the midst of an iteration

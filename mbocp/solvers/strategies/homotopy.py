@@ -22,8 +22,6 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import STOPPED
 
-__all__ = ["beyond", "brought_back", "can_leave_out_limits", "widened", "without_limits"]
-
 _FAR = 1e100  # a side that no value gets near, but a number: the row is evaluated
 _MOST_RUNS, _MOST_FAILURES = 8, 2
 

@@ -12,8 +12,6 @@ from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import STOPPED, Phases, how_it_ended
 
-__all__ = ["run_interior"]
-
 _SETTLED = (Status.CONVERGED, Status.LINE_SEARCH_FAILED)  # ends of an interior-point solver at a solution
 
 

@@ -14,8 +14,6 @@ from mbocp.solvers.newton_method.limits import multipliers_of
 from mbocp.solvers.protocol import Measures, Solver, SolverState
 from mbocp.solvers.records import IterationRecord, Status
 
-__all__ = ["Callback", "SolverResult", "StopTest", "run"]
-
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
 _MUCH_LESS = 0.1  # of the last increment: the next one that is, and is foreseen, is not just more round-off
 _HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
 
-__all__ = ["Patience"]
-
 # What helps, helps soon: of the problems that a later attempt solves, few need more than some times what the
 # first took. Twenty leaves room for IPOPT and three guesses; ...
 _TIMES = 20.0

@@ -19,8 +19,6 @@ from mbocp.solvers.strategies.patience import Patience
 if TYPE_CHECKING:
     from mbocp.solvers.nlp.interior_point import InteriorPoint
 
-__all__ = ["STOPPED", "Outcome", "Phases", "Start", "how_it_ended"]
-
 STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
 
 

@@ -12,8 +12,6 @@ from mbocp.solvers.protocol import Solver
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.staggered.switch import Switch
 
-__all__ = ["INTERIOR_POINT", "SOLVERS", "make_solver"]
-
 INTERIOR_POINT = ("ipopt", "fatrop")  # solvers of others, see `mbocp.solvers.nlp`; they run as a whole
 
 Maker = Callable[[SolverSettings, Switch | None], Solver[Any]]

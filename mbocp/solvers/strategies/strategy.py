@@ -19,8 +19,6 @@ from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, Start, how
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
 from mbocp.solvers.strategies.units import run_in
 
-__all__ = ["Strategy", "run_strategy"]
-
 
 @dataclass(frozen=True)
 class Strategy:

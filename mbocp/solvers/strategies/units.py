@@ -19,8 +19,6 @@ from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Start
 
-__all__ = ["Run", "counted_in", "iterate_in", "run_in"]
-
 Run = Callable[[SolverSettings, Start], Outcome]
 
 

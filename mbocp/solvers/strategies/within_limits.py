@@ -17,8 +17,6 @@ from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, how_it_end
 from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.strategies.registry import make_solver
 
-__all__ = ["solve_within_limits"]
-
 _WITHOUT, _WIDER = " without limits", " with wider limits"  # behind the names of phases
 
 SolveFreely = Callable[[SolverSettings, Iterate, Phases], Outcome]

@@ -9,8 +9,6 @@ from mbocp.view.figures.lines import LinePanel
 from mbocp.view.figures.style import plain_text
 from mbocp.view.forces import in_time
 
-__all__ = ["force_panels"]
-
 _FORCE = "J/m"  # unit of multipliers of positions: newtons
 
 

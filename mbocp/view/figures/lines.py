@@ -22,8 +22,6 @@ from mbocp.view.figures.style import (
     shorten,
 )
 
-__all__ = ["FEW", "LinePanel", "line_panels"]
-
 FEW = 4  # curves whose names fit over a panel
 _ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
 _FAINT: Any = {"alpha": 0.3, "linewidth": 0.6}

@@ -31,22 +31,6 @@ from mbocp.view.figures.style import (
 )
 from mbocp.view.figures.zigzag import SHORT_NOTE, without_zigzag
 
-__all__ = [
-    "LinePanel",
-    "Panel",
-    "control_panels",
-    "convergence_panel",
-    "cost_panel",
-    "drift_panel",
-    "hamiltonian_panel",
-    "momentum_panel",
-    "multiplier_panels",
-    "rate_limit_panels",
-    "rate_panels",
-    "state_panels",
-]
-
-
 _MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
 _FINE = 4  # pieces in which the polynomial of a step is drawn
 _MAX_MARKERS = 40  # more merge into a band

@@ -19,8 +19,6 @@ from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["FramePaths", "frame_paths"]
-
 _HINGES = ("revolute", "continuous", "spherical")
 _NUM_ARROWS = 7
 _FLATNESS_RATIO = 0.25  # of the size: how thick a robot may be whose motion is drawn as flat

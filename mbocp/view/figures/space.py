@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["clearance_panels", "frame_panels"]
-
 
 def frame_panels(solution: Solution, robot: Robot) -> list[LinePanel]:
     """Return where the frames that the robot traces are, and how fast they go, in the world's axes."""

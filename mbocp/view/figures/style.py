@@ -21,27 +21,6 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution.atomic import replace_file
 
-__all__ = [
-    "GREY",
-    "PALETTE",
-    "SUFFIXES",
-    "WARNING",
-    "LineStyle",
-    "calm_limits",
-    "finish_axes",
-    "house_style",
-    "line_style",
-    "mark_phases",
-    "mark_time",
-    "new_figure",
-    "note_beside_title",
-    "note_in_corner",
-    "plain_text",
-    "save_figure",
-    "shorten",
-    "strip_legend",
-]
-
 # Okabe and Ito's palette, which people with any colour vision can tell apart; yellow is too pale for a line.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#222222")
 GREY = "#8A8A8A"

@@ -6,8 +6,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 
-__all__ = ["SHORT_NOTE", "without_zigzag"]
-
 SHORT_NOTE = "mean of neighbours; faint: as computed"
 _FEWEST = 8  # values of which one can say that they zigzag
 _MOST_TIMES = 3

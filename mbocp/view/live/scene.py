@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
     from mbocp.view.marks import Marks
 
-__all__ = ["LiveScene", "viser_module"]
-
 _MOVES = ("position", "quaternion", "scale")
 _GRID = 40.0  # side of the floor in sizes of the scene
 _BACK, _ASIDE = 1.3, 0.1  # by which the camera steps back and aside, for the panel of the page

@@ -20,8 +20,6 @@ from urllib.parse import urlsplit
 from mbocp.exceptions import ReplayError
 from mbocp.view.live.scene import viser_module
 
-__all__ = ["is_own_page", "page_server"]
-
 _FOREIGN = "This page is for the browser that opened it.\n"
 
 

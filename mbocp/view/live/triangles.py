@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
 
-__all__ = ["Triangles", "triangles_of"]
-
 _TYPES = {"Float32Array": "<f4", "Uint32Array": "<u4", "Int32Array": "<i4", "Uint8Array": "u1"}
 _STL_HEADER = 84  # [bytes]
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -19,8 +19,6 @@ from mbocp.view.meshcat.shapes import cone, nice_length, tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
 
-__all__ = ["ForceArrows", "force_arrows"]
-
 _LONGEST = 0.25  # of the scene's size
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.0035, 0.009, 0.03  # of the scene's size: radii, and length
 _USUAL = 0.98  # quantile of sizes that is drawn at `_LONGEST` at most: a short peak may be longer

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from mbocp.robot.collision.hull import Hull
     from mbocp.robot.collision.obstacle import Obstacle
 
-__all__ = ["obstacle_commands", "obstacle_points", "sphere_commands"]
-
 _SPHERE = (0.10, 0.45, 0.85)  # RGB
 _OPACITY = 0.35
 _OBSTACLE = (0.80, 0.36, 0.22)  # RGB

@@ -11,17 +11,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.view.meshcat.viewer import SetObject, mg
 
-__all__ = [
-    "Command",
-    "Track",
-    "colour_number",
-    "set_animation",
-    "set_object",
-    "set_property",
-    "set_transform",
-    "shape_object",
-]
-
 FOREVER = 1_000_000_000  # repetitions; meshcat has no word for "without end"
 
 

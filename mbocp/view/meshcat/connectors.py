@@ -16,8 +16,6 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import Connector
 
-__all__ = ["connector_commands", "directions"]
-
 _LINE_RADIUS = 0.0015  # of the scene's size
 
 

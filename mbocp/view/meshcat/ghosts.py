@@ -18,16 +18,6 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = [
-    "COLOURS",
-    "Other",
-    "ghost_commands",
-    "ghost_points",
-    "other_commands",
-    "other_tracks",
-    "path_points",
-]
-
 _OPACITY = 0.35
 _OTHER_OPACITY = 0.55
 COLOURS = {  # of other motions, told apart by people with any colour vision

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
     from mbocp.terms import FrameGoal
 
-__all__ = ["axis_points", "goal_commands", "goal_placements", "mark_commands", "mark_points"]
-
 _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
 _FAINT = 0.3  # opacity
 _BALL = 0.012

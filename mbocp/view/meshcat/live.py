@@ -17,8 +17,6 @@ from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import Scene
 from mbocp.view.meshcat.viewer import meshcat
 
-__all__ = ["LiveReplay", "ends_gently"]
-
 
 class LiveReplay:
     """meshcat's server as a child process on the loopback interface; use it in a `with` block."""

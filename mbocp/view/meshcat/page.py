@@ -24,8 +24,6 @@ from mbocp.exceptions import ReplayError
 from mbocp.view.meshcat.scene import FORCES, Scene
 from mbocp.view.meshcat.viewer import Ext, meshcat
 
-__all__ = ["Below", "render_page"]
-
 _MIN_SHARED_TEXT = 512  # characters; shorter strings stay in the JSON
 _MIN_SHARED_LIST = 16  # numbers; a matrix stays in the JSON
 _ARRAY_KIND = {0x12: "u1", 0x15: "i4", 0x16: "u4", 0x17: "f4"}  # meshcat's msgpack extensions

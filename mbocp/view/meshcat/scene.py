@@ -44,8 +44,6 @@ from mbocp.view.motion import Motion
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
-__all__ = ["FORCES", "WORLD", "Scene", "build_scene", "joint_node", "motion_commands"]
-
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down
 FORCES = f"{WORLD}/forces"

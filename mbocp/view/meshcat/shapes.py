@@ -9,8 +9,6 @@ from mbocp.view.meshcat.viewer import mg
 
 Colour = tuple[float, float, float]
 
-__all__ = ["capsule", "coil", "cone", "floor_disc", "floor_lines", "nice_length", "path_tube", "tube"]
-
 
 def nice_length(length: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above `length`."""

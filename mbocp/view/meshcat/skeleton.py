@@ -19,8 +19,6 @@ from mbocp.view.meshcat.viewer import mg
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["joints_without_visuals", "skeleton"]
-
 _BALL, _ROD = 0xD9822B, 0x5B7FA6
 
 

@@ -12,8 +12,6 @@ from mbocp.view.meshcat.commands import Command, set_object, set_property, set_t
 from mbocp.view.meshcat.shapes import floor_disc, floor_lines, nice_length
 from mbocp.view.meshcat.viewer import mg
 
-__all__ = ["floor_height", "stage_commands"]
-
 _BACKGROUND = (0.800, 0.835, 0.870)  # RGB
 _FLOOR = (0.905, 0.925, 0.940)
 _LINE = (0.66, 0.70, 0.74)

@@ -32,8 +32,6 @@ from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
-__all__ = ["SCENE_LIMIT", "MergedGeometry", "MeshLibrary"]
-
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
 SCENE_LIMIT = 256 * MEGABYTE  # of all meshes and pictures of a page [bytes]

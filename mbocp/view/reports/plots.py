@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-__all__ = ["motion_figures", "multiplier_figures", "other_figures", "why_zigzag"]
-
 _SIZE = (4.5, 2.4)  # [inch]
 _DIGITS = 5  # of the numbers under a plot
 _MEANS = "Lines and numbers: means of neighbouring steps. Faint: as computed."

@@ -12,8 +12,6 @@ from mbocp.cli.app import Json, Quiet
 from mbocp.cli.examples import epilog
 from mbocp.cli.report import reporting
 
-__all__ = ["app"]
-
 app = typer.Typer()
 _EXAMPLES = ("mbocp paper --table 1", "mbocp paper --paper so3 --figure 3")
 

@@ -17,8 +17,6 @@ from rich.text import Text
 from mbocp.cli.console import output
 from mbocp.exceptions import InvalidValue, MbocpError, ResultFileError
 
-__all__ = ["check_folder", "everything", "is_second", "print_overview", "progress", "refuse", "reproduce"]
-
 PAPERS = ("first", "so3")
 
 

@@ -20,8 +20,6 @@ from mbocp_papers.cli.first import check_folder, progress
 if TYPE_CHECKING:
     from mbocp_papers.so3.request import Request
 
-__all__ = ["Wanted", "everything", "print_overview", "reproduce"]
-
 
 @dataclass(frozen=True)
 class Wanted:

@@ -10,8 +10,6 @@ from mbocp._arrays import Array
 from mbocp.view.figures.style import PALETTE
 from mbocp_papers.pendulums.motions import Motion
 
-__all__ = ["draw_manoeuvre", "draw_snapshot"]
-
 _CART = (0.34, 0.16)  # [m] width, height
 _BOB = 0.055  # [m] radius
 _FORCE = 0.0115  # [m/N] length of the arrow

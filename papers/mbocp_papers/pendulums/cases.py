@@ -15,8 +15,6 @@ from mbocp.exceptions import ProblemFileError
 from mbocp.problem import Problem, load_problem
 from mbocp_papers.pendulums.data import Strategy
 
-__all__ = ["SYSTEMS", "Form", "System", "paper_problem", "problem_file", "strategy_settings"]
-
 Form = Literal["lagrange", "penalty", "tracking"]
 
 _PENALTY: Mapping[str, Any] = {"goal.enforce": "penalty", "cost.terminal": 1.0, "cost.effort": 1e-3}

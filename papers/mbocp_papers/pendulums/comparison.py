@@ -12,8 +12,6 @@ from mbocp_papers.pendulums.cases import SYSTEMS, Form
 from mbocp_papers.pendulums.data import Comparison, Printed, PrintedRow, Strategy
 from mbocp_papers.pendulums.measure import Run, run_strategy
 
-__all__ = ["comparison_table"]
-
 COLUMNS = (
     Column("dt [s]", "", "label"),
     Column("DOF", "paper", "paper"),

@@ -13,8 +13,6 @@ from mbocp_papers.pendulums.data import STRATEGIES, Convergence, Strategy
 from mbocp_papers.pendulums.measure import finite
 from mbocp_papers.pendulums.norms import History, newton_history
 
-__all__ = ["convergence_table"]
-
 _Norms = Mapping[int, tuple[float, float]]  # iteration -> (increment, residual)
 
 COLUMNS = (

@@ -4,19 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = [
-    "AUXILIARY",
-    "COMPARISONS",
-    "CONVERGENCES",
-    "STRATEGIES",
-    "Comparison",
-    "Convergence",
-    "Printed",
-    "PrintedRow",
-    "PrintedStep",
-    "Strategy",
-]
-
 
 @dataclass(frozen=True)
 class Strategy:

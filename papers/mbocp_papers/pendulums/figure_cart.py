@@ -26,8 +26,6 @@ from mbocp_papers.pendulums.figure_parts import (
 )
 from mbocp_papers.pendulums.motions import Motion, Pair, Say, motion_pair, penalty_or_lagrange
 
-__all__ = ["figure_6", "figure_7", "figure_8"]
-
 _COORDINATES = ("1", "3", "4")  # q_1: cart, (q_3, q_4): bob; q_2 = 0 is the rail
 _SNAPSHOTS = (0.0, 0.2, 0.5, 1.0, 2.0)  # [s]
 

@@ -17,21 +17,6 @@ from matplotlib.ticker import MaxNLocator
 from mbocp._arrays import Array
 from mbocp.view.figures.style import GREY, PALETTE, calm_limits, finish_axes, mark_time, strip_legend
 
-__all__ = [
-    "FBSM",
-    "LINES",
-    "MONOLITHIC",
-    "Look",
-    "components",
-    "finish_panel",
-    "look_legend",
-    "marker_style",
-    "marks",
-    "page",
-    "remark",
-    "round_off",
-]
-
 _DASHES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.1)), (0, (5, 1.2, 1, 1.2)))
 _SHAPES = {"fbsm": (">", "s", "o", "d"), "other": ("D", "*", (6, 2, 0), "P")}
 _SIZES = {">": 4.6, "s": 4.2, "o": 4.2, "d": 4.6, "D": 3.8, "*": 7.5, (6, 2, 0): 5.6, "P": 4.6}

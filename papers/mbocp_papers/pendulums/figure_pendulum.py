@@ -25,8 +25,6 @@ from mbocp_papers.pendulums.figure_parts import (
 )
 from mbocp_papers.pendulums.motions import Motion, Pair, Say, free_space, motion_pair, penalty_or_lagrange
 
-__all__ = ["figure_2", "figure_3", "figure_4"]
-
 _SPACE = ("$x$ [m]", "$y$ [m]", "$z$ [m]")
 
 

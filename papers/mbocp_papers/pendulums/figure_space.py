@@ -13,17 +13,6 @@ from mbocp._arrays import Array
 from mbocp.view.figures.style import GREY
 from mbocp_papers.pendulums.figure_parts import marker_style, marks
 
-__all__ = [
-    "draw_ends",
-    "draw_markers",
-    "draw_path",
-    "equal_box",
-    "finish_space",
-    "ground_projection",
-    "sphere",
-    "tilted_tube",
-]
-
 _ARROWS = 11
 
 

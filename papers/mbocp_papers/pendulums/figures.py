@@ -14,8 +14,6 @@ from mbocp_papers.pendulums.figure_cart import figure_6, figure_7, figure_8
 from mbocp_papers.pendulums.figure_pendulum import figure_2, figure_3, figure_4
 from mbocp_papers.pendulums.motions import Say
 
-__all__ = ["FIGURES", "FigureSpec", "check_figure", "draw_figure", "write_figure"]
-
 
 @dataclass(frozen=True)
 class FigureSpec:

@@ -16,8 +16,6 @@ from mbocp.study.rows import NO_SOLVER, solver_seconds
 from mbocp_papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp_papers.pendulums.data import Strategy
 
-__all__ = ["Run", "finite", "measure", "run_strategy", "solved"]
-
 _LONG_ENOUGH = 0.3  # [s] of repeated runs; longer ones need no median
 _SAME_COST = 1e-8  # relative: the optimum is flat, and both runs end within 1e-9 of it
 

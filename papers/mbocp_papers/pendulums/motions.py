@@ -16,8 +16,6 @@ from mbocp_papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp_papers.pendulums.data import STRATEGIES
 from mbocp_papers.pendulums.measure import solved
 
-__all__ = ["Motion", "Pair", "Say", "free_space", "motion_pair", "penalty_or_lagrange"]
-
 Say = Callable[[str], object]  # told what is being solved
 
 _CONTINUATION = (9.81, 4.0, 0.0)  # [m/s^2]: gravity, down to free space

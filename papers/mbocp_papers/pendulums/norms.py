@@ -22,8 +22,6 @@ from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import Iterate, SolverSettings, Status, make_solver, run
 
-__all__ = ["History", "Norms", "newton_history"]
-
 
 @dataclass(frozen=True)
 class Norms:

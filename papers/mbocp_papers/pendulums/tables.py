@@ -10,8 +10,6 @@ from mbocp_papers.pendulums.comparison import comparison_table
 from mbocp_papers.pendulums.convergence import convergence_table
 from mbocp_papers.pendulums.data import COMPARISONS, CONVERGENCES
 
-__all__ = ["TITLES", "check_table", "make_table"]
-
 TITLES: Mapping[int, str] = dict(sorted((t.number, t.title) for t in (*COMPARISONS, *CONVERGENCES)))
 
 

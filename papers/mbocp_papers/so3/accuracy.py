@@ -27,17 +27,6 @@ from mbocp_papers.so3.request import Say
 from mbocp_papers.so3.substeps import Method, SteppedProgramme, stepped_programme
 from mbocp_papers.so3.timings import one_core
 
-__all__ = [
-    "METHODS",
-    "NUM_STEPS",
-    "SUBSTEPS",
-    "Curve",
-    "Point",
-    "Reference",
-    "accuracy_curves",
-    "reference",
-]
-
 NUM_STEPS = 25  # N of section 5.4
 EPSILON = 0.05  # of eq. (55)
 REFERENCE = Method("rk4", "munthe_kaas", 25)

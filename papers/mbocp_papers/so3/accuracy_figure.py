@@ -18,8 +18,6 @@ from mbocp.view.figures.style import GREY, PALETTE, new_figure
 from mbocp_papers.so3.accuracy import METHODS, SUFFIXES, Curve, accuracy_curves
 from mbocp_papers.so3.request import Request, Say
 
-__all__ = ["accuracy_figure", "accuracy_file", "draw_curves"]
-
 _CROSSES = 1e4  # where the paper draws what makes no sense
 _FLOOR = 1e-16
 _TITLES = {"quaternion": "(a) quaternion", "dcm": "(b) DCM"}

@@ -19,8 +19,6 @@ from mbocp.robot import Robot, load_robot
 from mbocp_papers.layout import Column, PaperTable, Section
 from mbocp_papers.so3.data import FORMULATIONS, Formulation
 
-__all__ = ["StepNodes", "nodes_table", "step_function", "step_nodes"]
-
 TITLE = "nodes of the graph of one step, classical Runge-Kutta"
 
 _COLUMNS = (

@@ -8,21 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = [
-    "CHOICES",
-    "FORMULATIONS",
-    "HANGING",
-    "NUM_STEPS",
-    "UNICYCLE",
-    "UPRIGHT",
-    "Choices",
-    "Formulation",
-    "Task",
-    "Unicycle",
-    "formulation",
-    "lattice",
-]
-
 DURATION = 3.0  # [s], section 5.2
 NUM_STEPS = 100  # N, section 5.3
 GAMMA_QUATERNION = 2.0  # [1/s], of eq. (46), section 4.1

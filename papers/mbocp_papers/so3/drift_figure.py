@@ -13,8 +13,6 @@ from mbocp_papers.so3.data import FORMULATIONS
 from mbocp_papers.so3.motions import drift_of, resimulated, task_motion
 from mbocp_papers.so3.request import Request, Say
 
-__all__ = ["drift_figure"]
-
 _FLOOR = 1e-17  # where exact zeros are drawn
 _COLOURS = {"plain": PALETTE[1], "baumgarte": PALETTE[2], "munthe_kaas": PALETTE[0]}
 _PANELS = (

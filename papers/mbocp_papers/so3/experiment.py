@@ -22,18 +22,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = [
-    "SOLVERS",
-    "VARIANTS",
-    "Lattice",
-    "Variant",
-    "check_choice",
-    "example_file",
-    "lattice_study",
-    "parse_lattice",
-    "task_problem",
-]
-
 Variant = Literal["corrected", "as_printed"]
 
 SOLVERS = ("ipopt", "fatrop", "monolithic")

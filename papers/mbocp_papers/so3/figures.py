@@ -16,8 +16,6 @@ from mbocp_papers.so3.lattice_figures import bar_figure, convergence_figure, suc
 from mbocp_papers.so3.path_figures import components_figure, path_figure, path_replay
 from mbocp_papers.so3.request import Request, Say, lattice_outcomes
 
-__all__ = ["FIGURES", "LATTICE_FIGURES", "FigureSpec", "check_figure", "write_figure"]
-
 Write = Callable[[Request, Say], list[Path]]
 
 

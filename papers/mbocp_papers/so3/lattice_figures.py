@@ -24,8 +24,6 @@ from mbocp_papers.so3.outcomes import (
     settled_after,
 )
 
-__all__ = ["bar_figure", "colour_of", "convergence_figure", "success_figure"]
-
 BAND = 0.04  # of Figure 3
 
 _Q, _DCM = PALETTE[0], PALETTE[1]

@@ -19,15 +19,6 @@ from mbocp.solving import solve
 from mbocp_papers.so3.data import formulation
 from mbocp_papers.so3.experiment import task_problem
 
-__all__ = [
-    "Motion",
-    "drift_of",
-    "representation_matrices",
-    "resimulated",
-    "stretch_of",
-    "task_motion",
-]
-
 _SWEEP_TOLERANCE = 1e-12
 _SWEEP_ITERATIONS = 50
 _TURN = "pendulum"

@@ -16,20 +16,6 @@ from mbocp.exceptions import StudyError
 from mbocp.study import Spread, StudyResult
 from mbocp_papers.so3.data import FORMULATIONS
 
-__all__ = [
-    "ELSEWHERE",
-    "ENDS",
-    "HALF_TURN",
-    "NOT_CONVERGED",
-    "UPRIGHT",
-    "Outcomes",
-    "Runs",
-    "outcomes_of",
-    "running_mean",
-    "settled_after",
-    "turn_from_upright",
-]
-
 UPRIGHT, HALF_TURN, ELSEWHERE, NOT_CONVERGED = "upright", "half-turn", "elsewhere", "not converged"
 ENDS = (UPRIGHT, HALF_TURN, ELSEWHERE, NOT_CONVERGED)
 

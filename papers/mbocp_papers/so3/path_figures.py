@@ -20,8 +20,6 @@ from mbocp_papers.so3.data import CHOICES, UNICYCLE
 from mbocp_papers.so3.motions import Motion, task_motion
 from mbocp_papers.so3.request import Request, Say
 
-__all__ = ["LABELS", "components_figure", "path_figure", "path_replay"]
-
 LABELS = {5: "Q RK-MK", 6: "DCM RK-MK"}
 
 _JOINT, _TIP = "joint_B", "pendulum_tip"

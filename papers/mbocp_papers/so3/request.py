@@ -12,8 +12,6 @@ from mbocp.study import StudyResult, run_study
 from mbocp_papers.so3.experiment import SOLVERS, VARIANTS, Lattice, check_choice, lattice_study
 from mbocp_papers.so3.outcomes import Outcomes, outcomes_of
 
-__all__ = ["DEFAULT_SOLVERS", "QUICK_LATTICE", "Request", "Say", "lattice_outcomes"]
-
 Say = Callable[[str], object]
 
 QUICK_LATTICE = Lattice(2, 2)

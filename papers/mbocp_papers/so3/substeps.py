@@ -32,8 +32,6 @@ from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.robot import Robot
 from mbocp.solvers.reachability import dependent_end_rows
 
-__all__ = ["Method", "SteppedProgramme", "stepped_programme"]
-
 
 @dataclass(frozen=True)
 class Method:

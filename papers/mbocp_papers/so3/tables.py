@@ -15,8 +15,6 @@ from mbocp_papers.so3.outcomes import ENDS, Outcomes, Runs
 from mbocp_papers.so3.request import Request, Say
 from mbocp_papers.so3.timings import timing_table
 
-__all__ = ["TITLES", "check_table", "make_table", "spread_words", "summary_table"]
-
 TITLES: Mapping[int, str] = {3: counts.TITLE, 4: timings.TITLE}
 
 

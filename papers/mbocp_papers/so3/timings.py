@@ -19,8 +19,6 @@ from mbocp_papers.so3.data import FORMULATIONS, Formulation, Task, lattice
 from mbocp_papers.so3.experiment import SOLVERS, task_problem
 from mbocp_papers.so3.request import Request, Say
 
-__all__ = ["IterationTime", "iteration_time", "one_core", "timing_table"]
-
 TITLE = "time of a Newton iteration, N = 100"
 
 _LIMITS = {"solver.max_iterations": 300, "solver.time_limit": 20.0}

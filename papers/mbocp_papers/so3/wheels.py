@@ -19,16 +19,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp_papers.so3.data import UNICYCLE, Unicycle
 
-__all__ = [
-    "WheelEfforts",
-    "cart_acceleration",
-    "centre_acceleration",
-    "pendulum_acceleration",
-    "wheel_efforts",
-    "wheel_efforts_of_joints",
-    "yaw_accelerations",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class WheelEfforts:

@@ -10,8 +10,6 @@ import numpy as np
 
 from mbocp.exceptions import InvalidValue
 
-__all__ = ["Axis", "Z", "along", "in_world", "perpendiculars", "unit_axis"]
-
 Axis: TypeAlias = tuple[float, float, float]
 
 Z: Axis = (0.0, 0.0, 1.0)

@@ -23,16 +23,6 @@ from mbocp.robot.loading.table_types import PairTable, Table
 from mbocp.robot.loops.kinds.axes import Axis
 from mbocp.robot.parts import Label
 
-__all__ = [
-    "Constraint",
-    "ConstraintKeys",
-    "FrameConstraint",
-    "FrameKeys",
-    "Kinematics",
-    "Places",
-    "position_rows",
-]
-
 
 class Kinematics(Protocol):
     """Where frames and joints are, as expressions in a configuration q of any coordinates."""

@@ -17,8 +17,6 @@ from mbocp.robot.loading.table_types import FramePair, Number
 from mbocp.robot.loops.kinds.base import Constraint, ConstraintKeys, Kinematics, Places
 from mbocp.robot.parts import Label
 
-__all__ = ["Coupling"]
-
 _INTEGER_TOLERANCE = 1e-12  # a ratio this close to a whole number is one
 
 

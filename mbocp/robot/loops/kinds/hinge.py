@@ -15,8 +15,6 @@ from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, perpendicular
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places, position_rows
 from mbocp.robot.parts import Label
 
-__all__ = ["Hinge"]
-
 
 @dataclass(frozen=True)
 class Hinge(FrameConstraint):

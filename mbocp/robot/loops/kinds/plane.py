@@ -15,8 +15,6 @@ from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, unit_axis
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
 from mbocp.robot.parts import Label
 
-__all__ = ["PointOnPlane"]
-
 
 @dataclass(frozen=True)
 class PointOnPlane(FrameConstraint):

@@ -16,8 +16,6 @@ from mbocp.robot.loops.kinds.axes import Axis
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
 from mbocp.robot.parts import Label
 
-__all__ = ["Rod"]
-
 
 @dataclass(frozen=True)
 class Rod(FrameConstraint):

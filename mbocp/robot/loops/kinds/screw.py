@@ -18,8 +18,6 @@ from mbocp.robot.loops.kinds.axes import Axis, Z, along, perpendiculars, unit_ax
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
 from mbocp.robot.parts import Label
 
-__all__ = ["Screw"]
-
 
 @dataclass(frozen=True)
 class Screw(FrameConstraint):

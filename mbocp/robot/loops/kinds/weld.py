@@ -13,8 +13,6 @@ from mbocp._arrays import Array
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places, position_rows
 from mbocp.robot.parts import Label
 
-__all__ = ["Weld"]
-
 
 @dataclass(frozen=True)
 class Weld(FrameConstraint):
