@@ -48,7 +48,8 @@ class Tally:
         rows = [_row(kind, self) for kind in sorted(self.verdicts, key=_order)]
         counts = [sum(self.verdicts[k][v] for k in self.verdicts) for v in ("accepted", "refused")]
         rows.append(("all", self.thrown, *counts, self.lost, "", "", ""))
-        limits = f"{LIMITS.cpu:g} s, {LIMITS.memory >> 20} MB, {LIMITS.message} letters"
+        seconds_each = f"{LIMITS.cpu:g} s ({LIMITS.patience * LIMITS.cpu:g} s if it is solved)"
+        limits = f"{seconds_each}, {LIMITS.memory >> 20} MB, {LIMITS.message} letters"
         return "\n".join(
             (
                 "| input | thrown | a result | refused | findings | ms, median | ms, longest | MB, most |",

@@ -38,6 +38,7 @@ class Limits:
     wall: float = 120.0  # [s]; the machine may have other things to do
     address_space: int = 6 << 30  # [bytes] of the process: beyond it, allocations fail
     memory: int = 1 << 30  # [bytes] that become resident beyond what was before
+    patience: int = 4  # times so long for an input that is solved: its functions are written first
     message: int = MAX_MESSAGE + 200  # letters of an error or a warning, with the note that it was cut
 
 
@@ -179,7 +180,8 @@ class _Worker:
         if self.now is None:
             return None
         cpu, wall = _cpu(self.pid) - self.cpu, time.monotonic() - self.begun
-        if cpu <= self.limits.cpu and wall <= self.limits.wall:
+        times = self.limits.patience if self.now[0] == "solve" else 1
+        if cpu <= times * self.limits.cpu and wall <= times * self.limits.wall:
             return None
         os.kill(self.pid, signal.SIGUSR1)  # faulthandler writes where it is
         time.sleep(0.2)
