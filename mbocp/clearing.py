@@ -50,7 +50,8 @@ def solve_clear(job: Job) -> Solution:
     solution = _solve_in_turn(job)
     if solution.is_stationary or not job.patience.words:
         return solution
-    return retold(solution, advice=f"{solution.advice}; {job.patience.words}")
+    status = job.patience.status_of(solution.status)
+    return retold(solution, status=status, advice=f"{solution.advice}; {job.patience.words}")
 
 
 def _solve_in_turn(job: Job) -> Solution:

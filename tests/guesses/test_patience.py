@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem
+from mbocp.problem.reasons.cause import Cause
 from mbocp.solvers import Status
 from mbocp.solvers.strategies import patience
 from mbocp.solvers.strategies.patience import Patience
@@ -28,7 +30,7 @@ def names(s: mbocp.Solution) -> list[str]:
 def test_a_base_that_nothing_pushes_is_not_tried_elsewhere(tmp_path: Path) -> None:
     there = {"q": {"root_joint": [1, 0, 0, 0, 0, 0, 1]}, "v": 0}
     s = mbocp.solve(Problem.create(floats(tmp_path), 1.0, 20, goal=there))
-    assert s.status is Status.SINGULAR
+    assert s.status is Status.INFEASIBLE
     assert names(s) == ["monolithic"]
     assert "no other attempt was made, since none can help: nothing pushes the base of floater" in s.advice
 
@@ -103,17 +105,23 @@ def test_twenty_times_the_first_attempt_are_left_or_two_seconds(first: float, gi
 def test_causes_are_asked_once_and_after_failures_alone() -> None:
     asked = []
 
-    def why(words: str) -> Callable[[Status], str]:
-        return lambda status: asked.append(status) or words  # type: ignore[func-returns-value]
+    def why(cause: Cause | None) -> Callable[[Status], Cause | None]:
+        return lambda status: asked.append(status) or cause  # type: ignore[func-returns-value]
 
-    own = Patience(why_in_vain=why(""))
+    own = Patience(why_in_vain=why(None))
     own.count(phase(Status.CONVERGED, 0.1))
     assert not asked
     for _ in range(2):
         own.count(phase(Status.SINGULAR, 0.1))
     assert asked == [Status.SINGULAR]
     assert not own.is_over
-    vain = Patience(why_in_vain=why("the goal is on the moon"), is_limited=False)
+    moon = Cause("reach", "tool0", "the goal is on the moon", is_certain=True, excess=9.0)
+    vain = Patience(why_in_vain=why(moon), is_limited=False)
     vain.count(phase(Status.SINGULAR, 0.1))
     assert vain.is_over
     assert vain.words.endswith("none can help: the goal is on the moon")
+    assert vain.status_of(Status.SINGULAR) is Status.INFEASIBLE
+    assert vain.status_of(Status.TIME_LIMIT) is Status.TIME_LIMIT
+    guess = Patience(why_in_vain=why(replace(moon, is_certain=False)))
+    guess.count(phase(Status.SINGULAR, 0.1))
+    assert guess.status_of(Status.SINGULAR) is Status.SINGULAR

@@ -70,8 +70,8 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     return tuple(worst.values())
 
 
-def why_in_vain(problem: Problem, status: str) -> str:
-    """Say why no guess and no strategy can solve a problem; "" where nothing says so.
+def why_in_vain(problem: Problem, status: str) -> Cause | None:
+    """Say why no guess and no strategy can solve a problem; None where nothing says so.
 
     Parameters
     ----------
@@ -82,12 +82,12 @@ def why_in_vain(problem: Problem, status: str) -> str:
         whatever it is, as round-off has it, unless explicit schemes leave them out.
     """
     if problem.goals:
-        return ""
+        return None
     is_why = status == "singular" or SCHEMES[problem.scheme].solves_constraints
     for cause in causes_of(problem):
         if cause.is_certain or (cause.kind == "momentum" and is_why):
-            return cause.words
-    return ""
+            return cause
+    return None
 
 
 def _of_leg(problem: Problem, leg: _Leg) -> Iterator[Cause]:

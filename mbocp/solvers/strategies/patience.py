@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
@@ -14,6 +15,15 @@ _TIMES = 20.0
 # ... and where the first ends at once, others may take as long as nobody minds [s].
 _LEAST = 2.0
 _NO_FAILURES = (Status.CONVERGED, Status.SWITCHED, Status.INTERRUPTED, Status.TIME_LIMIT)
+
+
+class Reason(Protocol):
+    """Why no attempt can succeed: words for a person, and whether they are a proof."""
+
+    @property
+    def words(self) -> str: ...  # noqa: D102
+    @property
+    def is_certain(self) -> bool: ...  # noqa: D102
 
 
 class Patience:
@@ -27,33 +37,40 @@ class Patience:
     is_limited : bool
         Whether time is: not where the user has set a limit, which holds instead.
     why_in_vain : callable, optional
-        Says why no attempt can succeed, or "", of the status of the first that failed. It is asked once.
+        Gives the reason why no attempt can succeed, if there is one, from the status of the first that
+        failed. It is called once.
     """
 
     def __init__(
-        self, *, is_limited: bool = True, why_in_vain: Callable[[Status], str] | None = None
+        self, *, is_limited: bool = True, why_in_vain: Callable[[Status], Reason | None] | None = None
     ) -> None:
         self._is_limited, self._why_in_vain = is_limited, why_in_vain
-        self._has_failed, self._given, self._cause = False, math.inf, ""
+        self._has_failed, self._given = False, math.inf
+        self.reason: Reason | None = None
         self._spent = 0.0
         self.left = math.inf
 
     @property
     def is_over(self) -> bool:
         """Whether nothing else is to be tried."""
-        return self.left <= 0.0 or bool(self._cause)
+        return self.left <= 0.0 or self.reason is not None
 
     @property
     def words(self) -> str:
         """Why nothing else was tried, for the advice; "" where that is not so."""
-        if self._cause:
-            return f"no other attempt was made, since none can help: {self._cause}"
+        if self.reason is not None:
+            return f"no other attempt was made, since none can help: {self.reason.words}"
         if self.left > 0.0:
             return ""
         return (
             f"further attempts ended after {self._given:.3g} s ({_TIMES:.0f} times what the first took, "
             f"{_LEAST:.0f} s at least); solver.time_limit gives more"
         )
+
+    def status_of(self, status: Status) -> Status:
+        """Return the status of a solve that failed: infeasible, if that is proved."""
+        is_proved = self.reason is not None and self.reason.is_certain
+        return Status.INFEASIBLE if is_proved and status not in _NO_FAILURES else status
 
     def count(self, result: SolverResult) -> None:
         """Take account of a phase."""
@@ -64,7 +81,7 @@ class Patience:
         if self._is_limited:
             self.left = self._given = max(_LEAST, _TIMES * self._spent)
         if self._why_in_vain is not None:
-            self._cause = self._why_in_vain(result.status)
+            self.reason = self._why_in_vain(result.status)
 
     def end(self) -> None:
         """Leave no time to further attempts, as one had to be broken off."""
