@@ -77,19 +77,19 @@ def check_integer(name: str, value: Any, minimum: int) -> int:
 
 def check_finite(name: str, value: Array) -> None:
     """Refuse NaN and infinite entries, and say where the first one is."""
-    bad = np.argwhere(~np.isfinite(value))
-    if bad.size:
-        where = ", ".join(str(i) for i in bad[0])
-        raise InvalidValue(f"{name}[{where}]", float(value[tuple(bad[0])]), "a finite number")
+    if not np.isfinite(value).all():
+        bad = np.argwhere(~np.isfinite(value))[0]
+        where = ", ".join(str(i) for i in bad)
+        raise InvalidValue(f"{name}[{where}]", float(value[tuple(bad)]), "a finite number")
 
 
 def check_non_negative(name: str, value: Array | float) -> None:
     """Refuse weights below zero, and say where the first one is."""
     array = np.asarray(value, dtype=np.float64)
-    bad = np.argwhere(array < 0.0)
-    if len(bad):
-        where = f"[{', '.join(str(i) for i in bad[0])}]" if array.ndim else ""
-        raise InvalidValue(f"{name}{where}", float(array[tuple(bad[0])]), "a weight >= 0")
+    if (array < 0.0).any():
+        bad = np.argwhere(array < 0.0)[0]
+        where = f"[{', '.join(str(i) for i in bad)}]" if array.ndim else ""
+        raise InvalidValue(f"{name}{where}", float(array[tuple(bad)]), "a weight >= 0")
 
 
 def check_choice(name: str, value: Any, allowed: Iterable[str], note: str = "") -> str:
