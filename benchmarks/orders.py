@@ -159,7 +159,7 @@ SYSTEMS = (
         {"effort": 1.0, "velocity": 1e5, "terminal": 1e5},
         _rows(
             gauss1=(20, 20), gauss2=(5, 20, 5), gauss3=(8, 20, 4), lobatto2=(20, 20, 20),
-            lobatto3=(10, 20, 10), midpoint=(20, 20),
+            lobatto3=(10, 20, 10), midpoint=(20, 20), radau2=(40, 40, 40), radau3=(10, 20, 20),
         ),
     ),
     OrderCase(
@@ -172,7 +172,7 @@ SYSTEMS = (
         2.0, (1.0, 0.5, 2.0), (0.5, -1.0, 0.3),
         rows=_rows(
             gauss1=(40, 80), gauss2=(5, 40, 40), gauss3=(10, 40, 20), lobatto2=(20, 40, 80),
-            lobatto3=(10, 40, 40), midpoint=(40, 80),
+            lobatto3=(10, 40, 40), midpoint=(40, 80), radau2=(40, 80, 80), radau3=(60, 40, 20),
         ),
     ),
     OrderCase(

@@ -1,4 +1,4 @@
-r"""Pairs of Runge-Kutta methods for positions and momenta: Gauss collocation, Lobatto IIIA with IIIB.
+r"""Runge-Kutta methods for positions and momenta: Gauss collocation, Lobatto IIIA with IIIB, Radau IIA.
 
 Each is a table: nodes c, matrix a and weights b of the method for positions. Momenta take
 
@@ -6,6 +6,9 @@ Each is a table: nodes c, matrix a and weights b of the method for positions. Mo
 
 with which the pair is symplectic; for Gauss methods that is a itself ([Hairer2006]_, theorem VI.4.6). The
 coefficients are those of tables II.1.1, II.1.2 and of section II.1.4 there.
+
+Radau IIA methods take a for momenta, too: they are L-stable, so that what is stiff and damped settles within
+a step, and lose energy instead of keeping it. Their last stage is the node after the step.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from types import MappingProxyType
 
 @dataclass(frozen=True)
 class Pair:
-    """Coefficients of a symplectic pair.
+    """Coefficients of a pair.
 
     Attributes
     ----------
@@ -30,16 +33,21 @@ class Pair:
         Weights of the stages.
     holds_constraints : bool
         Whether its first and last stages are the nodes, so that constraints hold there.
+    is_symplectic : bool
+        Whether momenta take the coefficients with which the pair is symplectic; else those of positions.
     """
 
     order: int
     a: tuple[tuple[float, ...], ...]
     b: tuple[float, ...]
     holds_constraints: bool
+    is_symplectic: bool = True
 
     @property
     def a_hat(self) -> tuple[tuple[float, ...], ...]:
         """Coefficients of the momenta."""
+        if not self.is_symplectic:
+            return self.a
         stages = range(self.num_stages)
         a, b = self.a, self.b
         return tuple(tuple(_exact(b[j] * (1.0 - a[j][i] / b[i])) for j in stages) for i in stages)
@@ -60,7 +68,7 @@ def _exact(coefficient: float) -> float:
     return coefficient if abs(coefficient) > 1e-15 else 0.0
 
 
-_R3, _R15 = sqrt(3.0), sqrt(15.0)
+_R3, _R6, _R15 = sqrt(3.0), sqrt(6.0), sqrt(15.0)
 
 PAIRS: Mapping[str, Pair] = MappingProxyType(
     {
@@ -87,6 +95,24 @@ PAIRS: Mapping[str, Pair] = MappingProxyType(
             ((0.0, 0.0, 0.0), (5 / 24, 1 / 3, -1 / 24), (1 / 6, 2 / 3, 1 / 6)),
             (1 / 6, 2 / 3, 1 / 6),
             holds_constraints=True,
+        ),
+        "radau2": Pair(
+            3,
+            ((5 / 12, -1 / 12), (3 / 4, 1 / 4)),
+            (3 / 4, 1 / 4),
+            holds_constraints=False,
+            is_symplectic=False,
+        ),
+        "radau3": Pair(
+            5,
+            (
+                ((88 - 7 * _R6) / 360, (296 - 169 * _R6) / 1800, (-2 + 3 * _R6) / 225),
+                ((296 + 169 * _R6) / 1800, (88 + 7 * _R6) / 360, (-2 - 3 * _R6) / 225),
+                ((16 - _R6) / 36, (16 + _R6) / 36, 1 / 9),
+            ),
+            ((16 - _R6) / 36, (16 + _R6) / 36, 1 / 9),
+            holds_constraints=False,
+            is_symplectic=False,
         ),
     }
 )

@@ -115,6 +115,7 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
         name: replace(
             _PARTITIONED,
             order=pair.order,
+            alternates=pair.is_symplectic,
             takes_loops=pair.holds_constraints,
             # One stage sees the mean of linear controls alone, whose ends could then alternate.
             controls=_PARTITIONED.controls if pair.num_stages > 1 else ("constant", "stages"),

@@ -23,7 +23,6 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import (
     Lie,
-    Scheme,
     Stabilisation,
 )
 from mbocp.problem.limits import Bounds
@@ -110,9 +109,8 @@ class ProblemData:
         In which coordinates the mechanics are written: the joints' own, or positions and directors of all
         bodies, see `mbocp.mechanics.natural_coordinates`. Start, goal and results are in those of the joints
         in either case.
-    scheme : {"auto", "se1", "se2", "midpoint", "semi_implicit_euler", "gauss1", "gauss2", "gauss3", \
-            "lobatto2", "lobatto3", "euler", "heun", "rk4", "rkf5"}
-        How time is discretised, see `mbocp.integrators`; the last four are explicit. Of a problem that is
+    scheme : str
+        How time is discretised, one of `mbocp.integrators.SCHEMES`, or "auto". Of a problem that is
         made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
     chooses_scheme : bool
         Whether the scheme was left open, and another may be taken where the problem changes.
@@ -187,7 +185,7 @@ class ProblemData:
     phase: tuple[NamedPhase, ...]
     robot: Robot
     coordinates: Literal["joint", "natural"]
-    scheme: Scheme
+    scheme: str
     lie: Lie
     substeps: int
     stabilisation: Stabilisation

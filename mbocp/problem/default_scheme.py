@@ -22,7 +22,7 @@ from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.integration import Scheme, has_rotations
+from mbocp.problem.integration import has_rotations
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
@@ -38,12 +38,12 @@ class ChosenScheme:
 
     Attributes
     ----------
-    scheme : Scheme
+    scheme : str
     reason : str
         Why, as a phrase that follows "for".
     """
 
-    scheme: Scheme
+    scheme: str
     reason: str
 
 

@@ -17,22 +17,6 @@ from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
-Scheme: TypeAlias = Literal[
-    "auto",
-    "se1",
-    "se2",
-    "midpoint",
-    "semi_implicit_euler",
-    "gauss1",
-    "gauss2",
-    "gauss3",
-    "lobatto2",
-    "lobatto3",
-    "euler",
-    "heun",
-    "rk4",
-    "rkf5",
-]
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 
 

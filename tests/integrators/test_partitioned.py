@@ -1,4 +1,4 @@
-"""Gauss methods and Lobatto's pair: order, symplecticity, momenta, energy, constraints."""
+"""Gauss, Lobatto and Radau methods: order, symplecticity, momenta, energy, constraints, stiff losses."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from mbocp.guesses import make_guess
 from mbocp.integrators import PAIRS, Pair
 from mbocp.problem import Problem
 from mbocp.robot import Robot, load_robot
+from mbocp.robot.resistance import JointResistance
 from tests.integrators.partitioned import Stepper
 from tests.integrators.test_schemes import CASES, by_hand, load, reference
 from tests.integrators.test_symplecticity import null_space
@@ -29,16 +30,22 @@ STEPS = {
     "gauss3": (3, 5, 8),
     "lobatto2": (20, 40, 80),
     "lobatto3": (5, 10, 20),
+    "radau2": (10, 20, 40),
+    "radau3": (4, 6, 10),
 }
+SYMPLECTIC = [name for name, pair in PAIRS.items() if pair.is_symplectic]
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
 TO_ROUND_OFF = 1e-13
 
 
 @pytest.mark.parametrize("pair", PAIRS.values(), ids=PAIRS)
 def test_coefficients(pair: Pair) -> None:
-    """Symplectic, consistent, and of the order that the quadrature of the stages has."""
+    """Symplectic or L-stable, consistent, and of the order that the quadrature of the stages has."""
     a, hat, b, c = (np.array(x) for x in (pair.a, pair.a_hat, pair.b, pair.c))
-    assert np.abs(b[:, None] * hat + (b[:, None] * a).T - np.outer(b, b)).max() < 1e-16
+    if pair.is_symplectic:
+        assert np.abs(b[:, None] * hat + (b[:, None] * a).T - np.outer(b, b)).max() < 1e-16
+    else:
+        assert 1 - b @ np.linalg.solve(a, np.ones(len(b))) == pytest.approx(0.0, abs=1e-14)
     for k in range(pair.order):
         assert b @ c**k == pytest.approx(float(Fraction(1, k + 1)), abs=1e-15)
     if pair.holds_constraints:
@@ -107,7 +114,7 @@ def beginning(robot: Robot, *, rate: float = 1.0) -> Array:
     return np.r_[q, v]
 
 
-@pytest.mark.parametrize("scheme", PAIRS)
+@pytest.mark.parametrize("scheme", SYMPLECTIC)
 @pytest.mark.parametrize("name", ["double_pendulum", "Spherical PX", "Planar RX"])
 def test_steps_keep_the_canonical_form(name: str, scheme: str) -> None:
     robot = by_name(name)
@@ -165,7 +172,7 @@ def momenta_in_the_world(stepper: Stepper, x: Array) -> Array:
     return np.r_[linear, R @ p[3:6] + np.cross(q[:3], linear)]
 
 
-@pytest.mark.parametrize("scheme", PAIRS)
+@pytest.mark.parametrize("scheme", SYMPLECTIC)
 def test_energy_stays_within_bounds(scheme: str) -> None:
     stepper = Stepper(by_name("RX RY"), scheme, 0.05)
     xs = stepper.run(beginning(stepper.robot), 100)
@@ -174,6 +181,19 @@ def test_energy_stays_within_bounds(scheme: str) -> None:
     most = {"gauss1": 0.05, "lobatto2": 0.05, "lobatto3": 1e-3, "gauss2": 1e-3, "gauss3": 1e-4}
     assert error.max() < most[scheme]
     assert error[50:].max() < 2 * error[:50].max()
+
+
+@pytest.mark.parametrize("scheme", ["radau2", "radau3"])
+def test_stiff_losses_settle_within_a_step(scheme: str) -> None:
+    """Gauss methods keep such a rate, and turn its sign."""
+    robot = by_name("RX RY")
+    losses = tuple(JointResistance(name, i, damping=1e7) for i, name in enumerate(robot.model.names[1:]))
+    damped = replace(robot, resistances=losses)
+    rates = {}
+    for name in (scheme, "gauss2"):
+        x = Stepper(damped, name, 0.05).run(np.r_[robot.q0, 1.0, 1.0], 1)[-1]
+        rates[name] = np.abs(x[2:]).max()
+    assert rates[scheme] < 1e-3 < 0.5 < rates["gauss2"]
 
 
 @pytest.mark.parametrize("scheme", ON_CONSTRAINTS)
