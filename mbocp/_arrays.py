@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,3 +52,16 @@ def frozen_mask(value: ArrayLike, *, size: int, name: str = "mask") -> BoolArray
         raise DimensionMismatch(name, got=mask.shape, expected=(size,))
     mask.setflags(write=False)
     return mask
+
+
+def plain(value: Any) -> Any:
+    """Turn NumPy arrays and tuples into values of a TOML file."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, (list, tuple)):
+        return [plain(entry) for entry in value]
+    return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, TypeGuard
 
 from mbocp._text import shown
@@ -39,3 +40,18 @@ def finite_number(value: Any, where: str = "") -> float:
     if abs(number) > LARGEST:
         raise ValueError(f"got {shown(value)}{where}, expected a number of at most {LARGEST:g}")
     return number
+
+
+def vector(value: Any, where: str = "") -> list[float]:
+    """Finite numbers of a list."""
+    return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
+
+
+def named_numbers(value: Mapping[str, Any]) -> dict[str, float | list[float]]:
+    """Finite numbers, or lists of them, by name."""
+    return {
+        name: vector(entry, f" for {shown(name)}")
+        if isinstance(entry, list)
+        else finite_number(entry, f" for {shown(name)}")
+        for name, entry in value.items()
+    }

@@ -29,7 +29,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
     from mbocp.cli.summary import print_rows, robot_words
     from mbocp.problem import load_problem
     from mbocp.problem.reasons.causes import causes_of
-    from mbocp.robot.smells import smells
+    from mbocp.robot.facts import find_oddities
 
     problem = load_problem(file, settings)
     robot = problem.robot
@@ -46,7 +46,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
     for cause in causes_of(problem):
         style = "bold red" if cause.is_certain else "yellow"
         rows.append(("impossible" if cause.is_certain else "doubtful", Text(cause.words, style=style)))
-    rows += [("URDF", Text(words, style="yellow")) for words in smells(robot)]
+    rows += [("URDF", Text(words, style="yellow")) for words in find_oddities(robot)]
     if page is not None:
         from mbocp.view.preview import write_preview
 

@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import frozen_array
+from mbocp._arrays import frozen_array, plain
 from mbocp._text import printable
 from mbocp.problem.file.messages import in_file
-from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.read import READ, load_its_robot, read_tables
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.pipeline import run_steps

@@ -13,12 +13,11 @@ from mbocp._exports import names_of
 if TYPE_CHECKING:
     from mbocp.robot.collision.source import CollisionSphere
     from mbocp.robot.collision.spheres import LinkSpheres
-    from mbocp.robot.description import describe
+    from mbocp.robot.facts import describe
     from mbocp.robot.gathering import gather, load_stored
     from mbocp.robot.loading.checks import SingularMassMatrix
-    from mbocp.robot.loading.load import load_robot, robot_from_spec
+    from mbocp.robot.loading.load import load_parts, load_robot, robot_from_spec
     from mbocp.robot.loading.sources import RobotEntry, list_robots
-    from mbocp.robot.loading.world import load_parts
     from mbocp.robot.loops.constraints import (
         Constraint,
         Coupling,

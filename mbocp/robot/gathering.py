@@ -8,32 +8,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
-from mbocp._files import MEGABYTE, path_of, read_bytes
+from mbocp._files import MEGABYTE, read_bytes
 from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
 from mbocp.meshes.companions import MATERIALS, companions
 from mbocp.meshes.parts import MESH_LIMIT
 from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
-from mbocp.robot.collision.self_pairs import find_srdf
-from mbocp.robot.loading.examples import ExampleFacts, example_facts
+from mbocp.robot.loading.addresses import absolute, resolve
+from mbocp.robot.loading.formats import FORMATS, format_of
 from mbocp.robot.loading.load import robot_from_spec
-from mbocp.robot.loading.part_table import part_of
+from mbocp.robot.loading.readers.examples import ExampleFacts, example_facts
+from mbocp.robot.loading.robot_keys import read_part
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
-from mbocp.robot.loading.urdf import read_urdf
-from mbocp.robot.loading.visuals import resolve
 from mbocp.robot.robot import Robot
 from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, packed
 
 _TOP = "."  # the folder of the list, from which the robot itself is asked for
 _FILES = "files"  # and below it the folder of all files
-_LIMIT = 16 * MEGABYTE  # of a URDF, SRDF, robot.toml
+_LIMIT = 16 * MEGABYTE  # of a file that is no mesh
 _MESHES = (".stl", ".dae", ".obj", ".ply", ".off", ".3ds", ".fbx", ".glb")
 
 
 def gather(spec: Mapping[str, Any]) -> RobotFiles:
-    """All files of the robot that `spec` loads now: URDF, robot.toml or robot.yaml, SRDF, meshes, pictures.
+    """All files of the robot that `spec` loads now: those that describe it, meshes, pictures.
 
     Parameters
     ----------
@@ -50,7 +48,8 @@ def gather(spec: Mapping[str, Any]) -> RobotFiles:
         for number, entry in enumerate(spec["part"]):
             _of_part(found, entry, number, None, ())
     else:
-        _of_name(found, str(spec["name"]), None, _absolute(spec.get("package_dirs", ()), None))
+        folders = [absolute(folder, None) for folder in spec.get("package_dirs", ())]
+        _of_name(found, str(spec["name"]), None, folders)
     return found.files(spec)
 
 
@@ -91,7 +90,7 @@ class _Gathering:
                 "kind": source.kind,
                 "name": source.name,
                 "address": source.address,
-                "path": placed(source.path) if source.kind in ("toml", "yaml", "urdf") else "",
+                "path": placed(source.path) if source.is_file else "",
                 "example": None if facts is None else _table(facts, placed),
             }
             for asked, folder, source, facts in self.sources
@@ -115,13 +114,13 @@ class _Gathering:
 
 
 def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:
-    table = part_of(entry, number)
+    table = read_part(entry, number)
     if table.robot is not None:
-        _of_name(found, table.robot, base, (*_absolute(table.package_dirs, base), *dirs))
+        _of_name(found, table.robot, base, (*table.folders(base), *dirs))
 
 
 def _of_name(found: _Gathering, name: str, base: Path | None, dirs: Sequence[Path]) -> None:
-    """Follow what a name or a path leads to, as `mbocp.robot.loading.whole` does."""
+    """Follow what a name or a path leads to, as `mbocp.robot.loading.describe` does."""
     source = find_source(name, base)
     facts = example_facts(source.name) if source.kind == "example" else None
     row = (name, base, source, facts)
@@ -131,40 +130,36 @@ def _of_name(found: _Gathering, name: str, base: Path | None, dirs: Sequence[Pat
     if facts is not None:
         if facts.srdf is not None:
             found.add(facts.srdf)
-        _of_urdf(found, facts.path, (*dirs, *facts.packages))
-    elif source.kind != "chain":
-        _of_file(found, source, (*dirs, *source.package_dirs))
+        _of_model(found, facts.path, (*dirs, *facts.packages))
+    elif source.kind == "toml":
+        _of_tables(found, source.path, dirs)
+    elif source.kind in FORMATS:
+        _of_model(found, source.path, (*dirs, *source.package_dirs))
 
 
-def _of_file(found: _Gathering, source: Source, dirs: Sequence[Path]) -> None:
-    folder = source.path.parent
-    found.add(source.path)
-    if source.kind == "urdf":
-        _of_urdf(found, source.path, dirs)
-    elif source.kind == "yaml":
-        held = sorted(folder.glob("*.urdf"))
-        _of_urdf(found, folder / "robot.urdf" if len(held) != 1 else held[0], dirs)
-    else:
-        table = read_robot_toml(source.path)
-        for number, part in enumerate(table.parts):
-            _of_part(found, part, number, folder, dirs)
-        if not table.parts:
-            dirs = (*dirs, *(folder / d for d in table.package_dirs))
-            try:
-                path = resolve(table.urdf, folder, dirs)
-            except FileNotFoundError as error:
-                raise RobotFileError(source.path, str(error), "urdf") from error
-            found.addresses.append((table.urdf, folder, path))
-            _of_urdf(found, path, dirs)
-
-
-def _of_urdf(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
+def _of_tables(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
+    """A robot.toml, its parts, or the model that it names."""
     found.add(path)
-    if (srdf := find_srdf(path)) is not None:
-        found.add(srdf)
+    folder, table = path.parent, read_robot_toml(path)
+    for number, part in enumerate(table.parts):
+        _of_part(found, part, number, folder, dirs)
+    if not table.parts:
+        dirs = (*dirs, *(folder / d for d in table.package_dirs))
+        try:
+            model = resolve(table.urdf, folder, dirs)
+        except FileNotFoundError as error:
+            raise RobotFileError(path, str(error), "urdf") from error
+        found.addresses.append((table.urdf, folder, model))
+        _of_model(found, model, dirs)
+
+
+def _of_model(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
+    """A file that describes a robot, those that belong to it, and its meshes."""
+    reader = format_of(path).reader()
+    for file in (path, *reader.companions(path)):
+        found.add(file)
     _add_package(found, path)
-    root = read_urdf(path).root
-    for address in dict.fromkeys(mesh.get("filename", "") for mesh in _mesh_elements(root)):
+    for address in reader.addresses(path):
         try:
             mesh = resolve(address, path.parent, dirs)
         except FileNotFoundError:  # whoever loads the robot warns of it
@@ -174,12 +169,7 @@ def _of_urdf(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
             _of_mesh(found, mesh, path)
 
 
-def _mesh_elements(root: ElementTree.Element) -> list[ElementTree.Element]:
-    kinds = ("visual", "collision")
-    return [mesh for kind in kinds for mesh in root.iterfind(f"link/{kind}/geometry/mesh")]
-
-
-def _of_mesh(found: _Gathering, mesh: Path, urdf: Path) -> None:
+def _of_mesh(found: _Gathering, mesh: Path, robot: Path) -> None:
     """A mesh, its material files, and those pictures that a page would show."""
     if _plain(mesh) in found.meshes:
         return
@@ -194,7 +184,7 @@ def _of_mesh(found: _Gathering, mesh: Path, urdf: Path) -> None:
             if named.suffix.lower() == MATERIALS:
                 found.add(named)
             else:
-                found.contents[_plain(named)] = read_picture(named, picture_folders([urdf], mesh)).content
+                found.contents[_plain(named)] = read_picture(named, picture_folders([robot], mesh)).content
         except MbocpError:  # as above
             continue
         found.meshes.add(_plain(named))
@@ -216,11 +206,6 @@ def _table(facts: ExampleFacts, placed: Any) -> dict[str, Any]:
         "has_rotors": facts.has_rotors,
         "posture": facts.posture,
     }
-
-
-def _absolute(folders: Sequence[str | Path], base: Path | None) -> tuple[Path, ...]:
-    expanded = [path_of(folder) for folder in folders]
-    return tuple((folder if base is None else base / folder).resolve() for folder in expanded)
 
 
 def _plain(path: Path) -> Path:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
-from mbocp.robot.collision.source import CollisionSource, CollisionSphere
+from mbocp.robot.collision.source import CollisionSphere, ShapeSource
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
@@ -59,7 +59,7 @@ class RobotModel:
     limits : Limits
         Bounds on u, v and q.
     source : Path or None
-        The URDF.
+        File that its model was read from.
     trace_frames : tuple of str
         Frames that a replay traces by default.
     connectors : tuple of Connector
@@ -79,8 +79,8 @@ class RobotModel:
         Bodies that it carries; `model` and `visual_model` have them already.
     parts : tuple of PlacedRobot
         Robots that it is made of; empty for a single one.
-    collision : tuple of CollisionSource
-        URDFs whose shapes it collides with.
+    shapes : tuple of ShapeSource
+        What its files say of the shapes of links.
     given_spheres : tuple of CollisionSphere
         What stands for the shapes of some frames, see `Robot.collision_spheres`.
     decided_by_locks : tuple of ModelNumber
@@ -107,7 +107,7 @@ class RobotModel:
     resistances: tuple[JointResistance, ...] = ()
     payloads: tuple[Payload, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
-    collision: tuple[CollisionSource, ...] = ()
+    shapes: tuple[ShapeSource, ...] = ()
     given_spheres: tuple[CollisionSphere, ...] = ()
     decided_by_locks: tuple[ModelNumber, ...] = ()
     stored: RobotFiles | None = None
@@ -236,7 +236,7 @@ class RobotModel:
 
     @property
     def sources(self) -> tuple[Path, ...]:
-        """The URDFs that it was read from."""
+        """The files that its model was read from."""
         found = [self.source, *(part.source for part in self.parts)]
         return tuple(dict.fromkeys(path for path in found if path is not None))
 

@@ -87,6 +87,26 @@ class Payload:
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     @property
+    def solid_inertia(self) -> tuple[float, float, float, float, float, float]:
+        """Moments of inertia ixx, iyy, izz (and zero products) of its shape filled evenly [kg m^2].
+
+        Zero without a shape.
+        """
+        m = self.mass
+        if self.box is not None:
+            x, y, z = (side**2 for side in self.box)
+            moments = ((y + z) / 12, (x + z) / 12, (x + y) / 12)
+        elif self.sphere is not None:
+            moments = (0.4 * self.sphere**2,) * 3
+        elif self.cylinder is not None:
+            radius, length = self.cylinder
+            moments = ((3 * radius**2 + length**2) / 12,) * 2 + (radius**2 / 2,)
+        else:
+            moments = (0.0, 0.0, 0.0)
+        xx, yy, zz = (m * moment for moment in moments)
+        return xx, yy, zz, 0.0, 0.0, 0.0
+
+    @property
     def table(self) -> dict[str, Any]:
         """Keys and values as in a file, without those that say nothing."""
         said: dict[str, Any] = {"name": self.name, "frame": self.frame, "mass": self.mass}

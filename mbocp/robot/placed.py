@@ -26,7 +26,7 @@ class PlacedRobot:
     orientation : (float, float, float, float)
         Of the base in that frame, unit quaternion xyzw.
     source : Path or None
-        Its URDF.
+        File that its model was read from.
     is_object : bool
         Whether it is a simple body, given by mass and shape.
     """

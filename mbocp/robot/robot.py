@@ -73,18 +73,18 @@ class Robot(RobotModel):
 
     @cached_property
     def collision_model(self) -> pin.GeometryModel:
-        """Shapes of the URDF's <collision> elements and of payloads; read when first asked for.
+        """Solid shapes of links and payloads; read when first asked for.
 
         Raises
         ------
         RobotFileError
             If a mesh is missing or cannot be read, or a shape has no size.
         """
-        return read_geometry(self.model, self.collision, self.payloads, self.visual_model)
+        return read_geometry(self.model, self.shapes, self.payloads, self.visual_model)
 
     @cached_property
     def collision_spheres(self) -> tuple[LinkSpheres, ...]:
-        """Spheres that cover each link's collision shapes: given, of the URDF, or fitted on first use.
+        """Spheres that cover each link's solid shapes: given, those shapes, or fitted on first use.
 
         Raises
         ------

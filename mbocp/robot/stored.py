@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, RobotFileError
-from mbocp.robot.loading.kinds import Kind
+from mbocp.robot.loading.formats import KINDS
 from mbocp.robot.loading.unpacked import LIST, PREFIX
 
 _MAX_BYTES = 1024 * MEGABYTE  # of all files of a robot, unpacked
@@ -81,11 +81,18 @@ class _Example(_Row):
 class _Source(_Row):
     asked: str
     within: str
-    kind: Kind
+    kind: str
     name: str
     address: str
     path: str
     example: _Example | None = None
+
+    @field_validator("kind")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in KINDS:
+            raise ValueError(f"expected one of {', '.join(sorted(KINDS))}")
+        return kind
 
     @field_validator("path")
     @classmethod

@@ -15,10 +15,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from mbocp._arrays import plain
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
-from mbocp.problem.file.overrides import apply_overrides, plain
+from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.study.rows import check_record
 from mbocp.study.schema import StudyTable

@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
 
-from mbocp._numbers import as_float, finite_number, is_number
+from mbocp._numbers import as_float, finite_number, is_number, named_numbers, vector
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
 
@@ -74,21 +74,6 @@ def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -
         for key, field in part.model_fields.items():
             fields.setdefault(key, (hints[key], ... if field.is_required() else field.default))
     return create_model(name, __base__=base, __doc__=words, __module__=__name__, **fields)
-
-
-def vector(value: Any, where: str = "") -> Vector:
-    """Finite numbers of a list."""
-    return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
-
-
-def named_numbers(value: Mapping[str, Any]) -> Named:
-    """Finite numbers, or lists of them, by name."""
-    return {
-        name: vector(entry, f" for {shown(name)}")
-        if isinstance(entry, list)
-        else finite_number(entry, f" for {shown(name)}")
-        for name, entry in value.items()
-    }
 
 
 def vector_or_named(value: Any) -> Vector | Named:

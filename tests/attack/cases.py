@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel
 
 from mbocp.problem.file.schema import ProblemTable
-from mbocp.robot.loading.robot_yaml import RobotYaml
+from mbocp.robot.loading.readers.robot_yaml import RobotYaml
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.study.schema import StudyTable
 

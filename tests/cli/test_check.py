@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from mbocp.robot.smells import smells_of_urdf
+from mbocp.robot.loading.readers.urdf_oddities import find_oddities
 from tests.cli.conftest import ARM
 from tests.robot.urdfs import chain, joint, link, robot
 from tests.view.pages import read_page
 
 
 def told(tmp_path, urdf: str) -> str:
-    return "\n".join(smells_of_urdf(tmp_path / "robot.urdf", ElementTree.fromstring(urdf)))
+    return "\n".join(find_oddities(tmp_path / "robot.urdf", ElementTree.fromstring(urdf)))
 
 
 def inertial(mass: float, xx: float, yy: float, zz: float) -> str:

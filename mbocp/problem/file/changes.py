@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._arrays import plain
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
 from mbocp.problem.document import Document
-from mbocp.problem.file.overrides import plain
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds

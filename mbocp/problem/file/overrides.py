@@ -5,11 +5,9 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from mbocp._arrays import plain
 from mbocp._files import parse_toml
 from mbocp._text import shown
 from mbocp.exceptions import ProblemFileError, Unreadable
@@ -117,19 +115,6 @@ def _place(entries: list[Any], name: str) -> int:
 
 def _names(entries: list[Any]) -> list[Any]:
     return [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
-
-
-def plain(value: Any) -> Any:
-    """Turn NumPy arrays and tuples into values of a TOML file."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
-    return value
 
 
 def _error(text: str, reason: str) -> ProblemFileError:

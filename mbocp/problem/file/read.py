@@ -45,7 +45,6 @@ from mbocp.problem.file.schema import (
     ObstacleTable,
     PhaseTable,
     ProblemTable,
-    RobotTable,
     SelfCollisionTable,
     SolverTable,
     StartTable,
@@ -71,8 +70,10 @@ from mbocp.problem.timeline.horizon import check_horizon
 from mbocp.problem.timeline.named_phase import NamedPhase, are_alike
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.typical import typical_force, velocity_weight
-from mbocp.robot import Robot, robot_from_spec
+from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.loading.load import load_keys
+from mbocp.robot.loading.robot_keys import RobotKeys
 from mbocp.terms import COST_TERMS, OwnTerm
 from mbocp.terms.tables import WeightsTable
 from mbocp.terms.written import AUTO
@@ -91,10 +92,10 @@ def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
         raise schema_error(label, ProblemTable, error) from error
 
 
-def load_its_robot(table: RobotTable, folder: Path | None) -> Robot:
+def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
     """Load the robot that a problem names."""
     with located("robot"):
-        return robot_from_spec(table.model_dump(exclude_none=True), base=folder)
+        return load_keys(keys, folder)
 
 
 def _phases(phase_table: list[PhaseTable], robot: Robot) -> tuple[NamedPhase, ...]:

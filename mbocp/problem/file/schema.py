@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
@@ -23,8 +23,7 @@ from mbocp.problem.integration import Stabilisation
 from mbocp.problem.solver import SolverOptions
 from mbocp.robot.collision.obstacle import SMOOTHING
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.part_table import PartTable
-from mbocp.robot.loading.payload_table import PayloadTable
+from mbocp.robot.loading.robot_keys import RobotKeys
 from mbocp.terms import COST_TERMS, PATH_KEYS
 from mbocp.terms.span import SpanKeys
 from mbocp.terms.written import (
@@ -37,7 +36,6 @@ from mbocp.terms.written import (
     VectorOrNamed,
     VectorOrNumber,
     merged,
-    named_numbers,
     range_of,
     sided,
     vector_or_named,
@@ -109,16 +107,6 @@ def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     )
 
 
-def _lock(value: Any) -> list[str] | Named:
-    if isinstance(value, list) and all(isinstance(name, str) for name in value):
-        return value
-    if isinstance(value, Mapping):
-        return named_numbers(value)
-    raise ValueError(
-        f"got {shown(value)}, expected a list of joint names or a table with a position for each"
-    )
-
-
 def _duration(value: Any) -> float | dict[str, float] | None:
     if value is None:
         return None
@@ -169,40 +157,12 @@ Rate = Annotated[Any, BeforeValidator(_rate)]
 RateOrFree = Annotated[Any, BeforeValidator(_rate_or_free)]
 Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
 TripleOrZero = Annotated[Triple, BeforeValidator(_triple_or_zero)]
-Lock = Annotated[Any, BeforeValidator(_lock)]
 Limits = Annotated[Any, BeforeValidator(_limits)]
 Duration = Annotated[Any, BeforeValidator(_duration)]
 Ranges = Annotated[Any, BeforeValidator(_ranges)]
 Free = Annotated[Any, BeforeValidator(_free)]
 PeriodicWords = Annotated[Any, BeforeValidator(_periodic)]
 ViaTime = Annotated[Any, BeforeValidator(_via_time)]
-
-
-class RobotTable(Table):
-    """The robot and the options for loading it, as `mbocp.robot.robot_from_spec` takes them."""
-
-    name: str | None = None
-    part: list[PartTable] | None = None
-    free_flyer: bool | None = None
-    lock: Lock = None
-    gravity: list[Finite] | None = Field(default=None, min_length=3, max_length=3)
-    actuated: list[str] | None = None
-    mimic: bool | None = None
-    damping: bool | None = None
-    friction: str | None = None
-    friction_speed: Finite | None = None
-    rotations: str | None = None
-    label: str | None = None
-    package_dirs: list[str] | None = None
-    payload: list[PayloadTable] | None = None
-    constraint: list[dict[str, Any]] | None = None
-    initial: dict[str, Any] | None = None
-
-    @model_validator(mode="after")
-    def _a_name_or_parts(self) -> RobotTable:
-        if self.name is None and self.part is None:
-            raise ValueError("name is missing: name or path of a robot; or give tables [[robot.part]]")
-        return self
 
 
 class HorizonTable(Table):
@@ -451,7 +411,7 @@ class SolverTable(Table):
 class ProblemTable(Table):
     """A whole problem file."""
 
-    robot: Annotated[RobotTable, BeforeValidator(_named_robot)]
+    robot: Annotated[RobotKeys, BeforeValidator(_named_robot)]
     coordinates: str = "joint"
     horizon: HorizonTable = HorizonTable.model_construct()
     phase: list[PhaseTable] = Field(default_factory=list)

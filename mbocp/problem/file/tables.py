@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array, BoolArray, plain
 from mbocp.integrators import SCHEMES
 from mbocp.problem.cost import Cost
 from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import frame_tables
 from mbocp.problem.file.named_values import joint_values
 from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
-from mbocp.problem.file.overrides import plain
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.periodic_table import free_table, periodic_table
 from mbocp.problem.file.phase_table import phase_tables, written_limits

@@ -19,7 +19,8 @@ from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.reach import reach
-from mbocp.robot.collision.self_pairs import SelfPairs, disabled_by, find_srdf, self_pairs
+from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
+from mbocp.robot.loading.readers.srdf import disabled_by
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
@@ -140,9 +141,9 @@ def _self_pairs(robot: Robot, own: SelfCollision, limits: Bounds) -> SelfPairs:
     if own.srdf is not None:
         disabled |= disabled_by(own.srdf)
     else:
-        for source in robot.collision:
-            beside = find_srdf(source.urdf.path)
-            disabled |= set() if beside is None else disabled_by(beside, source.prefix)
+        for source in robot.shapes:
+            pairs = source.disabled()
+            disabled |= {frozenset(source.prefix + link for link in pair) for pair in pairs}
     ranges = (limits.q_lower, limits.q_upper)
     return _found(robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled))
 

@@ -1,4 +1,4 @@
-"""Collision geometry of a robot as a `pin.GeometryModel`: shapes of the URDF, meshes read within our limits.
+"""Collision geometry of a robot as a `pin.GeometryModel`: shapes of links, meshes read within our limits.
 
 Pinocchio's own builder hands mesh files to assimp, whatever they are; these are read as those of a replay
 are, see `mbocp.meshes`.
@@ -6,21 +6,19 @@ are, see `mbocp.meshes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import shortened, shown
+from mbocp._text import shortened
 from mbocp.exceptions import RobotFileError
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
-from mbocp.robot.collision.source import CollisionSource
-from mbocp.robot.loading.visuals import placement_of, shape_of
+from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.payload import SHAPES, Payload, shape_name
 
 MAX_TRIANGLES = 1_000_000  # of all meshes of a robot; the largest that we know has 60,000
@@ -30,7 +28,7 @@ _MIN_LENGTH = 1e-6  # [m] of a shape
 
 def read_geometry(
     model: pin.Model,
-    sources: Sequence[CollisionSource],
+    sources: Sequence[ShapeSource],
     payloads: Sequence[Payload] = (),
     visuals: pin.GeometryModel | None = None,
 ) -> pin.GeometryModel:
@@ -40,7 +38,7 @@ def read_geometry(
     ----------
     model : pin.Model
         After locking; links are found in it by name.
-    sources : sequence of CollisionSource
+    sources : sequence of ShapeSource
     payloads : sequence of Payload
         Those with a shape collide, too.
     visuals : pin.GeometryModel, optional
@@ -49,7 +47,7 @@ def read_geometry(
     Returns
     -------
     pin.GeometryModel
-        Meshes are `coal.BVHModelOBBRSS`. Empty if the URDF has no <collision>.
+        Meshes are `coal.BVHModelOBBRSS`. Empty if the file has no such shapes.
 
     Raises
     ------
@@ -59,14 +57,12 @@ def read_geometry(
     geometry = pin.GeometryModel()
     count = 0
     for source in sources:
-        for link, number, element in _elements(source):
-            added = _object(model, source, link, number, element)
-            if added is None:
-                continue
+        for shape in source.solid():
+            added = _object(model, source, shape)
             count += getattr(added.geometry, "num_tris", 0)
             if count > MAX_TRIANGLES:
                 reason = f"its collision meshes have more than {MAX_TRIANGLES} triangles; give simpler ones"
-                raise RobotFileError(source.urdf.path, reason)
+                raise RobotFileError(source.path, reason)
             geometry.addGeometryObject(added)
     drawn = {} if visuals is None else {shape.name: shape for shape in visuals.geometryObjects}
     for payload in payloads:
@@ -82,34 +78,18 @@ def triangles_of(mesh: coal.BVHModelBase) -> tuple[Array, Indices]:
     return np.array(mesh.vertices(), dtype=np.float64), faces
 
 
-def _elements(source: CollisionSource) -> Iterator[tuple[str, int, ElementTree.Element]]:
-    for link in source.urdf.root.iterfind("link"):
-        for number, element in enumerate(link.iterfind("collision")):
-            yield link.get("name", ""), number, element
-
-
-def _object(
-    model: pin.Model, source: CollisionSource, link: str, number: int, element: ElementTree.Element
-) -> pin.GeometryObject | None:
-    urdf, where = source.urdf, f"collision {number} of link {shown(link)}"
-    try:
-        found = shape_of(urdf, where, element, source.folders)
-    except FileNotFoundError as error:
-        raise RobotFileError(urdf.path, f"{where}: its mesh is missing: {error}") from error
-    if found is None:
-        return None
-    shape, mesh, scale = found
-    _check_size(urdf.path, where, shape)
-    if mesh:
-        shape = _mesh(urdf.path, where, Path(mesh), scale)
-    if not model.existFrame(source.prefix + link, pin.FrameType.BODY):
-        raise RobotFileError(urdf.path, f"{where}: the robot's model has no body of this name")
-    frame = model.getFrameId(source.prefix + link, pin.FrameType.BODY)
+def _object(model: pin.Model, source: ShapeSource, shape: LinkShape) -> pin.GeometryObject:
+    geometry, link = shape.geometry, source.prefix + shape.link
+    _check_size(source.path, shape.where, geometry)
+    if shape.mesh:
+        geometry = _mesh(source.path, shape.where, Path(shape.mesh), shape.scale)
+    if not model.existFrame(link, pin.FrameType.BODY):
+        raise RobotFileError(source.path, f"{shape.where}: the robot's model has no body of this name")
+    frame = model.getFrameId(link, pin.FrameType.BODY)
     at = model.frames[frame]
-    placement = at.placement * placement_of(urdf, where, element)
-    return pin.GeometryObject(
-        f"{source.prefix}{link}_{number}", at.parentJoint, frame, placement, shape, mesh, np.ones(3)
-    )
+    placement = at.placement * shape.placement
+    name = f"{link}_{shape.number}"
+    return pin.GeometryObject(name, at.parentJoint, frame, placement, geometry, shape.mesh, np.ones(3))
 
 
 def _check_size(path: Path, where: str, shape: coal.CollisionGeometry) -> None:

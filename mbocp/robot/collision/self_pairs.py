@@ -5,22 +5,17 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._files import MEGABYTE, is_file, read_text
-from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot import joints
 from mbocp.robot.collision.reach import ancestors
 from mbocp.robot.collision.spheres import LinkSpheres
 
 _POSES = 400
 _RESERVE = 0.05  # [m]: links that stay farther apart than this in all poses are left out
-_MAX_BYTES = 4 * MEGABYTE  # of an SRDF
 
 
 @dataclass(frozen=True)
@@ -92,33 +87,6 @@ def self_pairs(
             left_out.setdefault(reason, []).append(names)
     told = {reason: tuple(pairs) for reason, pairs in left_out.items()}
     return SelfPairs(tuple(chosen), tuple(kept), told)
-
-
-def find_srdf(urdf: Path) -> Path | None:
-    """The SRDF of a URDF's name beside it, or in the folder srdf next to its own; None if there is none."""
-    name = urdf.with_suffix(".srdf").name
-    places = (urdf.parent / name, urdf.parent.parent / "srdf" / name)
-    return next((place for place in places if is_file(place)), None)
-
-
-def disabled_by(srdf: Path, prefix: str = "") -> frozenset[frozenset[str]]:
-    """Pairs of links of <disable_collisions>.
-
-    Raises
-    ------
-    RobotFileError
-        If it is no SRDF.
-    """
-    try:
-        root = ElementTree.fromstring(read_text(srdf, expected="an SRDF", limit=_MAX_BYTES))
-    except Unreadable as error:
-        raise RobotFileError(srdf, error.reason) from error
-    except (ElementTree.ParseError, ValueError) as error:
-        raise RobotFileError(srdf, f"malformed XML: {error}") from error
-    if root.tag != "robot":
-        raise RobotFileError(srdf, f"not an SRDF: its root element is <{root.tag}>, expected <robot>")
-    pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iterfind("disable_collisions"))
-    return frozenset(frozenset(prefix + name for name in pair) for pair in pairs)
 
 
 def _are_neighbours(model: pin.Model, a: int, b: int) -> bool:

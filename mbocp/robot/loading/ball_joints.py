@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import joints
-from mbocp.robot.loading.urdf import ROOT_JOINT
+from mbocp.robot.loading.description import ROOT_JOINT
 
 _LIMITS_V = (
     "lowerEffortLimit",

@@ -13,16 +13,14 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import UnknownFrame, UnknownJoint
 from mbocp.robot import joints
+from mbocp.robot.collision.source import CollisionSphere
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.limits import limits_of
-from mbocp.robot.loading.mimic import Follower
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import (
     Actuation,
     Connector,
-    Limits,
     QuarticSpring,
     SpringDamper,
 )
@@ -50,8 +48,6 @@ class Assembly:
         Name for messages.
     file : Path
         Where the table stands, for messages.
-    followers : tuple of Follower
-        Mimic joints of the model, whose limits are limits of their leaders.
     """
 
     model: pin.Model
@@ -60,7 +56,6 @@ class Assembly:
     table: RobotTable
     robot: str
     file: Path
-    followers: tuple[Follower, ...] = ()
 
     def actuation(self, actuated: Sequence[str] | None) -> tuple[Actuation, Array]:
         """B and the drives, and the limit of each control, see `ActuationReader`."""
@@ -126,9 +121,15 @@ class Assembly:
             shown[_key(a, b)] = None if table.type == "none" else connector
         return tuple(c for c in shown.values() if c is not None)
 
-    def limits(self, efforts: Array) -> Limits:
-        """Bounds of the URDF, see `limits_of`."""
-        return limits_of(self.model, self.followers, self.robot, efforts)
+    def collision_spheres(self) -> tuple[CollisionSphere, ...]:
+        """Spheres that stand for the shapes of links."""
+        for number, row in enumerate(self.table.collision_spheres):
+            try:
+                self._names.frame(row.frame)
+            except UnknownFrame as error:
+                error.args = (f"{self.file}: collision_sphere[{number}].frame: {error}",)
+                raise
+        return tuple(CollisionSphere(s.frame, s.center, s.radius) for s in self.table.collision_spheres)
 
     def trace_frames(self) -> tuple[str, ...]:
         """Frames to trace: those of the table, else the floating base or the tip of the longest chain."""

@@ -10,7 +10,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._warn import warn_caller
 from mbocp.robot import joints
-from mbocp.robot.loading.mimic import Follower
+from mbocp.robot.loading.followers import Follower
 from mbocp.robot.parts import Limits
 from mbocp.robot.warnings import NotModelledWarning
 

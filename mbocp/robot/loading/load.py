@@ -1,29 +1,30 @@
-"""`load_robot`: from a name or path to a `Robot`."""
+"""`load_robot` and `load_parts`: from names, paths and tables to a `Robot`.
+
+All ways make the keys of `[robot]`, and a description of them: of one robot, or of the parts of a world.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
-
-from mbocp._files import path_of
-from mbocp._text import shown
-from mbocp.exceptions import RobotError, suggest
+from mbocp._arrays import plain
+from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
+from mbocp.robot.loading.describe import describe_parts, describe_source, read_parts
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.payload_table import payloads_of
+from mbocp.robot.loading.robot_keys import PartTable, RobotKeys, read_part, read_robot_keys
+from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
-from mbocp.robot.loading.whole import Options, whole_from_source
-from mbocp.robot.loading.world import load_parts
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
-LockOption: TypeAlias = dict[str, float | list[float]] | list[str]
-
-# Options of each part; beside several parts they would not say whose.
+# Keys of each part; beside several parts they would not say whose.
 _OF_PARTS = ("name", "free_flyer", "mimic", "damping", "friction", "friction_speed", "package_dirs")
+_OF_THE_WHOLE = ("lock", "gravity", "rotations")  # which take the place of what the tables of a robot say
 
 
 def load_robot(
@@ -108,64 +109,96 @@ def load_robot(
     NotModelledWarning
         If the URDF says something about the physics that is left out.
     """
-    source = find_source(spec, base)
-    dirs = tuple(_absolute(d, base) for d in package_dirs)
-    options = {
-        "free_flyer": free_flyer,
-        "lock": _plain_lock(lock),
-        "gravity": None if gravity is None else [float(g) for g in gravity],
-        "actuated": None if actuated is None else list(actuated),
-        "mimic": mimic,
-        "damping": damping,
-        "friction": friction,
-        "friction_speed": friction_speed,
-        "label": name,
-        "package_dirs": [str(d) for d in dirs] or None,
-        "rotations": rotations,
-        "payload": None if payload is None else [],  # those that it has in the end name themselves
-    }
-    whole = whole_from_source(
-        source, Options(free_flyer, mimic, damping, friction, friction_speed, payload, dirs)
-    )
-    body = whole.body if name is None else replace(whole.body, name=name)
-    echo = {
-        "name": source.address,
-        **{key: value for key, value in options.items() if value is not None},
-    }
-    return assemble_robot(
-        body,
-        lock=lock,
-        named_locks=tuple(lock or ()),
-        gravity=gravity,
-        actuated=actuated,
-        rotations=rotations,
-        losses=whole.losses,
-        carried=whole.carried,
-        spec=echo,
+    return load_keys(
+        RobotKeys.model_construct(
+            name=spec,
+            free_flyer=free_flyer,
+            lock=plain(lock),
+            gravity=None if gravity is None else [float(g) for g in gravity],
+            actuated=None if actuated is None else list(actuated),
+            mimic=mimic,
+            damping=damping,
+            friction=friction,
+            friction_speed=friction_speed,
+            label=name,
+            package_dirs=[str(folder) for folder in package_dirs],
+            rotations=rotations,
+            payload=payload,
+        ),
+        base,
     )
 
 
-class _Spec(BaseModel):
-    """The table form of `load_robot`: a problem file's [robot]."""
+def load_parts(
+    parts: Sequence[PartTable | Mapping[str, Any]],
+    *,
+    lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None = None,
+    gravity: Sequence[float] | None = None,
+    actuated: Sequence[str] | None = None,
+    rotations: str | None = None,
+    payload: Sequence[Payload | Mapping[str, Any]] = (),
+    constraint: Sequence[Mapping[str, Any]] = (),
+    initial: Mapping[str, Any] | None = None,
+    name: str | None = None,
+    base: Path | None = None,
+) -> Robot:
+    """Load several robots and bodies that stand in one world, or on each other, as one.
 
-    model_config = ConfigDict(extra="forbid", defer_build=True)
+    Parameters
+    ----------
+    parts : sequence of mapping
+        Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
+        ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
+        its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
+        lock, actuated, mimic, damping, friction, friction_speed, package_dirs and payload. In place of
+        ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
+        ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
+    lock : mapping or sequence of str, optional
+        More joints to make rigid, by their names in the whole.
+    gravity : sequence of 3 floats, optional
+        Acceleration [m/s^2]. Default: what the files of the parts say.
+    actuated : sequence of str, optional
+        Joints with motors, by their names in the whole, in place of those of the parts.
+    rotations : {"quaternion", "dcm"}, optional
+        See `load_robot`.
+    payload : sequence of Payload or mapping, optional
+        Bodies that frames carry, by their names in the whole, beside those of the parts.
+    constraint : sequence of mapping, optional
+        What joins frames of the parts: tables as ``[[constraint]]`` of a robot.toml, in names of the whole.
+    initial : mapping, optional
+        ``{"q": ...}``, the initial pose, as ``[initial]`` of a robot.toml: by joint or part, or as a whole.
+    name : str, optional
+        What to call the whole. Default: the names of the parts, joined by "+".
+    base : Path, optional
+        Folder that relative paths start from.
 
-    name: str | None = None
-    part: list[dict[str, Any]] | None = None
-    free_flyer: bool | None = None
-    lock: dict[str, float | list[float]] | list[str] | None = None
-    gravity: tuple[float, float, float] | None = None
-    actuated: list[str] | None = None
-    mimic: bool | None = None
-    damping: bool | None = None
-    friction: str | None = None
-    friction_speed: float | None = None
-    label: str | None = None
-    package_dirs: list[str] = []
-    rotations: str | None = None
-    payload: list[dict[str, Any]] | None = None
-    constraint: list[dict[str, Any]] | None = None
-    initial: dict[str, Any] | None = None
+    Returns
+    -------
+    Robot
+        q, v and u have the joints and motors of the parts in their order; those of a part on a moving frame
+        follow the joint that moves the frame. Its initial pose closes the loops.
+
+    Raises
+    ------
+    RobotError
+        For a wrong table, parts of the same name, and all that `load_robot` refuses, naming the part.
+    LoopNotClosed
+        If no pose closes the loops that constraints make.
+    """
+    return load_keys(
+        RobotKeys.model_construct(
+            part=[read_part(entry, number) for number, entry in enumerate(parts)],
+            lock=plain(lock),
+            gravity=None if gravity is None else [float(g) for g in gravity],
+            actuated=None if actuated is None else list(actuated),
+            label=name,
+            rotations=rotations,
+            payload=payload or None,
+            constraint=plain(constraint) or None,
+            initial=plain(initial),
+        ),
+        base,
+    )
 
 
 def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Robot:
@@ -185,52 +218,53 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     RobotError
         For an unknown key or a wrong value, naming it, and for all that `load_robot` refuses.
     """
-    try:
-        table = _Spec.model_validate(dict(spec))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(step) for step in first["loc"][:1])
-        if first["type"] == "extra_forbidden":
-            raise RobotError(f"robot: unknown key {key!r}; {suggest(key, _Spec.model_fields)}") from error
-        raise RobotError(f"robot.{key}: got {shown(first['input'])}: {first['msg']}") from error
-    if table.part is not None:
-        return _world(table, base)
-    if table.name is None:
-        raise RobotError("robot.name: is required: name or path of a robot; or give tables [[robot.part]]")
+    return load_keys(read_robot_keys(spec), base)
+
+
+def load_keys(keys: RobotKeys, base: Path | None) -> Robot:
+    """Load what the keys of `[robot]` name; relative paths start from the folder `base`.
+
+    Raises
+    ------
+    RobotError
+        For keys that do not go together, and for all that `load_robot` refuses.
+    """
+    found, spec = _alone(keys, base) if keys.part is None else _together(keys, keys.part, base)
+    named = replace(found, named_locks=found.named_locks | set(keys.lock or ()))
+    spec |= keys.portable(base, "name", "part")
+    if keys.payload is not None:
+        spec["payload"] = []  # those that it has in the end name themselves
+    return assemble_robot(named, keys.actuated, spec)
+
+
+def _alone(keys: RobotKeys, base: Path | None) -> tuple[Description, dict[str, Any]]:
+    """A single robot, and what names it from any folder."""
     for key in ("constraint", "initial"):
-        if getattr(table, key) is not None:
+        if getattr(keys, key) is not None:
             raise RobotError(f"robot.{key}: goes with robot.part; a single robot says it in its robot.toml")
-    options = table.model_dump(exclude={"name", "label", "part", "constraint", "initial"})
-    return load_robot(table.name, name=table.label, base=base, **options)
+    source = find_source(keys.name or "", base)
+    found = describe_source(source, keys, keys.folders(base))
+    table = found.table.model_copy(update=_said(keys))
+    return replace(found, name=keys.label or found.name, table=table), {"name": source.address}
 
 
-def _world(table: _Spec, base: Path | None) -> Robot:
-    """Several robots; what is a matter of each of them is refused beside them."""
+def _together(
+    keys: RobotKeys, tables: Sequence[PartTable], base: Path | None
+) -> tuple[Description, dict[str, Any]]:
+    """Several robots in one world, and what names them from any folder."""
     for key in _OF_PARTS:
-        if getattr(table, key) not in (None, []):
+        if getattr(keys, key) not in (None, []):
             raise RobotError(f"robot.{key}: does not go with robot.part; write it into each part")
-    return load_parts(
-        table.part or [],
-        lock=table.lock,
-        gravity=table.gravity,
-        actuated=table.actuated,
-        rotations=table.rotations,
-        payload=table.payload or (),
-        constraint=table.constraint or (),
-        initial=table.initial,
-        name=table.label,
-        base=base,
-    )
+    if not tables:
+        raise RobotError("part: there is none; give at least one table with robot and name")
+    beside = {key: getattr(keys, key) for key in ("constraint", "initial") if getattr(keys, key) is not None}
+    own = tables_from(beside).model_copy(update=_said(keys))
+    parts = read_parts(tables, base)
+    name = keys.label or "+".join(table.name for table in tables)
+    found = describe_parts(parts, own, name, Path("part"))
+    carried = payloads_of([*found.carried, *(keys.payload or ())])
+    return replace(found, carried=carried), {"part": [part.spec for part in parts]}
 
 
-def _plain_lock(lock: Mapping[str, float | Sequence[float]] | Sequence[str] | None) -> Any:
-    if lock is None:
-        return None
-    if isinstance(lock, Mapping):
-        return {name: np.asarray(value, dtype=float).tolist() for name, value in lock.items()}
-    return list(lock)
-
-
-def _absolute(path: str | Path, base: Path | None) -> Path:
-    expanded = path_of(path)
-    return (expanded if base is None else base / expanded).resolve()
+def _said(keys: RobotKeys) -> dict[str, Any]:
+    return {key: getattr(keys, key) for key in _OF_THE_WHOLE if getattr(keys, key) is not None}

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, TypeAlias
 
-import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
+from mbocp._arrays import plain
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import InvalidValue, RobotError, suggest
+from mbocp.robot.loading.schema_errors import refusal
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
-_NUMPY = (np.ndarray, np.generic)
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
 
 
@@ -109,33 +109,17 @@ def payloads_of(given: Iterable[Payload | PayloadTable | Mapping[str, Any]]) -> 
     return tuple(_payload(entry, number) for number, entry in enumerate(given))
 
 
-def _payload(entry: Payload | PayloadTable | Mapping[str, Any], number: int) -> Payload:
+def _payload(entry: Any, number: int) -> Payload:
     if isinstance(entry, Payload):
         return entry
-    if not isinstance(entry, PayloadTable):
-        try:
-            entry = PayloadTable.model_validate(_plain(entry))
-        except ValidationError as error:
-            raise RobotError(_message(error, f"payload[{number}]")) from error
-    return entry.payload(f"payload_{number}")
-
-
-def _plain(entry: Any) -> Any:
+    where = f"payload[{number}]"
+    if isinstance(entry, PayloadTable):
+        return entry.payload(f"payload_{number}")
     if not isinstance(entry, Mapping):
-        return entry
-    said = {key: value for key, value in entry.items() if value is not None}
-    return {key: value.tolist() if isinstance(value, _NUMPY) else value for key, value in said.items()}
-
-
-def _message(error: ValidationError, where: str) -> str:
-    first = error.errors()[0]
-    key = ".".join([where, *(str(step) for step in first["loc"])])
-    if first["type"] == "extra_forbidden":
-        return f"{key}: unknown key; {suggest(str(first['loc'][-1]), PayloadTable.model_fields)}"
-    if first["type"] == "missing":
-        return f"{key}: this key is required"
-    if first["type"] == "value_error":
-        return f"{key}: {first['ctx']['error']}"
-    return (
-        f"{key}: got {shown(first['input'])}, expected a table with {', '.join(('frame', 'mass', *SHAPES))}"
-    )
+        keys = ", ".join(("frame", "mass", *SHAPES))
+        raise RobotError(f"{where}: got {shown(entry)}, expected a table with {keys}")
+    said = {key: plain(value) for key, value in entry.items() if value is not None}
+    try:
+        return PayloadTable.model_validate(said).payload(f"payload_{number}")
+    except ValidationError as error:
+        raise refusal(error, where, said, lambda _: list(PayloadTable.model_fields)) from error

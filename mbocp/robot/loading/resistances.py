@@ -1,8 +1,8 @@
-"""Damping and friction of a URDF's joints, as far as the equations include them."""
+"""Damping and friction of a robot's joints, as far as the equations include them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from mbocp._text import listed
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
-from mbocp.robot.loading.mimic import Follower
+from mbocp.robot.loading.followers import Follower
 from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 from mbocp.robot.warnings import NotModelledWarning
 
@@ -22,7 +22,7 @@ _MAX_NAMES = 6  # in a message
 
 @dataclass(frozen=True)
 class Losses:
-    """Which losses of the URDF belong into the equations.
+    """Which losses of joints belong into the equations.
 
     Parameters
     ----------
@@ -32,11 +32,14 @@ class Losses:
         Coulomb friction; None: left out, and told.
     friction_speed : float
         w_s [rad/s, m/s].
+    joints : frozenset of str, optional
+        The joints that it is said of; None: all.
     """
 
     damping: bool = True
     friction: str | None = None
     friction_speed: float = FRICTION_SPEED
+    joints: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
         if self.friction is not None and self.friction not in FRICTION_MODELS:
@@ -46,25 +49,19 @@ class Losses:
 
 
 def joint_resistances(
-    model: pin.Model,
-    followers: Sequence[Follower],
-    losses: Losses,
-    robot: str,
-    among: Collection[str] | None = None,
+    model: pin.Model, followers: Sequence[Follower], losses: Losses, robot: str
 ) -> tuple[JointResistance, ...]:
     """Losses of a model's joints that are not zero, in the order of the model, then those of followers.
 
     Parameters
     ----------
     model : pin.Model
-        After locking: a locked joint loses nothing. Its `damping` and dry friction limits are the URDF's.
+        After locking: a locked joint loses nothing. Its `damping` and dry friction limits are the file's.
     followers : sequence of Follower
         Mimic joints of the model.
     losses : Losses
     robot : str
         Name for messages.
-    among : collection of str, optional
-        Joints that are looked at; all of them by default.
 
     Warns
     -----
@@ -72,7 +69,7 @@ def joint_resistances(
         If there is friction, and nothing is said about it.
     """
     every = [*_of_joints(model), *_of_followers(model, followers)]
-    found = [resistance for resistance in every if among is None or resistance.name in among]
+    found = [each for each in every if losses.joints is None or each.name in losses.joints]
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
@@ -80,16 +77,17 @@ def joint_resistances(
             'left out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )
-    kept = (
-        replace(
-            resistance,
-            damping=resistance.damping if losses.damping else 0.0,
-            friction=resistance.friction if losses.friction == "smooth" else 0.0,
-            speed=losses.friction_speed,
-        )
-        for resistance in found
-    )
+    kept = (_acting(resistance, losses) for resistance in found)
     return tuple(resistance for resistance in kept if resistance.damping or resistance.friction)
+
+
+def _acting(resistance: JointResistance, losses: Losses) -> JointResistance:
+    return replace(
+        resistance,
+        damping=resistance.damping if losses.damping else 0.0,
+        friction=resistance.friction if losses.friction == "smooth" else 0.0,
+        speed=losses.friction_speed,
+    )
 
 
 def _of_joints(model: pin.Model) -> Iterable[JointResistance]:

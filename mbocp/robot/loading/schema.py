@@ -1,4 +1,4 @@
-"""Schema of robot.toml, which adds to a URDF; docs/robots.md explains each key."""
+"""Schema of robot.toml, which adds to a model; docs/robots.md explains each key."""
 
 from __future__ import annotations
 
@@ -8,30 +8,25 @@ from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
 
 from mbocp._files import read_toml
-from mbocp.exceptions import RobotError, RobotFileError, Unreadable
-from mbocp.robot.loading.actuator_tables import (
-    ActuationTable,
-    Actuator,
-    DriveTable,
-    JointActuator,
-    Thruster,
-    Wrench,
-)
-from mbocp.robot.loading.force_tables import QuarticSpringTable, SpringDamperTable
-from mbocp.robot.loading.part_table import PartTable
+from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.payload_table import PayloadTable
-from mbocp.robot.loading.schema_errors import first_complaint
+from mbocp.robot.loading.robot_keys import PartTable
+from mbocp.robot.loading.schema_errors import first_complaint, refusal
 from mbocp.robot.loading.table_types import (
+    Component,
     FramePair,
+    Length,
     Number,
     Numbers,
+    PairTable,
     PositiveNumber,
     Printable,
     Table,
     Vector3,
+    is_zero,
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS, ConstraintKeys
 
@@ -40,6 +35,106 @@ if TYPE_CHECKING:
 else:
     _KINDS = reduce(or_, (kind.Keys for kind in CONSTRAINTS.values()))
     ConstraintTable = Annotated[_KINDS, Field(discriminator="type")]
+
+
+class ActuationTable(Table):
+    """[actuation]: the joints that have motors, in the order of the controls."""
+
+    joints: list[str] | None = None
+
+
+class JointActuator(Table):
+    """A motor on a joint: one control for each velocity component of the joint."""
+
+    type: Literal["joint"]
+    joint: str
+    effort: PositiveFloat | None = None
+
+
+class Wrench(Table):
+    """Forces and moments on a frame, in its own axes: one control a component."""
+
+    type: Literal["wrench"]
+    frame: str
+    name: str | None = None
+    components: list[Component] = Field(default=["fx", "fy", "fz", "mx", "my", "mz"], min_length=1)
+    effort: PositiveFloat | list[PositiveFloat] | None = None
+
+    @model_validator(mode="after")
+    def _one_effort_a_component(self) -> Wrench:
+        if len(set(self.components)) != len(self.components):
+            raise ValueError(f"components are repeated: {', '.join(self.components)}")
+        if isinstance(self.effort, list) and len(self.effort) != len(self.components):
+            raise ValueError(f"effort has {len(self.effort)} numbers for {len(self.components)} components")
+        return self
+
+
+class Thruster(Table):
+    """A thrust along an axis of a frame, with a reaction torque about it."""
+
+    type: Literal["thruster"]
+    frame: str
+    name: str | None = None
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    position: Vector3 = (0.0, 0.0, 0.0)
+    torque_ratio: Number = 0.0
+    effort: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _axis_has_a_direction(self) -> Thruster:
+        if is_zero(self.axis):
+            raise ValueError("axis must not be zero")
+        return self
+
+
+class DriveTable(Table):
+    """A control that prescribes a joint's motion, or a frame's along a direction."""
+
+    name: str | None = None
+    joint: str | None = None
+    frame: str | None = None
+    direction: Vector3 | None = None
+    joints: Annotated[list[str], Field(min_length=1)] | None = None
+    control: Literal["velocity", "acceleration"]
+    limit: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _a_joint_or_a_frame(self) -> DriveTable:
+        if (self.joint is None) == (self.frame is None):
+            raise ValueError("give either joint, or frame with direction and joints")
+        if self.joint is not None and (self.direction, self.joints) != (None, None):
+            raise ValueError("direction and joints go with frame, not with joint")
+        if self.frame is not None and (self.direction is None or self.joints is None):
+            raise ValueError("frame needs direction (in its own axes) and joints (those that it is moved by)")
+        if self.direction is not None and is_zero(self.direction):
+            raise ValueError("direction must not be zero")
+        return self
+
+
+Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster, Field(discriminator="type")]
+
+
+class QuarticSpringTable(PairTable):
+    """A spring with a quartic potential."""
+
+    type: Literal["quartic"] = "quartic"
+    stiffness: PositiveNumber | None = None
+    coefficient: PositiveNumber | None = None
+    length: PositiveNumber | None = None
+
+    @model_validator(mode="after")
+    def _one_strength(self) -> QuarticSpringTable:
+        if (self.stiffness is None) == (self.coefficient is None):
+            raise ValueError("give either stiffness k [N/m] or coefficient c [N/m^3]; c = k/(2 length^2)")
+        return self
+
+
+class SpringDamperTable(PairTable):
+    """A linear spring and damper."""
+
+    stiffness: Length = 0.0
+    damping: Length = 0.0
+    length: Length | None = None
 
 
 class InitialTable(Table):
@@ -67,7 +162,7 @@ class CollisionSphereTable(Table):
     radius: PositiveNumber
 
 
-# Keys that say how a URDF is read; a file that assembles parts has none.
+# Keys that say how a model is read; a file that assembles parts has none.
 _OF_FILES = (
     "urdf",
     "package_dirs",
@@ -128,8 +223,7 @@ def tables_from(data: Mapping[str, Any]) -> RobotTable:
     try:
         return RobotTable.model_validate(dict(data))
     except ValidationError as error:
-        key, reason = first_complaint(error, data, _allowed_keys)
-        raise RobotError(f"{key}: {reason}") from error
+        raise refusal(error, "", data, _allowed_keys) from error
 
 
 def read_robot_toml(path: Path) -> RobotTable:

@@ -1,4 +1,4 @@
-"""The first complaint of pydantic about a robot.toml, in the words of the file."""
+"""The first complaint of pydantic about tables of robots, in the words of the file."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, TypeAlias
 from pydantic import ValidationError
 
 from mbocp._text import shown
-from mbocp.exceptions import suggest
+from mbocp.exceptions import RobotError, suggest
 
-Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]
+Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]  # keys of the table that one stands in
 
 
 def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tuple[str, str]:
@@ -18,6 +18,12 @@ def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tupl
     first = error.errors()[0]
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return _key(data, first["loc"], absent=first["type"] == "missing"), _reason(first, data, allowed) + more
+
+
+def refusal(error: ValidationError, where: str, data: Any, allowed: Allowed) -> RobotError:
+    """Make the error for a table that stands in no file of its own; `where` names it."""
+    key, reason = first_complaint(error, data, allowed)
+    return RobotError(f"{'.'.join(word for word in (where, key) if word)}: {reason}")
 
 
 def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:

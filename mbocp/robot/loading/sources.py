@@ -5,7 +5,7 @@ Look-up order of `find_source`:
 1. a `Path`, or a text with a path separator or the ending .urdf, .xml, .toml or .yaml: that file or folder;
 2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
    under mbocp's robots/;
-3. "chain_N": a chain of N links, see `mbocp.robot.loading.chain`;
+3. "chain_N": a chain of N links, see `mbocp.robot.loading.readers.chain`;
 4. a name of example-robot-data ("ur5", "panda", "talos");
 5. a name of robot_descriptions ("panda_description"), if that package is installed.
 """
@@ -23,17 +23,15 @@ from typing import Any
 import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot.loading import chain, examples
-from mbocp.robot.loading.kinds import Kind
+from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.readers import chain, examples
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
-TOML = "robot.toml"
-YAML = "robot.yaml"
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
-_FILE_ENDINGS = (".urdf", ".xml", ".toml", ".yaml", ".xacro")
-
-_FILES: dict[Kind, str] = {"toml": TOML, "yaml": YAML}  # the first of them in a folder
+_FILE_ENDINGS = (".toml", *(ending for each in FORMATS.values() for ending in each.endings))
+# The first of them in a folder of the robot's name.
+_FILES = {"toml": "robot.toml", **{each.kind: each.file for each in FORMATS.values() if each.file}}
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,17 @@ class Source:
     example-robot-data says of it, where that was stored.
     """
 
-    kind: Kind
+    kind: str
     name: str
     address: str
     path: Path
     package_dirs: tuple[Path, ...] = ()
     example: examples.ExampleFacts | None = None
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file of a robot, and no name that makes one."""
+        return self.kind == "toml" or self.kind in FORMATS
 
 
 @dataclass(frozen=True)
@@ -125,8 +128,8 @@ def _inner(folder: Path) -> list[Path]:
 
 
 def _description(file: Path) -> str:
-    if file.name == YAML:
-        return f"closed loops of {YAML}"
+    if file.suffix != ".toml":
+        return format_of(file).about
     try:
         return read_robot_toml(file).description
     except RobotFileError as error:  # a broken file must not hide the other robots
@@ -145,21 +148,29 @@ def _from_path(path: Path) -> Source:
     except (OSError, RuntimeError, ValueError) as error:  # too long, a circle of links, a NUL
         raise RobotFileError(path, f"no such file or folder ({error.__class__.__name__})") from error
     if path.is_dir():
-        for kind, file in _FILES.items():
-            if (path / file).is_file():
-                return Source(kind, path.name, str(path / file), path / file)
-        urdfs = sorted(path.glob("*.urdf"))
-        if len(urdfs) == 1:
-            return Source("urdf", urdfs[0].stem, str(urdfs[0]), urdfs[0])
-        held = ", ".join(u.name for u in urdfs) or "none"
-        raise RobotFileError(
-            path, f"this folder has no {TOML} or {YAML}, and not exactly one URDF (it has: {held})"
-        )
-    if not there:
+        path = _file_in(path)
+    elif not there:
         raise RobotFileError(path, "no such file or folder")
-    if path.suffix in (".toml", ".yaml"):
-        return Source("toml" if path.suffix == ".toml" else "yaml", path.parent.name, str(path), path)
-    return Source("urdf", path.stem, str(path), path)
+    if path.suffix == ".toml":
+        return Source("toml", path.parent.name, str(path), path)
+    found = format_of(path)
+    return Source(found.kind, path.parent.name if found.file else path.stem, str(path), path)
+
+
+def _file_in(folder: Path) -> Path:
+    """The file of a folder that describes its robot."""
+    for file in _FILES.values():
+        if (folder / file).is_file():
+            return folder / file
+    usual = {each.name: each.endings[0] for each in FORMATS.values() if not each.file}
+    held = sorted(file for ending in usual.values() for file in folder.glob(f"*{ending}"))
+    if len(held) == 1:
+        return held[0]
+    raise RobotFileError(
+        folder,
+        f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {' or '.join(usual)} (it "
+        f"has: {', '.join(file.name for file in held) or 'none'})",
+    )
 
 
 def _from_unpacked(root: Path, spec: str, base: Path) -> Source:

@@ -1,12 +1,16 @@
-"""Numbers, vectors and the base of the tables of a robot.toml."""
+"""Numbers, vectors, placements and the base of the tables of a robot.toml."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypeAlias
 
+import numpy as np
+import pinocchio as pin
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
@@ -14,9 +18,11 @@ from pydantic import (
     model_validator,
 )
 
-from mbocp._text import has_control_characters
+from mbocp._numbers import finite_number, is_number
+from mbocp._text import has_control_characters, shown
 
 _MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
+_MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
 PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
@@ -67,3 +73,33 @@ class PairTable(Table):
         if self.frames[0] == self.frames[1]:
             raise ValueError(f"frames must be two different frames, got {self.frames[0]!r} twice")
         return self
+
+
+def _vector(value: Any, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
+    if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
+        raise ValueError(f"got {shown(value)}, expected {expected}")
+    return tuple(finite_number(entry) for entry in value)
+
+
+def _position(value: Any) -> tuple[float, ...]:
+    return _vector(value, (3,), "3 numbers [m]")
+
+
+def _orientation(value: Any) -> tuple[float, ...]:
+    numbers = _vector(value, (3, 4), "a quaternion x, y, z, w, or roll, pitch, yaw [rad]")
+    if len(numbers) == 4 and np.linalg.norm(numbers) < _MIN_NORM:
+        raise ValueError(f"got {shown(value)}, expected a quaternion that is not zero")
+    return numbers
+
+
+Position: TypeAlias = Annotated[Any, BeforeValidator(_position)]
+Orientation: TypeAlias = Annotated[Any, BeforeValidator(_orientation)]
+
+
+def placement_from(position: Sequence[float], orientation: Sequence[float]) -> pin.SE3:
+    """Placement from a position [m] and a quaternion xyzw of any length, or roll, pitch, yaw [rad]."""
+    if len(orientation) == 3:
+        rotation = pin.rpy.rpyToMatrix(np.array(orientation))
+    else:
+        rotation = pin.Quaternion(np.array(orientation)).normalized().matrix()
+    return pin.SE3(rotation, np.array(position))

@@ -1,51 +1,141 @@
-"""Tables of a whole beside those of its parts: what joins them, its initial pose, its motors."""
+"""Tables of several robots as one: those of the parts with the prefix of each, and those beside them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
-from mbocp.exceptions import DimensionMismatch
-from mbocp.robot import joints
-from mbocp.robot.loading.actuator_tables import ActuationTable
-from mbocp.robot.loading.body import Body
-from mbocp.robot.loading.schema import InitialTable, RobotTable
-from mbocp.robot.placed import SEPARATOR
+import pinocchio as pin
+from pydantic import BaseModel
 
+from mbocp._arrays import Array
+from mbocp.exceptions import DimensionMismatch, RobotError
+from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.schema import ActuationTable, InitialTable, JointActuator, RobotTable
+from mbocp.robot.placed import SEPARATOR, PlacedRobot
+
+_SHARED = {"gravity": (0.0, 0.0, -9.81), "rotations": "quaternion"}  # of all parts, and what is usual
+_UNIVERSE = "universe"  # what Pinocchio calls the frame that stands still; no other can have this name
 _NAMED = {"constraints": "constraint", "springs": "spring", "spring_dampers": "spring_damper"}
 _LISTS = ("actuators", "drives", "visuals", "collision_spheres", *_NAMED)
 
+Table = TypeVar("Table", bound=BaseModel)
 
-def with_own_tables(body: Body, own: RobotTable) -> Body:
-    """The body of several parts with the tables that stand beside them, in the names of the whole.
 
-    Lists come after those of the parts. Motors, frames to trace and a description take the place of theirs;
-    locked joints and initial positions are beside theirs.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One of several robots: its description with all options said in its tables, and where it stands.
+
+    Parameters
+    ----------
+    description : Description
+        Its table names motors, locked joints with their positions, and frames to trace.
+    placed : PlacedRobot
+    placement : pin.SE3
+        Of the base in the parent frame.
+    spec : mapping
+        Table that loads the part again from any folder.
     """
-    table = body.table
-    changes: dict[str, Any] = {key: [*getattr(table, key), *_rows(own, key)] for key in _LISTS}
-    changes["lock"] = {**by_joint(table.lock), **by_joint(own.lock)}
-    if own.actuation.joints is not None:
-        changes["actuation"] = ActuationTable(joints=own.actuation.joints)
-    if own.initial is not None:
-        changes["initial"] = _initial(body, own.initial)
-    for key in ("trace", "gravity", "rotations"):
-        if getattr(own, key) is not None:
-            changes[key] = getattr(own, key)
-    if own.description:
-        changes["description"] = own.description
-    return replace(body, table=table.model_copy(update=changes))
+
+    description: Description
+    placed: PlacedRobot
+    placement: pin.SE3
+    spec: Mapping[str, Any]
+
+    def named(self, name: str) -> str:
+        """Name of its joint or element among those of all."""
+        return prefixed(name, self.placed.name)
+
+    @property
+    def leaves(self) -> tuple[PlacedRobot, ...]:
+        """The robots that it consists of, in the names of the whole: itself, if it has no parts."""
+        name = self.placed.name
+        if not self.description.parts:
+            return (self.placed,)
+        return tuple(
+            replace(part, name=prefixed(part.name, name), parent=prefixed_frame(part.parent, name))
+            for part in self.description.parts
+        )
 
 
-def by_joint(lock: Any) -> dict[str, Any]:
-    """Locked joints and their positions; None: at the initial pose."""
-    return dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
+def prefixed(name: str, part: str) -> str:
+    """Name of a part's joint or element among those of all."""
+    return part + SEPARATOR + name
 
 
-def _rows(own: RobotTable, key: str) -> list[Any]:
+def prefixed_frame(name: str, part: str) -> str:
+    """Name of a part's frame among those of all; what "world" was to it is the frame that its base is."""
+    return prefixed(_UNIVERSE if name == kinematics.WORLD else name, part)
+
+
+# Keys of tables that hold a name; in the plural they hold several.
+_NAMES = {"frame": prefixed_frame, "joint": prefixed}
+
+
+def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterator[tuple[str, Array]]:
+    """Joints of a part that have positions, and these in its pose."""
+    model, q = part.description.model, part.description.pose
+    for joint in joints.joint_names(model) if among is None else among:
+        where = joints.configuration_slice(model, joints.joint_id(model, joint, part.description.name))
+        if where.stop > where.start:
+            yield joint, q[where]
+
+
+def combined_table(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
+    """Make one table of those of all parts, in the names of the whole.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    settled : collection of str
+        Which of gravity and rotations is said beside the parts, so that their files need not agree.
+    """
+    changes: dict[str, Any] = {key: [row for part in parts for row in _rows(part, key)] for key in _LISTS}
+    found = [(part, part.description.table) for part in parts]
+    changes["lock"] = {
+        part.named(joint): value for part, table in found for joint, value in by_joint(table.lock).items()
+    }
+    motors = [part.named(joint) for part, table in found for joint in table.actuation.joints or ()]
+    changes["actuation"] = ActuationTable(joints=motors)
+    changes["trace"] = [
+        prefixed_frame(frame, part.placed.name) for part, table in found for frame in table.trace or ()
+    ]
+    initial = {
+        part.named(joint): numbers.tolist()
+        for part in parts
+        for joint, numbers in joint_positions(part, part.description.posed_joints)
+    }
+    changes["initial"] = InitialTable(q=initial) if initial else None
+    changes |= {key: _agreed(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
+    changes["description"] = "; ".join(f"{part.placed.name}: {part.placed.robot}" for part in parts)
+    return RobotTable.model_construct().model_copy(update=changes)
+
+
+def _agreed(parts: Sequence[Part], key: str, default: Any) -> Any:
+    """Value of a key that holds for all parts."""
+    asked = [part for part in parts if not part.placed.is_object] or parts
+    values = {part.placed.name: getattr(part.description.table, key) or default for part in asked}
+    if len(set(values.values())) > 1:
+        told = ", ".join(f"{name}: {value}" for name, value in values.items())
+        raise RobotError(f"{key}: the files of the parts do not agree ({told}); give {key} beside the parts")
+    return next(iter(values.values()))
+
+
+def _rows(part: Part, key: str) -> list[BaseModel]:
+    """Tables of one list, in the names of the whole; motors that options took away are left out."""
+    table, name = part.description.table, part.placed.name
+    return [
+        _in_part(row, name)
+        for row in _named_rows(table, key)
+        if not isinstance(row, JointActuator) or row.joint in (table.actuation.joints or ())
+    ]
+
+
+def _named_rows(table: RobotTable, key: str) -> list[Any]:
     """Tables of one list; those that need a name are called by kind and place."""
-    rows = getattr(own, key)
+    rows = getattr(table, key)
     if key not in _NAMED:
         return list(rows)
     kinds = [row.type if key == "constraints" else _NAMED[key] for row in rows]
@@ -55,30 +145,76 @@ def _rows(own: RobotTable, key: str) -> list[Any]:
     ]
 
 
-def _initial(body: Body, own: InitialTable) -> InitialTable:
+def _in_part(row: Table, part: str) -> Table:
+    """A table with the prefix before every name."""
+    said = {key: getattr(row, key) for key in type(row).model_fields}
+    changes: dict[str, Any] = {}
+    for key, renamed in _NAMES.items():
+        if said.get(key) is not None:
+            changes[key] = renamed(said[key], part)
+        if said.get(f"{key}s") is not None:
+            several = said[f"{key}s"]
+            changes[f"{key}s"] = type(several)(renamed(name, part) for name in several)
+    if said.get("name"):
+        changes["name"] = prefixed(said["name"], part)
+    return row.model_copy(update=changes)
+
+
+def with_own_tables(description: Description, own: RobotTable) -> Description:
+    """The description of several parts with the tables that stand beside them, in the names of the whole.
+
+    Lists come after those of the parts. Motors, frames to trace and a description take the place of theirs;
+    locked joints and initial positions are beside theirs.
+    """
+    table = description.table
+    changes: dict[str, Any] = {key: [*getattr(table, key), *_named_rows(own, key)] for key in _LISTS}
+    changes["lock"] = {**by_joint(table.lock), **by_joint(own.lock)}
+    if own.actuation.joints is not None:
+        changes["actuation"] = ActuationTable(joints=own.actuation.joints)
+    if own.initial is not None:
+        changes["initial"] = _initial(description, own.initial)
+    for key in ("trace", "gravity", "rotations"):
+        if getattr(own, key) is not None:
+            changes[key] = getattr(own, key)
+    if own.description:
+        changes["description"] = own.description
+    return replace(description, table=table.model_copy(update=changes))
+
+
+def by_joint(lock: Any) -> dict[str, Any]:
+    """Locked joints and their positions; None: at the initial pose."""
+    return dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
+
+
+def _initial(description: Description, own: InitialTable) -> InitialTable:
     """Initial positions of the whole, on those of the parts."""
     if not isinstance(own.q, dict):
         return own
-    said = body.table.initial
+    said = description.table.initial
     before = said.q if said is not None and isinstance(said.q, dict) else {}
-    return InitialTable(q={**before, **_spread(body, own.q)})
+    return InitialTable(q={**before, **_spread(description, own.q)})
 
 
-def _spread(body: Body, given: Mapping[str, Any]) -> dict[str, Any]:
+def _spread(description: Description, given: Mapping[str, Any]) -> dict[str, Any]:
     """Positions by joint, where a list may stand for all joints of a part."""
     found: dict[str, Any] = {}
     for name, value in given.items():
-        inner = [j for j in joints.joint_names(body.model) if j.startswith(name + SEPARATOR)]
-        if not inner or name in body.model.names:
+        inner = [j for j in joints.joint_names(description.model) if j.startswith(name + SEPARATOR)]
+        if not inner or name in description.model.names:
             found[name] = value
             continue
         numbers = list(value) if isinstance(value, Sequence) else [value]
-        found |= _by_size(body, f"initial.q.{name}", inner, numbers)
+        found |= _by_size(description, f"initial.q.{name}", inner, numbers)
     return found
 
 
-def _by_size(body: Body, key: str, names: Sequence[str], numbers: Sequence[float]) -> dict[str, Any]:
-    kinds = [joints.joint_kind(body.model, joints.joint_id(body.model, name, body.name)) for name in names]
+def _by_size(
+    description: Description, key: str, names: Sequence[str], numbers: Sequence[float]
+) -> dict[str, Any]:
+    kinds = [
+        joints.joint_kind(description.model, joints.joint_id(description.model, name, description.name))
+        for name in names
+    ]
     full = [len(kind.q) for kind in kinds]
     angles = [len(kind.q) - (kind.word in ("continuous", "planar")) for kind in kinds]
     for sizes in (full, angles):

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
@@ -27,34 +25,25 @@ def joints_without_visuals(robot: Robot) -> set[int]:
     carried = {shape_name(payload) for payload in robot.payloads}
     visuals = [visual for visual in robot.visual_model.geometryObjects if visual.name not in carried]
     if not robot.parts:
-        return _bare(robot, visuals, range(robot.model.njoints), "", robot.source)
+        return _bare(robot, visuals, range(robot.model.njoints), "")
     found = set[int]()
     for part in robot.parts:
         own = [visual for visual in visuals if visual.name.startswith(part.prefix)]
         joints = [j for j in range(robot.model.njoints) if robot.model.names[j].startswith(part.prefix)]
-        found |= _bare(robot, own, joints, part.prefix, part.source)
+        found |= _bare(robot, own, joints, part.prefix)
     return found
 
 
 def _bare(
-    robot: Robot, visuals: Sequence[pin.GeometryObject], joints: Iterable[int], prefix: str, urdf: Path | None
+    robot: Robot, visuals: Sequence[pin.GeometryObject], joints: Iterable[int], prefix: str
 ) -> set[int]:
     """All `joints` if they have no visual at all, else those with missing meshes."""
     if len(visuals) == 0:
         return set(joints)
     seen = {robot.model.frames[visual.parentFrame].name for visual in visuals}
-    links = {prefix + link for link in _links_with_visuals(urdf)} - seen if urdf else set()
+    drawn = {source.prefix + link for source in robot.shapes for link in source.drawn}
+    links = {link for link in drawn - seen if link.startswith(prefix)}
     return {frame.parentJoint for frame in robot.model.frames if frame.name in links and _is_body(frame)}
-
-
-def _links_with_visuals(urdf: Path) -> set[str]:
-    try:
-        root = ElementTree.parse(urdf).getroot()
-    except (OSError, ElementTree.ParseError):
-        return set()
-    return {
-        link.get("name", "") for link in root.iterfind("link") if link.find("visual/geometry/*") is not None
-    }
 
 
 def _is_body(frame: pin.Frame) -> bool:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mbocp.robot import load_robot
-from mbocp.robot.loading.part_table import PartTable
-from mbocp.robot.loading.robot_yaml import RobotYaml, read_robot_yaml
+from mbocp.robot.loading.readers.robot_yaml import RobotYaml, read_robot_yaml
+from mbocp.robot.loading.robot_keys import PartTable
 from mbocp.robot.loading.schema import TABLES, RobotTable
 from mbocp.robot.loading.sources import robot_folders
 from tests.robot import urdfs

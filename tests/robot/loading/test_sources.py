@@ -165,7 +165,7 @@ def test_robot_descriptions(descriptions: Path) -> None:
 
 
 def test_without_example_robot_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbocp.robot.loading import examples
+    from mbocp.robot.loading.readers import examples
 
     monkeypatch.setitem(sys.modules, "example_robot_data", None)
     examples._loaders.cache_clear()

@@ -18,8 +18,7 @@ import casadi as ca
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.robot.loading.placement_table import Orientation, Position
-from mbocp.robot.loading.table_types import PairTable, Table
+from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table
 from mbocp.robot.loops.kinds.axes import Axis
 from mbocp.robot.parts import Label
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,27 +20,12 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.collision.source import CollisionSource
-from mbocp.robot.loading.mimic import Follower, followers
-from mbocp.robot.loading.urdf import build_model, captured_stderr, read_urdf
-from mbocp.robot.loading.visuals import build_visuals
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.readers.urdf import captured_stderr, describe_urdf, read_urdf
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
 _CORRECTED = {"ur3": "UR3Loader"}
 _COLLISION_ONLY = ("PandaLoaderCollision",)
-
-
-@dataclass(frozen=True, eq=False)
-class Example:
-    """A robot as example-robot-data means it."""
-
-    model: pin.Model
-    visuals: pin.GeometryModel
-    q0: Array
-    path: Path
-    free_flyer: bool
-    followers: tuple[Follower, ...] = ()
-    collision: tuple[CollisionSource, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,48 +79,37 @@ def description(name: str) -> str:
     return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
 
 
-def load_example(
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool,
-    packages: list[Path],
-    facts: ExampleFacts | None = None,
-) -> Example:
-    """Load a robot by its name in example-robot-data.
+def describe_example(
+    name: str, facts: ExampleFacts | None, *, free_flyer: bool | None, mimic: bool, folders: Sequence[Path]
+) -> Description:
+    """Describe a robot of example-robot-data.
 
     Parameters
     ----------
     name : str
         One of `names()`.
-    free_flyer : bool or None
+    facts : ExampleFacts, optional
+        What was stored of it; then example-robot-data itself is not asked.
+    free_flyer : bool, optional
         Base; None for the one that the loader means.
     mimic : bool
         Whether mimic joints follow their leader (upstream: False).
-    packages : list of Path
-        Folders to search for meshes before the loader's own.
-    facts : ExampleFacts, optional
-        What was stored of it; then example-robot-data itself is not asked.
+    folders : sequence of Path
+        To search for meshes before the loader's own.
     """
     if facts is None:
         facts = _readable_facts(name)
-        loader = _loaders()[name]
-        if _has_own_code(loader):
-            meant = free_flyer is None or free_flyer == facts.free_flyer
-            if not meant or mimic:
+        if _has_own_code(_loaders()[name]):
+            if mimic or free_flyer not in (None, facts.free_flyer):
                 raise UnsupportedRobot(
                     f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be "
                     f"changed; load its URDF instead: {facts.path}"
                 )
-            return _call_loader(loader, facts.path)
+            return _describe_built(name, facts.path)
     base = facts.free_flyer if free_flyer is None else free_flyer
-    urdf = read_urdf(facts.path)
-    model = build_model(urdf, free_flyer=base, mimic=mimic)
-    folders = (*packages, *facts.packages)
-    visuals = build_visuals(urdf, model, folders)
-    tied = followers(urdf.path, urdf.root) if mimic else ()
-    pose = _reference_pose(facts, model)
-    return Example(model, visuals, pose, facts.path, base, tied, (CollisionSource(urdf, folders),))
+    folders = (*folders, *facts.packages)
+    found = describe_urdf(read_urdf(facts.path), free_flyer=base, mimic=mimic, folders=folders)
+    return replace(found, name=name, q0=_reference_pose(facts, found.model))
 
 
 def example_facts(name: str) -> ExampleFacts:
@@ -202,10 +176,10 @@ def _has_own_code(loader: Any) -> bool:
     return loader.__init__ is not RobotLoader.__init__ and loader.__name__ not in _COLLISION_ONLY
 
 
-def _call_loader(loader: Any, path: Path) -> Example:
+def _describe_built(name: str, path: Path) -> Description:
     with contextlib.redirect_stdout(io.StringIO()), captured_stderr([]):
-        robot = loader().robot
-    return Example(robot.model, robot.visual_model, np.array(robot.q0), path, bool(loader.free_flyer))
+        robot = _loaders()[name]().robot
+    return Description(name, path, robot.model, robot.visual_model, np.array(robot.q0), source=path)
 
 
 def _reference_pose(facts: ExampleFacts, model: pin.Model) -> Array:

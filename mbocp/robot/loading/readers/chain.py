@@ -7,14 +7,18 @@ same axis, all with motors; at zero the chain hangs straight down.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.readers.urdf import describe_urdf
+from mbocp.robot.loading.readers.urdf_xml import Urdf
+from mbocp.robot.loading.schema import RobotTable
 
 EXAMPLE = "chain_8"
-MAX_LINKS = 1000  # as of any robot, see mbocp.robot.loading.urdf_tree
+MAX_LINKS = 1000  # as of any robot, see mbocp.robot.loading.readers.urdf_checks
 _LENGTH, _RADIUS, _MASS = 0.25, 0.018, 0.5  # [m, m, kg]
 _ACROSS = _MASS * (3 * _RADIUS**2 + _LENGTH**2) / 12  # [kg m^2], of a cylinder
 _ALONG = _MASS * _RADIUS**2 / 2
@@ -87,6 +91,13 @@ def num_links(name: str) -> int | None:
 def chain_description(links: int) -> str:
     """One line about a chain."""
     return f"Hanging chain of {links} equal {'links' if links > 1 else 'link'} on actuated revolute joints"
+
+
+def describe_chain(name: str, *, free_flyer: bool) -> Description:
+    """Describe the chain of this name."""
+    links = num_links(name) or 0
+    found = describe_urdf(chain_urdf(links), free_flyer=free_flyer, mimic=False)
+    return replace(found, source=None, table=RobotTable(description=chain_description(links)))
 
 
 def chain_urdf(links: int) -> Urdf:

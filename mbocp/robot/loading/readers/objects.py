@@ -1,12 +1,15 @@
-"""URDF of a simple body that is given by mass and shape: what robots of a world carry, or stand at."""
+"""Simple bodies that are given by mass and shape: what robots of a world carry, or stand at."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.readers.urdf import describe_urdf
+from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.payload import Payload
 
 OBJECT_LINK = "body"  # the one link of an object, at the centre of its shape
@@ -14,27 +17,12 @@ _COLOR = "0.92 0.62 0.18 1"
 _INERTIA = '<inertia ixx="{}" iyy="{}" izz="{}" ixy="{}" ixz="{}" iyz="{}"/>'
 
 
-def solid_inertia(shape: Payload) -> tuple[float, float, float, float, float, float]:
-    """Moments of inertia ixx, iyy, izz (and zero products) of a shape filled evenly [kg m^2].
-
-    Zero without a shape.
-    """
-    m = shape.mass
-    if shape.box is not None:
-        x, y, z = (side**2 for side in shape.box)
-        moments = ((y + z) / 12, (x + z) / 12, (x + y) / 12)
-    elif shape.sphere is not None:
-        moments = (0.4 * shape.sphere**2,) * 3
-    elif shape.cylinder is not None:
-        radius, length = shape.cylinder
-        moments = ((3 * radius**2 + length**2) / 12,) * 2 + (radius**2 / 2,)
-    else:
-        moments = (0.0, 0.0, 0.0)
-    xx, yy, zz = (m * moment for moment in moments)
-    return xx, yy, zz, 0.0, 0.0, 0.0
+def describe_object(name: str, shape: Payload, *, free_flyer: bool) -> Description:
+    """Describe a simple body; without a free-flyer it stands still."""
+    return replace(describe_urdf(_urdf(name, shape), free_flyer=free_flyer, mimic=False), source=None)
 
 
-def object_urdf(name: str, shape: Payload) -> Urdf:
+def _urdf(name: str, shape: Payload) -> Urdf:
     """URDF with one link, shown and solid alike, in memory: its path names no file.
 
     Parameters

@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 
 from mbocp._text import shortened, shown
 from mbocp._warn import warn_caller
-from mbocp.robot.loading.urdf_inertia import read_inertials
-from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
+from mbocp.robot.loading.readers.urdf_inertia import read_inertials
+from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
 from mbocp.robot.warnings import NotModelledWarning
 
 # Tags and attributes of extensions of the format that change the equations of motion.

@@ -11,7 +11,9 @@ It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Literal
@@ -23,9 +25,12 @@ from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
-from mbocp.robot.loading.actuator_tables import ActuationTable
-from mbocp.robot.loading.schema import RobotTable
-from mbocp.robot.loading.urdf import Urdf
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.readers import urdf as urdf_reader
+from mbocp.robot.loading.readers.safe_yaml import parse_yaml
+from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
+from mbocp.robot.loading.readers.urdf_xml import Urdf
+from mbocp.robot.loading.schema import ActuationTable, RobotTable
 from mbocp.robot.loops.constraints import ConstraintKeys, Point, Weld
 from mbocp.robot.warnings import IgnoredKeysWarning
 
@@ -89,6 +94,42 @@ class RobotYaml(BaseModel):
         return Urdf(urdf.path, ElementTree.tostring(root, encoding="unicode"), root)
 
 
+def read(
+    path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+) -> Description:
+    """Read a URDF with a robot.yaml beside it.
+
+    Mimic joints are joints of their own unless told otherwise: these collections may have motors on them.
+    """
+    told = read_robot_yaml(path)
+    urdf = read_urdf(_model_file(path))
+    table, urdf = told.table(urdf), told.with_joints(urdf, path)
+    found = describe_urdf(urdf, free_flyer=bool(free_flyer), mimic=bool(mimic), folders=folders)
+    return replace(found, name=name, file=path, table=table)
+
+
+def companions(path: Path) -> tuple[Path, ...]:
+    """The URDF, and what belongs to it."""
+    model = _model_file(path)
+    return (model, *urdf_reader.companions(model))
+
+
+def addresses(path: Path) -> tuple[str, ...]:
+    """Addresses of the meshes of the URDF."""
+    return urdf_reader.addresses(_model_file(path))
+
+
+def oddities(path: Path) -> Iterator[str]:
+    """What is odd in the URDF."""
+    return urdf_reader.oddities(_model_file(path))
+
+
+def _model_file(path: Path) -> Path:
+    """The URDF beside a robot.yaml: robot.urdf, or the only one."""
+    held = sorted(path.parent.glob("*.urdf"))
+    return path.parent / "robot.urdf" if len(held) != 1 else held[0]
+
+
 def read_robot_yaml(path: Path) -> RobotYaml:
     """Read and validate a robot.yaml.
 
@@ -102,8 +143,6 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     IgnoredKeysWarning
         For keys that are not known.
     """
-    from mbocp.robot.loading.safe_yaml import parse_yaml  # YAML only for robots that have such a file
-
     try:
         data = parse_yaml(read_text(path, expected="a robot.yaml", limit=MAX_BYTES))
     except Unreadable as error:

@@ -1,4 +1,4 @@
-"""A robot as a plain dict, for the command line and for JSON."""
+"""What a robot is, as a plain dict for the command line and for JSON, and what is odd in its files."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
+from mbocp.robot.loading.formats import format_of
 from mbocp.robot.loops.constraints import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
@@ -56,6 +58,17 @@ def describe(robot: Robot) -> dict[str, Any]:
         "rotations": robot.rotations,
         "fingerprint": robot.fingerprint,
     }
+
+
+def find_oddities(robot: Robot) -> tuple[str, ...]:
+    """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
+    found = list[str]()
+    for path in robot.sources:
+        try:
+            found += format_of(path).reader().oddities(path)
+        except MbocpError:  # the file has changed, or is no longer there
+            continue
+    return tuple(found)
 
 
 def _joint(robot: Robot, joint: int) -> dict[str, Any]:

@@ -9,44 +9,52 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from mbocp._files import MEGABYTE, read_text
-from mbocp.exceptions import RobotFileError, Unreadable
-from mbocp.robot.loading.mimic import Follower, followers, with_first_leaders
-from mbocp.robot.loading.not_modelled import tell_not_modelled
-from mbocp.robot.loading.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
-from mbocp.robot.loading.urdf_losses import check_losses
-from mbocp.robot.loading.urdf_tree import check_tree
+from mbocp.exceptions import RobotFileError
+from mbocp.robot.loading.description import ROOT_JOINT, Description
+from mbocp.robot.loading.followers import Follower
+from mbocp.robot.loading.readers.srdf import find_srdf
+from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
+from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
+from mbocp.robot.loading.readers.urdf_mimic import followers, with_first_leaders
+from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
+from mbocp.robot.loading.readers.urdf_oddities import find_oddities
+from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
+from mbocp.robot.loading.readers.urdf_xml import Urdf, parse_urdf
 
-ROOT_JOINT = "root_joint"
-_FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
-_MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
-_MAX_LEVELS = 100  # of elements within each other; a URDF needs six
 _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
 
 
-@dataclass(frozen=True)
-class Urdf:
-    """A URDF that has passed the checks: path, text and element tree."""
+def read(
+    path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+) -> Description:
+    """Read a robot from a URDF; mimic joints follow their leaders unless told otherwise, see `Format`."""
+    urdf = read_urdf(path)
+    return describe_urdf(urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders)
 
-    path: Path
-    text: str
-    root: ElementTree.Element
 
-    @property
-    def name(self) -> str:
-        """The name that the URDF gives the robot."""
-        return self.root.get("name") or self.path.stem
+def companions(path: Path) -> tuple[Path, ...]:
+    """Files beside a URDF that belong to it: its SRDF."""
+    srdf = find_srdf(path)
+    return () if srdf is None else (srdf,)
+
+
+def addresses(path: Path) -> tuple[str, ...]:
+    """Addresses of the meshes of a URDF."""
+    return mesh_addresses(read_urdf(path).root)
+
+
+def oddities(path: Path) -> Iterator[str]:
+    """What is allowed in a URDF, and probably not meant."""
+    return find_oddities(path, parse_urdf(path).root)
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read and check a URDF.
+    """Parse and check a URDF.
 
     Raises
     ------
@@ -56,11 +64,38 @@ def read_urdf(path: Path) -> Urdf:
         If it has a joint type that is not supported, a negative or NaN mass, moment of inertia, damping or
         friction.
     """
-    urdf = _parse(path)
+    urdf = parse_urdf(path)
     check_tree(path, urdf.root)
     read_inertials(path, urdf.root)
     check_losses(path, urdf.root)
     return urdf
+
+
+def describe_urdf(urdf: Urdf, *, free_flyer: bool, mimic: bool, folders: Sequence[Path] = ()) -> Description:
+    """Make the description of what a URDF says.
+
+    Parameters
+    ----------
+    urdf : Urdf
+        What `read_urdf` returned.
+    free_flyer : bool
+        Whether the root link floats.
+    mimic : bool
+        Whether mimic joints follow their leaders; otherwise they are joints of their own.
+    folders : sequence of Path
+        That hold packages of meshes.
+    """
+    model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
+    return Description(
+        name=urdf.name,
+        file=urdf.path,
+        model=model,
+        visuals=build_visuals(urdf, model, folders),
+        q0=pin.neutral(model),
+        source=urdf.path,
+        followers=followers(urdf.path, urdf.root) if mimic else (),
+        shapes=(shapes_of(urdf, folders),),
+    )
 
 
 def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
@@ -129,46 +164,6 @@ def captured_stderr(into: list[str]) -> Iterator[None]:
             os.close(saved)
             file.seek(0)
             into.append(file.read().decode(errors="replace"))
-
-
-def _parse(path: Path) -> Urdf:
-    if not os.path.lexists(path):
-        raise RobotFileError(path, "no such URDF file")
-    try:
-        text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
-    except Unreadable as error:
-        raise RobotFileError(path, error.reason) from error
-    text = _declared_first(text)
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise RobotFileError(path, f"malformed XML: {error}") from error
-    _check_depth(path, root)
-    if root.tag != "robot":
-        what = _FOREIGN_ROOTS.get(root.tag, f"XML with the root element <{root.tag}>")
-        raise RobotFileError(path, f"not a URDF: it is {what}, expected the root element <robot>")
-    if any("xacro" in element.tag for element in root.iter()):
-        raise RobotFileError(
-            path, "has xacro macros in it: expand them first (`xacro in.urdf.xacro > out.urdf`)"
-        )
-    return Urdf(path, text, root)
-
-
-def _declared_first(text: str) -> str:
-    """Put blank lines before an XML declaration behind it, where they may be; lines keep their numbers."""
-    rest = text.lstrip()
-    declaration, end, behind = rest.partition("?>")
-    if rest == text or not rest.startswith("<?xml") or not end:
-        return text
-    return declaration + end + text[: len(text) - len(rest)] + behind
-
-
-def _check_depth(path: Path, root: ElementTree.Element) -> None:
-    level, depth = [root], 0
-    while level:
-        level, depth = [inner for element in level for inner in element], depth + 1
-        if depth > _MAX_LEVELS:
-            raise RobotFileError(path, f"XML elements are nested more than {_MAX_LEVELS} deep")
 
 
 def _check_mass(urdf: Urdf, model: pin.Model) -> None:

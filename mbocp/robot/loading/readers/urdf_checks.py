@@ -1,4 +1,7 @@
-"""Check that a URDF's links and joints are one tree; Pinocchio drops links without a path to the root."""
+"""Checks of a URDF: its links and joints are one tree, its joints lose no negative energy.
+
+Pinocchio drops links without a path to the root.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ import numpy as np
 
 from mbocp._text import has_control_characters, listed, shown
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.loading.urdf_numbers import child_attribute, finite_numbers
+from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_numbers
 
 MAX_MOVING_JOINTS = 1000  # joints; loading takes nv^2 memory and nv^3 time
 MAX_CHAIN_LENGTH = 1200  # joints; the stack of a thread (8 MB) ends somewhere between 2000 and 4000
@@ -151,3 +154,21 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
     if repeated is not None:
         raise RobotFileError(path, f"{tag} {shown(repeated)} is defined more than once")
     return names
+
+
+def check_losses(path: Path, root: ElementTree.Element) -> None:
+    """Check ``<dynamics damping= friction=>`` of every joint.
+
+    Raises
+    ------
+    RobotFileError, UnsupportedRobot
+        Naming the joint, for what is no number, and for what is negative.
+    """
+    for joint in root.iterfind("joint"):
+        for key in ("damping", "friction"):
+            where = f"joint {shown(joint.get('name'))}: {key}"
+            (value,) = finite_numbers(path, where, child_attribute(joint, "dynamics", key), (0.0,))
+            if value < 0.0:
+                raise UnsupportedRobot(
+                    f"{path}: {where} is {value:g}; it takes energy out, and cannot be negative"
+                )

@@ -1,4 +1,4 @@
-"""What is odd in a robot's URDF: allowed, and probably not meant."""
+"""What is odd in a URDF: allowed, and probably not meant."""
 
 from __future__ import annotations
 
@@ -9,39 +9,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._files import MEGABYTE, read_text
 from mbocp._text import shown
-from mbocp.exceptions import MbocpError
-from mbocp.robot.loading.urdf_inertia import Inertial, read_inertials
-from mbocp.robot.loading.urdf_numbers import child_attribute, finite_number
-from mbocp.robot.robot import Robot
+from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials
+from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
 
-_MAX_BYTES = 16 * MEGABYTE
 _TOLERANCE = 0.02  # of the largest moment of inertia: numbers with few digits
 _MAX_RADIUS = 3.0  # [m] of gyration; larger links are rare, and mm in place of m are not
 _MAX_NAMES = 4  # joints of which the same is said, named in one line
 _WITH_LIMITS = ("revolute", "prismatic")
 
 
-def smells(robot: Robot) -> tuple[str, ...]:
-    """One line for each oddity in the URDFs that a robot was read from.
-
-    Parameters
-    ----------
-    robot : Robot
-    """
-    found = []
-    for path in robot.sources:
-        try:
-            root = ElementTree.fromstring(read_text(path, expected="a URDF", limit=_MAX_BYTES))
-            found += list(smells_of_urdf(path, root))
-        except (MbocpError, ElementTree.ParseError):  # the file has changed, or is no longer there
-            continue
-    return tuple(found)
-
-
-def smells_of_urdf(path: Path, root: ElementTree.Element) -> Iterator[str]:
-    """The same for one URDF.
+def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[str]:
+    """Find what is odd in a URDF; one line for each.
 
     Parameters
     ----------
@@ -86,20 +65,22 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
     kind = joint.get("type")
     if kind not in (*_WITH_LIMITS, "continuous") or joint.find("mimic") is not None:
         return
-    lower, upper, effort, speed = (
-        finite_number(child_attribute(joint, "limit", key))
+    limit = {
+        key: finite_number(child_attribute(joint, "limit", key))
         for key in ("lower", "upper", "effort", "velocity")
-    )
-    if kind in _WITH_LIMITS and lower is not None and upper is not None:
-        if lower >= upper:
-            yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
-        elif lower > 0.0 or upper < 0.0:
-            yield (
-                f"its limits {lower:g} ... {upper:g} exclude zero, where poses begin unless start.q says "
-                "another"
-            )
-    for key, value in (("effort", effort), ("velocity", speed)):
-        if value is None:
+    }
+    if kind in _WITH_LIMITS and limit["lower"] is not None and limit["upper"] is not None:
+        yield from _of_range(limit["lower"], limit["upper"])
+    for key in ("effort", "velocity"):
+        if limit[key] is None:
             yield f"no {key} in <limit>: limits.{key} = true does not bound it"
-        elif value == 0.0:
+        elif limit[key] == 0.0:
             yield f"zero {key} in <limit>: limits.{key} = true would not let it move"
+
+
+def _of_range(lower: float, upper: float) -> Iterator[str]:
+    if lower >= upper:
+        yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
+    elif lower > 0.0 or upper < 0.0:
+        words = "exclude zero, where poses begin unless start.q says another"
+        yield f"its limits {lower:g} ... {upper:g} {words}"

@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp._text import shown
 from mbocp._warn import warn_caller
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loading.urdf_numbers import LARGEST, child_attribute, finite_number, finite_numbers
+from mbocp.robot.loading.readers.urdf_xml import LARGEST, child_attribute, finite_number, finite_numbers
 from mbocp.robot.warnings import ImpossibleInertiaWarning
 
 _ROUND_OFF = 1e-9  # [kg m^2]; exporters print a zero moment of inertia as a tiny negative number

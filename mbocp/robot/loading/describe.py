@@ -1,0 +1,232 @@
+"""From a source, or tables of parts, to the description of a robot.
+
+A robot.toml may assemble parts, which may be such files in turn: hence one module reads both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pinocchio as pin
+
+from mbocp.exceptions import MbocpError, RobotError, RobotFileError
+from mbocp.robot import joints
+from mbocp.robot.loading.addresses import resolve
+from mbocp.robot.loading.ball_joints import make_spherical
+from mbocp.robot.loading.combine import combined
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.elements import Assembly
+from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.payload_table import payloads_of
+from mbocp.robot.loading.readers.chain import describe_chain
+from mbocp.robot.loading.readers.examples import describe_example
+from mbocp.robot.loading.readers.objects import describe_object
+from mbocp.robot.loading.resistances import Losses
+from mbocp.robot.loading.robot_keys import PartTable, ReadingKeys
+from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
+from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.whole_table import Part, by_joint, with_own_tables
+from mbocp.robot.placed import PlacedRobot
+from mbocp.robot.resistance import FRICTION_SPEED
+
+_OF_PARTS = ("free_flyer", "mimic", "damping", "friction", "friction_speed")
+
+
+def describe_source(
+    source: Source, keys: ReadingKeys, folders: Sequence[Path], within: tuple[Path, ...] = ()
+) -> Description:
+    """Read a source.
+
+    Parameters
+    ----------
+    source : Source
+    keys : ReadingKeys
+        What they say takes precedence over what the file says.
+    folders : sequence of Path
+        That hold packages of meshes.
+    within : tuple of Path
+        Files that assemble this one, the outermost first.
+
+    Raises
+    ------
+    RobotFileError
+        If a file assembles itself, and for what is wrong in it.
+    RobotError
+        For options that belong into the parts.
+    """
+    table = read_robot_toml(source.path) if source.kind == "toml" else None
+    if table is not None and table.parts:
+        return _assembled(source, table, keys, folders, within)
+    free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
+    if table is not None:
+        found = _with_table(source, table, keys, folders)
+    elif source.kind == "chain":
+        found = describe_chain(source.name, free_flyer=bool(free_flyer))
+    elif source.kind == "example":
+        found = describe_example(
+            source.name, source.example, free_flyer=free_flyer, mimic=bool(mimic), folders=folders
+        )
+    else:
+        reader = FORMATS[source.kind].reader()
+        found = reader.read(source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders)
+    given = found.table.payloads if keys.payload is None else keys.payload
+    losses = (_losses(found.table, keys),)
+    return replace(_with_ball_joints(found), losses=losses, carried=payloads_of(given))
+
+
+def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path]) -> Description:
+    """The model that a robot.toml names, with its tables."""
+    folder = source.path.parent
+    folders = (*folders, *(folder / inner for inner in table.package_dirs))
+    try:
+        path = resolve(table.urdf, folder, folders)
+    except FileNotFoundError as error:
+        raise RobotFileError(source.path, str(error), "urdf") from error
+    name, reader = table.name or source.name, format_of(path).reader()
+    free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
+    mimic = table.mimic if keys.mimic is None else keys.mimic
+    found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders)
+    return replace(found, name=name, table=table, file=source.path)
+
+
+def _with_ball_joints(found: Description) -> Description:
+    if not found.table.spherical:
+        return found
+    model = make_spherical(found.model, found.table.spherical, found.name)
+    return replace(found, model=model, q0=pin.neutral(model))
+
+
+def _losses(table: RobotTable, keys: ReadingKeys) -> Losses:
+    """Losses: options take precedence over robot.toml, and robot.toml over defaults."""
+    said = ((keys.damping, table.damping, True), (keys.friction_speed, table.friction_speed, FRICTION_SPEED))
+    acts, scale = (next(value for value in values if value is not None) for values in said)
+    return Losses(bool(acts), table.friction if keys.friction is None else keys.friction, float(scale))
+
+
+def _assembled(
+    source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path], within: tuple[Path, ...]
+) -> Description:
+    """The whole that a robot.toml with parts describes."""
+    if source.path in within:
+        circle = " -> ".join(str(path) for path in (*within[within.index(source.path) :], source.path))
+        raise RobotFileError(source.path, f"assembles itself: {circle}", "part")
+    for key in _OF_PARTS:
+        if getattr(keys, key) is not None:
+            raise RobotError(
+                f"{key}: robot {source.name!r} is assembled of parts; write it into each [[part]] of "
+                f"{source.path}"
+            )
+    name, inner = table.name or source.name, (*within, source.path)
+    try:
+        parts = read_parts(table.parts, source.path.parent, folders, inner)
+        found = describe_parts(parts, table, name, source.path)
+    except RobotFileError:
+        raise
+    except RobotError as error:
+        error.args = (f"{source.path}: {error}",)
+        raise
+    own = (*found.carried, *payloads_of(table.payloads))
+    return replace(found, carried=own if keys.payload is None else payloads_of(keys.payload))
+
+
+def describe_parts(parts: Sequence[Part], own: RobotTable, name: str, file: Path) -> Description:
+    """Put parts together, with the tables that stand beside them.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    own : RobotTable
+        Tables in the names of the whole: what joins the parts, initial pose, motors.
+    name : str
+        What to call the whole.
+    file : Path
+        Where the tables stand, for messages.
+
+    Raises
+    ------
+    RobotError
+        For what is wrong with one of them, naming it.
+    """
+    settled = [key for key in ("gravity", "rotations") if getattr(own, key) is not None]
+    return with_own_tables(combined(parts, name, file, settled), own)
+
+
+def read_parts(
+    tables: Sequence[PartTable],
+    base: Path | None,
+    folders: Sequence[Path] = (),
+    within: tuple[Path, ...] = (),
+) -> list[Part]:
+    """Read what tables of parts name or describe.
+
+    Parameters
+    ----------
+    tables : sequence of PartTable
+    base : Path, optional
+        Folder that relative paths start from.
+    folders : sequence of Path
+        More folders with packages.
+    within : tuple of Path
+        Files that assemble these parts, the outermost first.
+
+    Raises
+    ------
+    RobotError
+        For parts of the same name, and for what is wrong with one of them, naming it.
+    """
+    names = [table.name for table in tables]
+    for name in names:
+        if names.count(name) > 1:
+            raise RobotError(f"part: the name {name!r} is given twice; give each part its own")
+    return [_part(table, base, folders, within) for table in tables]
+
+
+def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: tuple[Path, ...]) -> Part:
+    try:
+        if table.robot is None:
+            found = describe_object(table.name, table.shape, free_flyer=table.free_flyer is not False)
+            spec = table.portable(base)
+        else:
+            source = find_source(table.robot, base)
+            found = describe_source(source, table, (*table.folders(base), *folders), within)
+            spec = {**table.portable(base), "robot": source.address}
+        joints.check_joints(found.model, found.name)
+        described, placed = _with_options(found, table), _placed(table, found)
+    except MbocpError as error:
+        error.args = (f"part {table.name!r}: {error}",)
+        raise
+    names_payloads = found.carried or table.payload is not None
+    return Part(described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})})
+
+
+def _with_options(found: Description, keys: PartTable) -> Description:
+    """Say in the tables of a part what its options make of it: locked joints, motors, frames to trace."""
+    pose, table = found.pose, found.table
+    named = Assembly(found.model, (), pose, table, found.name, found.file)
+    lock = by_joint(table.lock if keys.lock is None else keys.lock)
+    for joint, value in lock.items():
+        number = joints.joint_id(found.model, joint, found.name)
+        if value is None:
+            lock[joint] = pose[joints.configuration_slice(found.model, number)].tolist()
+    said = {
+        "lock": lock,
+        "trace": named.trace_frames() if found.model.nv else (),
+        "actuation": ActuationTable(joints=named.motors(keys.actuated)),
+    }
+    locks = found.named_locks | set(keys.lock or ())
+    return replace(found, table=table.model_copy(update=said), named_locks=locks)
+
+
+def _placed(table: PartTable, found: Description) -> PlacedRobot:
+    placement = table.placement
+    return PlacedRobot(
+        name=table.name,
+        robot=found.name,
+        parent=table.parent,
+        position=tuple(placement.translation.tolist()),
+        orientation=tuple(pin.Quaternion(placement.rotation).coeffs().tolist()),
+        source=found.source,
+        is_object=table.robot is None,
+    )

@@ -1,0 +1,115 @@
+"""The text of a URDF as a tree of elements, and the numbers in its attributes."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp._files import MEGABYTE, read_text
+from mbocp._text import shown
+from mbocp.exceptions import RobotFileError, Unreadable
+
+LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers stay finite
+# Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
+_NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+_FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
+_MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
+_MAX_LEVELS = 100  # of elements within each other; a URDF needs six
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A URDF: path, text and element tree."""
+
+    path: Path
+    text: str
+    root: ElementTree.Element
+
+    @property
+    def name(self) -> str:
+        """The name that the URDF gives the robot."""
+        return self.root.get("name") or self.path.stem
+
+
+def parse_urdf(path: Path) -> Urdf:
+    """Read a URDF as a tree of elements, within bounds.
+
+    Raises
+    ------
+    RobotFileError
+        If it is missing, malformed, or something else.
+    """
+    if not os.path.lexists(path):
+        raise RobotFileError(path, "no such URDF file")
+    try:
+        text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
+    except Unreadable as error:
+        raise RobotFileError(path, error.reason) from error
+    text = _declared_first(text)
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RobotFileError(path, f"malformed XML: {error}") from error
+    _check_depth(path, root)
+    if root.tag != "robot":
+        what = _FOREIGN_ROOTS.get(root.tag, f"XML with the root element <{root.tag}>")
+        raise RobotFileError(path, f"not a URDF: it is {what}, expected the root element <robot>")
+    if any("xacro" in element.tag for element in root.iter()):
+        raise RobotFileError(
+            path, "has xacro macros in it: expand them first (`xacro in.urdf.xacro > out.urdf`)"
+        )
+    return Urdf(path, text, root)
+
+
+def _declared_first(text: str) -> str:
+    """Put blank lines before an XML declaration behind it, where they may be; lines keep their numbers."""
+    rest = text.lstrip()
+    declaration, end, behind = rest.partition("?>")
+    if rest == text or not rest.startswith("<?xml") or not end:
+        return text
+    return declaration + end + text[: len(text) - len(rest)] + behind
+
+
+def _check_depth(path: Path, root: ElementTree.Element) -> None:
+    level, depth = [root], 0
+    while level:
+        level, depth = [inner for element in level for inner in element], depth + 1
+        if depth > _MAX_LEVELS:
+            raise RobotFileError(path, f"XML elements are nested more than {_MAX_LEVELS} deep")
+
+
+def finite_number(text: str | None) -> float | None:
+    """The number that `text` is; None if it is none, not finite, or larger than `LARGEST`."""
+    if text is None or not _NUMBER.fullmatch(text.strip()):
+        return None
+    value = float(text)
+    return value if abs(value) <= LARGEST else None
+
+
+def finite_numbers(path: Path, what: str, text: str | None, default: tuple[float, ...]) -> Array:
+    """As many finite numbers as `default` has, which is returned if there is no text.
+
+    Raises
+    ------
+    RobotFileError
+        Naming file and `what`: "joint 'elbow': axis xyz".
+    """
+    if text is None:
+        return np.array(default)
+    values = [finite_number(word) for word in text.split()]
+    if len(values) != len(default) or None in values:
+        count = f"{len(default)} finite numbers" if len(default) > 1 else "a finite number"
+        raise RobotFileError(path, f"{what} is {shown(text)}, expected {count} up to {LARGEST:g}")
+    return np.array(values, dtype=np.float64)
+
+
+def child_attribute(element: ElementTree.Element, tag: str, key: str) -> str | None:
+    """An attribute of the first child of that tag; None if there is no such child or attribute."""
+    child = element.find(tag)
+    return None if child is None else child.get(key)

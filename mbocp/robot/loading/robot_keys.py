@@ -1,0 +1,198 @@
+"""Keys of `[robot]` and of its parts: what is loaded, and how.
+
+They are declared here, and nowhere else: problem files, `load_robot`, `load_parts` and the table that loads a
+robot again take them from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import pinocchio as pin
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from mbocp._arrays import plain
+from mbocp._numbers import finite_number, named_numbers
+from mbocp._text import has_control_characters, shown
+from mbocp.exceptions import InvalidValue, RobotError, suggest
+from mbocp.robot.kinematics import WORLD
+from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
+from mbocp.robot.loading.schema_errors import refusal
+from mbocp.robot.loading.table_types import Orientation, Position, placement_from
+from mbocp.robot.payload import SHAPES, Payload
+from mbocp.robot.placed import SEPARATOR
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not value or SEPARATOR in value or has_control_characters(value):
+        raise ValueError(f"got {shown(value)}, expected a name without {SEPARATOR!r}")
+    if value == WORLD:
+        raise ValueError(f"got {shown(value)}, which is the frame that stands still; take another name")
+    return value
+
+
+def _lock(value: Any) -> Any:
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        return value
+    if isinstance(value, Mapping):
+        return named_numbers(value)
+    raise ValueError(
+        f"got {shown(value)}, expected a list of joint names or a table with a position for each"
+    )
+
+
+Number = Annotated[float, BeforeValidator(finite_number)]
+
+_OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
+_OF_ROBOTS = ("lock", "actuated", "mimic", "damping", "friction", "friction_speed", "package_dirs")
+
+
+class ReadingKeys(BaseModel):
+    """How a robot is read: keys of `[robot]`, and of each part beside others."""
+
+    free_flyer: bool | None = None
+    lock: Annotated[Any, BeforeValidator(_lock)] = None
+    actuated: list[str] | None = None
+    mimic: bool | None = None
+    damping: bool | None = None
+    friction: str | None = None
+    friction_speed: Number | None = None
+    package_dirs: list[str] = Field(default=[])
+    payload: list[PayloadTable] | None = None
+
+    def folders(self, base: Path | None) -> tuple[Path, ...]:
+        """Absolute paths of the folders with packages."""
+        return tuple(absolute(folder, base) for folder in self.package_dirs)
+
+    def portable(self, base: Path | None, *left_out: str) -> dict[str, Any]:
+        """The keys that say something, with absolute paths; what is carried in the end names itself."""
+        said = plain(self.model_dump(exclude_defaults=True, exclude={"payload", *left_out}))
+        folders = {"package_dirs": [str(folder) for folder in self.folders(base)]}
+        return {**said, **(folders if self.package_dirs else {})}
+
+
+class PartTable(ReadingKeys, ShapeTable):
+    """A robot or a simple body, and the frame that its base is fixed to."""
+
+    robot: str | None = None
+    name: Annotated[str, BeforeValidator(_name)]
+    parent: str = WORLD
+    position: Position = (0.0, 0.0, 0.0)
+    orientation: Orientation = (0.0, 0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _a_robot_or_an_object(self) -> PartTable:
+        told = self._told(_OF_OBJECTS)
+        if self.robot is not None:
+            if told:
+                raise ValueError(f"{told[0]}: does not go with robot; it makes a part a body of its own")
+            return self
+        if not told:
+            raise ValueError(
+                f"robot is missing: name or path; or give mass and {', '.join(SHAPES)} of a simple body"
+            )
+        for key in self._told(_OF_ROBOTS):
+            raise ValueError(f"{key}: is a matter of robots; a simple body has no joints of its own")
+        self._check_object()
+        return self
+
+    def _told(self, keys: Iterable[str]) -> list[str]:
+        """Keys with another value than the default."""
+        fields = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != fields[key].default]
+
+    def _check_object(self) -> None:
+        floats = self.free_flyer is not False
+        if floats and not self.mass:
+            raise ValueError("mass: a body that floats needs one above 0; or say free_flyer = false")
+        try:
+            shape = self.shape
+        except InvalidValue as error:
+            key = error.name.rpartition(": ")[2]
+            raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+        if floats and not any(shape.inertia):
+            raise ValueError(f"inertia: a body that floats needs one: give {', '.join(SHAPES)} or inertia")
+
+    @property
+    def is_object(self) -> bool:
+        """Whether the part is a body of given mass and shape, and no robot from a file."""
+        return self.robot is None
+
+    @property
+    def shape(self) -> Payload:
+        """Mass, inertia and shape of an object; the inertia of the filled shape if none is given."""
+        said = self.model_dump(include=set(_OF_OBJECTS), exclude_none=True)
+        shape = Payload(**{"name": self.name, "frame": self.name, "mass": 0.0, **said})
+        return shape if any(shape.inertia) else replace(shape, inertia=shape.solid_inertia)
+
+    @property
+    def placement(self) -> pin.SE3:
+        """Of the base in the parent frame."""
+        return placement_from(self.position, self.orientation)
+
+
+class _HeadKeys(BaseModel):
+    name: str | None = None
+    part: list[PartTable] | None = None
+
+
+class RobotKeys(ReadingKeys, _HeadKeys):
+    """`[robot]`: a robot with its name or path, or parts in one world with what joins them."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
+
+    gravity: list[Number] | None = Field(default=None, min_length=3, max_length=3)
+    rotations: str | None = None
+    label: str | None = None
+    constraint: list[dict[str, Any]] | None = None
+    initial: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _a_name_or_parts(self) -> RobotKeys:
+        if self.name is None and self.part is None:
+            raise ValueError("name is missing: name or path of a robot; or give tables [[robot.part]]")
+        return self
+
+
+def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
+    """Read a part from a table.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    if isinstance(entry, PartTable):
+        return entry
+    try:
+        return PartTable.model_validate(plain(entry))
+    except ValidationError as error:
+        raise refusal(error, f"part[{number}]", entry, lambda _: list(PartTable.model_fields)) from error
+
+
+def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
+    """Read the keys of `[robot]`.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    data = plain(table)
+    try:
+        return RobotKeys.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        if not first["loc"]:
+            words = "is required: name or path of a robot; or give tables [[robot.part]]"
+            raise RobotError(f"robot.name: {words}") from error
+        if first["type"] == "extra_forbidden" and len(first["loc"]) == 1:
+            key = str(first["loc"][0])
+            raise RobotError(f"robot: unknown key {key!r}; {suggest(key, RobotKeys.model_fields)}") from error
+        is_inside = first["loc"][0] in ("part", "payload") and len(first["loc"]) > 1
+        where = "" if is_inside else "robot"
+        raise refusal(error, where, data, lambda _: list(PartTable.model_fields)) from error
