@@ -91,7 +91,7 @@ class _Gathering:
                 "name": source.name,
                 "address": source.address,
                 "path": placed(source.path) if source.is_file else "",
-                "example": None if facts is None else _table(facts, placed),
+                "example": None if facts is None else facts.table(placed),
             }
             for asked, folder, source, facts in self.sources
         ]
@@ -196,16 +196,6 @@ def _add_package(found: _Gathering, path: Path) -> None:
     package = next((file for file in above if file.is_file()), None)
     if package is not None and path.is_relative_to(package.parent):
         found.add(package)
-
-
-def _table(facts: ExampleFacts, placed: Any) -> dict[str, Any]:
-    return {
-        "path": placed(facts.path),
-        "free_flyer": facts.free_flyer,
-        "srdf": None if facts.srdf is None else placed(facts.srdf),
-        "has_rotors": facts.has_rotors,
-        "posture": facts.posture,
-    }
 
 
 def _plain(path: Path) -> Path:

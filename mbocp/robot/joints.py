@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     import pinocchio as pin
 
 _LINEAR, _ANGULAR = "m", "rad"
+# Arrays of a model with numbers of its joints, beside those that joints have themselves.
+_OF_VELOCITIES = (
+    *("armature", "rotorInertia", "rotorGearRatio", "damping"),
+    *("lowerDryFrictionLimit", "upperDryFrictionLimit", "lowerEffortLimit", "upperEffortLimit"),
+    *("lowerVelocityLimit", "upperVelocityLimit"),
+)
+_OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
 @dataclass(frozen=True)
@@ -137,6 +144,14 @@ def velocity_slice(model: pin.Model, joint: int) -> slice:
     """Range of the joint in v; empty for a mimic joint."""
     j = model.joints[joint]
     return slice(j.idx_v, j.idx_v + j.nv)
+
+
+def copy_numbers(model: pin.Model, joint: int, out: pin.Model, there: int, skip: int = 0) -> None:
+    """Copy limits, losses and rotors of a joint to one of another model, but for the first `skip`."""
+    for keys, where in ((_OF_VELOCITIES, velocity_slice), (_OF_POSITIONS, configuration_slice)):
+        source = where(model, joint)
+        for key in keys:
+            getattr(out, key)[where(out, there)] = getattr(model, key)[source.start + skip : source.stop]
 
 
 def displacement(model: pin.Model, joint: int, q: Array) -> float:

@@ -258,19 +258,26 @@ class RobotModel:
         payloads are, and what the values of joints decide that options lock.
         """
         frames = [kinematics.frame_id(self.model, payload.name, self.name) for payload in self.payloads]
+        carrying = {int(self.model.frames[frame].parentJoint) for frame in frames}
+        return tuple(
+            sorted(
+                {
+                    *(n for body in carrying | self._object_bodies() for n in inertia_numbers(body)),
+                    *(n for frame in frames for n in translation_numbers(frame)),
+                    *self.decided_by_locks,
+                    *placements_of_followers(self.model, sorted(frames), self.decided_by_locks),
+                }
+            )
+        )
+
+    def _object_bodies(self) -> set[int]:
+        """Joints that move the parts that are simple bodies."""
         prefixes = tuple(part.prefix for part in self.parts if part.is_object)
-        objects = [
-            frame
-            for frame in self.model.frames
-            if prefixes and frame.name.startswith(prefixes) and frame.type == pin.FrameType.BODY
-        ]
-        bodies = {int(self.model.frames[frame].parentJoint) for frame in frames}
-        bodies |= {int(frame.parentJoint) for frame in objects} - {0}
-        found = {number for body in bodies for number in inertia_numbers(body)}
-        found |= {number for frame in frames for number in translation_numbers(frame)}
-        found |= set(self.decided_by_locks)
-        found |= {*placements_of_followers(self.model, sorted(frames), self.decided_by_locks)}
-        return tuple(sorted(found))
+        return {
+            int(frame.parentJoint)
+            for frame in (self.model.frames if prefixes else ())
+            if frame.name.startswith(prefixes) and frame.type == pin.FrameType.BODY
+        } - {0}
 
     @cached_property
     def varying_values(self) -> Array:

@@ -62,31 +62,39 @@ def self_pairs(
     left_out: dict[str, list[tuple[str, str]]] = {}
     for a, b in combinations(range(len(links)), 2):
         names = links[a].link, links[b].link
-        reason = "moved by one joint" if links[a].joint == links[b].joint else ""
-        if not reason and _are_neighbours(model, links[a].joint, links[b].joint):
-            reason = "next to each other"
-        if not reason and frozenset(names) in disabled:
-            reason = "disabled"
+        gaps = None
+        reason = _by_build(model, links[a], links[b], disabled)
         if not reason:
             reach = links[a].radii[:, None] + links[b].radii
-            gaps = np.array(
-                [np.linalg.norm(pose[a][:, None] - pose[b], axis=2) - reach for pose in placed]
-            )  # poses, spheres of a, spheres of b
-            nearest = gaps.min(axis=(1, 2))
-            if nearest[0] < 0.0:
-                reason = "touching in the default pose"
-            elif (nearest[1:] < 0.0).all():
-                reason = "always touching"
-            elif nearest.min() > _RESERVE:
-                reason = "never near each other"
-            else:
-                near = np.argwhere(gaps.min(axis=0) <= _RESERVE)
-                chosen += [((a, int(i)), (b, int(j))) for i, j in near]
-                kept.append(names)
-        if reason:
+            # Poses, spheres of a, spheres of b.
+            gaps = np.array([np.linalg.norm(pose[a][:, None] - pose[b], axis=2) - reach for pose in placed])
+            reason = _by_distance(gaps.min(axis=(1, 2)))
+        if reason or gaps is None:
             left_out.setdefault(reason, []).append(names)
+            continue
+        near = np.argwhere(gaps.min(axis=0) <= _RESERVE)
+        chosen += [((a, int(i)), (b, int(j))) for i, j in near]
+        kept.append(names)
     told = {reason: tuple(pairs) for reason, pairs in left_out.items()}
     return SelfPairs(tuple(chosen), tuple(kept), told)
+
+
+def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collection[frozenset[str]]) -> str:
+    """Why two links are left out whatever their distance; empty if they are not."""
+    if a.joint == b.joint:
+        return "moved by one joint"
+    if _are_neighbours(model, a.joint, b.joint):
+        return "next to each other"
+    return "disabled" if frozenset((a.link, b.link)) in disabled else ""
+
+
+def _by_distance(nearest: Array) -> str:
+    """Why two links are left out by their distances [m] in the default pose and others; empty if not."""
+    if nearest[0] < 0.0:
+        return "touching in the default pose"
+    if (nearest[1:] < 0.0).all():
+        return "always touching"
+    return "never near each other" if nearest.min() > _RESERVE else ""
 
 
 def _are_neighbours(model: pin.Model, a: int, b: int) -> bool:

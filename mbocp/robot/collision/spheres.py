@@ -109,25 +109,12 @@ def _of_link(
 ) -> LinkSpheres:
     placement = model.frames[frame].placement
     solid = Solid.of(shapes) if shapes else None
-    if given:
-        origin = "given"
-        centers = np.array([placement.act(np.array(sphere.center)) for sphere in given])
-        made = Cover(centers, np.array([sphere.radius for sphere in given]))
-    elif all(isinstance(shape.geometry, coal.Sphere) for shape in shapes):
-        origin = "urdf"
-        centers = np.array([shape.placement.translation for shape in shapes])
-        made = Cover(centers, np.array([shape.geometry.radius for shape in shapes]))
-    else:
-        assert solid is not None
-        origin, made = "fitted", cover(solid, tolerance, _MOST)
-        made = made.enlarged(_looked_at(shapes, solid, _OTHER))
-        made = Cover(made.centers, made.radii * _SLACK)
+    origin, made = _covering(placement, shapes, given, solid, tolerance)
     sticks_out = uncovered = gap = np.nan
     if solid is not None:
         sticks_out = float(sticking_out(made, solid).max()) if origin != "urdf" else 0.0
         gaps = made.gaps(_looked_at(shapes, solid, 2 * _OTHER))
-        outside = gaps > _ROUND_OFF
-        uncovered, gap = float(outside.mean()), max(float(gaps.max()), 0.0)
+        uncovered, gap = float((gaps > _ROUND_OFF).mean()), float(gaps.max())
     return LinkSpheres(
         link=model.frames[frame].name,
         frame=frame,
@@ -139,6 +126,24 @@ def _of_link(
         uncovered=uncovered,
         gap=gap if gap > _ROUND_OFF or np.isnan(gap) else 0.0,
     )
+
+
+def _covering(
+    placement: pin.SE3,
+    shapes: Sequence[pin.GeometryObject],
+    given: Sequence[CollisionSphere],
+    solid: Solid | None,
+    tolerance: float,
+) -> tuple[str, Cover]:
+    """Where the spheres of a link come from, and the spheres in the axes of its joint."""
+    if given or solid is None:
+        centers = np.array([placement.act(np.array(sphere.center)) for sphere in given])
+        return "given", Cover(centers, np.array([sphere.radius for sphere in given]))
+    if all(isinstance(shape.geometry, coal.Sphere) for shape in shapes):
+        centers = np.array([shape.placement.translation for shape in shapes])
+        return "urdf", Cover(centers, np.array([shape.geometry.radius for shape in shapes]))
+    made = cover(solid, tolerance, _MOST).enlarged(_looked_at(shapes, solid, _OTHER))
+    return "fitted", Cover(made.centers, made.radii * _SLACK)
 
 
 _ROUND_OFF = 1e-9  # [m]

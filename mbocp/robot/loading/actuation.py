@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -71,13 +72,14 @@ class DriveReader:
         names = table.joints or [table.joint or ""]
         key = f"drive[{number}].{'joints' if table.joints else 'joint'}"
         locked = [name for name in names if name in self.names.locked]
-        if locked and len(locked) < len(names):
+        if len(locked) == len(names):
+            return
+        if locked:
             self.names.refuse(key, f"joint {locked[0]!r} is locked: lock all joints of a drive or none")
-        repeated = [name for name in names if names.count(name) > 1]
-        if repeated:
-            self.names.refuse(key, f"joint {repeated[0]!r} is named twice")
-        for name in names if not locked else ():
-            yield key, self.names.joint(name)
+        repeated = next((name for name in names if names.count(name) > 1), None)
+        if repeated is not None:
+            self.names.refuse(key, f"joint {repeated!r} is named twice")
+        yield from ((key, self.names.joint(name)) for name in names)
 
     def _drive(self, number: int, table: DriveTable, moved: list[int]) -> tuple[Drive, float]:
         dofs = tuple(dof for joint in moved for dof in self._dofs(joint))
@@ -122,15 +124,7 @@ class DriveReader:
             )
 
 
-@dataclass
-class _Columns:
-    """Columns of B while they are gathered: the constant ones, then those that depend on q."""
-
-    fixed: list[Array] = field(default_factory=list)
-    fixed_labels: list[Label] = field(default_factory=list)
-    fixed_efforts: list[float] = field(default_factory=list)
-    frames: list[FrameActuator] = field(default_factory=list)
-    frame_efforts: list[float] = field(default_factory=list)
+_Column: TypeAlias = tuple[Array, Label, float]  # of B where it is constant, its control and its limit
 
 
 @dataclass(frozen=True)
@@ -157,25 +151,20 @@ class ActuationReader:
             Joints with motors; None: those of the table; if that names none, all that the URDF actuates and
             that no drive moves.
         """
-        columns = _Columns()
         reader = DriveReader(self.names, tuple(self.table.drives))
-        declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
-        for joint in self._actuated(actuated, reader):
-            self._add_joint(columns, joint, declared.get(self.names.model.names[joint]))
-        for number, table in enumerate(self.table.actuators):
-            if isinstance(table, Wrench | Thruster):
-                self._add_wrench(columns, table, number)
-        selection = np.column_stack(columns.fixed) if columns.fixed else np.zeros((self.names.model.nv, 0))
+        fixed, varying = self._columns(self._actuated(actuated, reader))
+        selection = np.column_stack([c for c, _, _ in fixed]) if fixed else np.zeros((self.names.model.nv, 0))
         pairs = reader.drives(selection)
-        drives = tuple(drive for drive, _ in pairs)
-        named_units = [(a.name, a.unit) for a in columns.frames] + [(d.name, d.unit) for d in drives]
-        labels = (*columns.fixed_labels, *(Label(*pair) for pair in named_units))
+        frames, drives = tuple(made for made, _ in varying), tuple(made for made, _ in pairs)
+        named = [(frame.name, frame.unit) for frame in frames] + [
+            (drive.name, drive.unit) for drive in drives
+        ]
+        labels = (*(label for _, label, _ in fixed), *(Label(*pair) for pair in named))
         self.names.refuse_repeated(
             "actuator or drive" if drives else "actuator", [label.name for label in labels]
         )
-        actuation = Actuation(selection, labels, tuple(columns.frames), drives)
-        limits = [*columns.fixed_efforts, *columns.frame_efforts, *(limit for _, limit in pairs)]
-        return actuation, np.array(limits)
+        limits = [limit for *_, limit in (*fixed, *varying, *pairs)]
+        return Actuation(selection, labels, frames, drives), np.array(limits)
 
     def motors(self, actuated: Sequence[str] | None) -> list[str]:
         """Names of the joints that have motors, in the order of their controls."""
@@ -202,36 +191,46 @@ class ActuationReader:
     def _motors(self, named: Sequence[str]) -> list[int]:
         return [self.names.joint(name) for name in dict.fromkeys(named) if name not in self.names.locked]
 
-    def _add_joint(self, columns: _Columns, joint: int, effort: float | None) -> None:
+    def _columns(self, motors: Iterable[int]) -> tuple[list[_Column], list[tuple[FrameActuator, float]]]:
+        """Constant columns of B, and actuators whose columns depend on q, with their limits."""
+        declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
+        fixed, varying = list[_Column](), list[tuple[FrameActuator, float]]()
+        for joint in motors:
+            fixed += self._of_joint(joint, declared.get(self.names.model.names[joint]))
+        for number, row in enumerate(self.table.actuators):
+            if isinstance(row, JointActuator):
+                continue
+            frame = self._moving_frame(row.frame, number)
+            jacobian = self._constant_jacobian(frame)
+            for label, direction, effort in _directions(row):
+                if jacobian is not None:
+                    fixed.append((jacobian.T @ direction, label, effort))
+                else:
+                    varying.append((FrameActuator(label.name, frame, direction, label.unit), effort))
+        return fixed, varying
+
+    def _of_joint(self, joint: int, effort: float | None) -> Iterator[_Column]:
         where = joints.velocity_slice(self.names.model, joint)
-        labels = self._effort_labels[where]
-        limits = self.names.model.upperEffortLimit[where]
+        labels, limits = self._effort_labels[where], self.names.model.upperEffortLimit[where]
         for index, label, limit in zip(range(where.start, where.stop), labels, limits, strict=True):
             column = np.zeros(self.names.model.nv)  # a row of np.eye would keep the whole matrix
             column[index] = 1.0
-            columns.fixed.append(column)
-            columns.fixed_labels.append(label)
-            columns.fixed_efforts.append(limit_of(limit) if effort is None else effort)
+            yield column, label, limit_of(limit) if effort is None else effort
 
-    def _add_wrench(self, columns: _Columns, table: Wrench | Thruster, number: int) -> None:
-        model, frame = self.names.model, self.names.frame(table.frame)
-        parent = model.frames[frame].parentJoint
-        if parent == 0:
+    def _moving_frame(self, name: str, number: int) -> int:
+        frame = self.names.frame(name)
+        if self.names.model.frames[frame].parentJoint == 0:
             self.names.refuse(
-                f"actuator[{number}].frame",
-                f"frame {table.frame!r} is fixed to the world: nothing would move",
+                f"actuator[{number}].frame", f"frame {name!r} is fixed to the world: nothing would move"
             )
-        for label, direction, effort in _directions(table):
-            if self._is_constant(parent):
-                jacobian = kinematics.frame_jacobian(
-                    self.names.model, pin.neutral(self.names.model), frame, pin.LOCAL
-                )
-                columns.fixed.append(jacobian.T @ direction)
-                columns.fixed_labels.append(label)
-                columns.fixed_efforts.append(effort)
-            else:
-                columns.frames.append(FrameActuator(label.name, frame, direction, label.unit))
-                columns.frame_efforts.append(effort)
+        return frame
+
+    def _constant_jacobian(self, frame: int) -> Array | None:
+        """A frame's Jacobian in its own axes, shape (6, nv), if no configuration changes it."""
+        model = self.names.model
+        if not self._is_constant(model.frames[frame].parentJoint):
+            return None
+        return kinematics.frame_jacobian(model, pin.neutral(model), frame, pin.LOCAL)
 
     def _is_constant(self, parent: int) -> bool:
         """Whether a body's local Jacobian is constant: it hangs on a free-flyer alone, or it only slides."""

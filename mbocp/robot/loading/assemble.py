@@ -10,14 +10,22 @@ import pinocchio as pin
 
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
+from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.checks import check_drives, check_mechanics
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.elements import Assembly
+from mbocp.robot.loading.elements import (
+    connectors_of,
+    constraints_of,
+    forces_of,
+    spheres_of,
+    trace_frames,
+)
 from mbocp.robot.loading.initial_pose import close_loops
 from mbocp.robot.loading.joint_frames import with_joint_frames
 from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.locking import lock_joints
 from mbocp.robot.loading.resistances import joint_resistances
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.robot import Robot
 from mbocp.symbolic import placements_of_followers
 
@@ -48,9 +56,9 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     known = model.nframes
     model, table = with_joint_frames(model, found.table, found.name, found.file)
     decided = (*decided, *placements_of_followers(model, range(known, model.nframes), decided))
-    parts = Assembly(model, gone, q0, table, found.name, found.file)
-    actuation, efforts = parts.actuation(actuated)
-    constraints, forces = parts.constraints(), parts.forces()
+    names = TableReader(model, gone, found.name, found.file, q0)
+    actuation, efforts = ActuationReader(names, table).actuation(actuated)
+    constraints, forces = constraints_of(names, table), forces_of(names, table)
     robot = Robot(
         name=found.name,
         model=model,
@@ -61,8 +69,8 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
         q0=q0,
         limits=limits_of(model, tied, found.name, efforts),
         source=found.source,
-        trace_frames=parts.trace_frames(),
-        connectors=parts.connectors(constraints, forces),
+        trace_frames=trace_frames(names, table),
+        connectors=connectors_of(names, table, constraints, forces),
         spec=spec,
         description=table.description,
         rotations=table.rotations or "quaternion",
@@ -73,7 +81,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
         ),
         parts=found.parts,
         shapes=found.shapes,
-        given_spheres=parts.collision_spheres(),
+        given_spheres=spheres_of(names, table),
         decided_by_locks=decided,
     )
     # Before payloads: the pose does not depend on what the robot carries.

@@ -10,15 +10,6 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.loading.description import ROOT_JOINT
 
-_LIMITS_V = (
-    "lowerEffortLimit",
-    "upperEffortLimit",
-    "lowerVelocityLimit",
-    "upperVelocityLimit",
-)
-_LIMITS_Q = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
-_LIMITS_FRICTION = ("lowerDryFrictionLimit", "upperDryFrictionLimit", "damping")
-_ROTORS = ("armature", "rotorInertia", "rotorGearRatio")
 _POSITIONS = 3  # a floating joint's coordinates begin with these, in q and in v
 
 
@@ -70,18 +61,9 @@ def _refuse_unfit(model: pin.Model, joint: int, robot: str) -> None:
 
 
 def _copy_joint(model: pin.Model, out: pin.Model, joint: int, skip: int) -> None:
-    old = model.joints[joint]
-    q, v = slice(old.idx_q + skip, old.idx_q + old.nq), slice(old.idx_v + skip, old.idx_v + old.nv)
-    limits = [
-        *(getattr(model, key)[v] for key in _LIMITS_V),
-        *(getattr(model, key)[q] for key in _LIMITS_Q),
-        *(getattr(model, key)[v] for key in _LIMITS_FRICTION),
-    ]
-    kind = pin.JointModelSpherical() if skip else pin.JointModel(old)
+    kind = pin.JointModelSpherical() if skip else pin.JointModel(model.joints[joint])
     parent, placement = model.parents[joint], model.jointPlacements[joint]
-    out.addJoint(parent, kind, placement, model.names[joint], *limits)
+    out.addJoint(parent, kind, placement, model.names[joint])
     out.appendBodyToJoint(joint, model.inertias[joint], pin.SE3.Identity())
     out.inertias[joint] = model.inertias[joint]  # to the last bit
-    new = joints.velocity_slice(out, joint)
-    for key in _ROTORS:
-        getattr(out, key)[new] = getattr(model, key)[v]
+    joints.copy_numbers(model, joint, out, joint, skip)

@@ -19,20 +19,6 @@ from mbocp.robot.loading.whole_table import Part, combined_table, joint_position
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR
 
-_OF_VELOCITIES = (
-    "armature",
-    "rotorInertia",
-    "rotorGearRatio",
-    "damping",
-    "lowerDryFrictionLimit",
-    "upperDryFrictionLimit",
-    "lowerEffortLimit",
-    "upperEffortLimit",
-    "lowerVelocityLimit",
-    "upperVelocityLimit",
-)
-_OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit")
-
 
 def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[str] = ()) -> Description:
     """Make one description of several, in their order; a part on another one's frame follows its joint.
@@ -160,13 +146,8 @@ def _copy_numbers(part: Part, model: pin.Model) -> None:
     """Limits, losses and rotors of the joints; `pin.appendModel` forgets some of them."""
     own = part.description.model
     for joint in range(1, own.njoints):
-        there = joints.joint_id(model, part.placed.prefix + own.names[joint], part.placed.name)
-        for keys, where in (
-            (_OF_VELOCITIES, joints.velocity_slice),
-            (_OF_POSITIONS, joints.configuration_slice),
-        ):
-            for key in keys:
-                getattr(model, key)[where(model, there)] = getattr(own, key)[where(own, joint)]
+        there = joints.joint_id(model, part.named(own.names[joint]), part.placed.name)
+        joints.copy_numbers(own, joint, model, there)
 
 
 def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:

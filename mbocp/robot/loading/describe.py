@@ -13,11 +13,12 @@ import pinocchio as pin
 
 from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints
+from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.combine import combined
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.elements import Assembly
+from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import FORMATS, format_of
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.readers.chain import describe_chain
@@ -27,6 +28,7 @@ from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_keys import PartTable, ReadingKeys
 from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.whole_table import Part, by_joint, with_own_tables
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED
@@ -204,7 +206,7 @@ def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: 
 def _with_options(found: Description, keys: PartTable) -> Description:
     """Say in the tables of a part what its options make of it: locked joints, motors, frames to trace."""
     pose, table = found.pose, found.table
-    named = Assembly(found.model, (), pose, table, found.name, found.file)
+    names = TableReader(found.model, (), found.name, found.file, pose)
     lock = by_joint(table.lock if keys.lock is None else keys.lock)
     for joint, value in lock.items():
         number = joints.joint_id(found.model, joint, found.name)
@@ -212,8 +214,8 @@ def _with_options(found: Description, keys: PartTable) -> Description:
             lock[joint] = pose[joints.configuration_slice(found.model, number)].tolist()
     said = {
         "lock": lock,
-        "trace": named.trace_frames() if found.model.nv else (),
-        "actuation": ActuationTable(joints=named.motors(keys.actuated)),
+        "trace": trace_frames(names, table) if found.model.nv else (),
+        "actuation": ActuationTable(joints=ActuationReader(names, table).motors(keys.actuated)),
     }
     locks = found.named_locks | set(keys.lock or ())
     return replace(found, table=table.model_copy(update=said), named_locks=locks)

@@ -8,35 +8,14 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 
 from mbocp._arrays import plain
-from mbocp._numbers import finite_number, is_number
+from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.loading.schema_errors import refusal
+from mbocp.robot.loading.table_types import Position, vector_of
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
-
-
-def _number(value: Any) -> float:
-    return finite_number(value)
-
-
-def _vector(value: Any, count: int, expected: str) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) != count or not all(map(is_number, value)):
-        raise ValueError(f"got {shown(value)}, expected {expected}")
-    return tuple(finite_number(entry) for entry in value)
-
-
-def _com(value: Any) -> tuple[float, ...]:
-    return _vector(value, 3, "3 numbers [m]")
-
-
-def _box(value: Any) -> tuple[float, ...]:
-    return _vector(value, 3, "3 lengths x, y, z [m]")
-
-
-def _cylinder(value: Any) -> tuple[float, ...]:
-    return _vector(value, 2, "radius and length [m]")
 
 
 def _inertia(value: Any) -> tuple[float, ...]:
@@ -50,7 +29,7 @@ def _inertia(value: Any) -> tuple[float, ...]:
         value = [value.get(key, 0.0) for key in INERTIA_KEYS]
     if isinstance(value, list | tuple) and len(value) == 3:
         value = [*value, 0.0, 0.0, 0.0]
-    return _vector(value, 6, _INERTIA)
+    return vector_of(_INERTIA, 6)(value)
 
 
 def _name(value: Any) -> str:
@@ -59,7 +38,7 @@ def _name(value: Any) -> str:
     return value
 
 
-Mass: TypeAlias = Annotated[float, BeforeValidator(_number)]
+Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number)]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
 
@@ -69,11 +48,11 @@ class ShapeTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     mass: Mass | None = None
-    com: Annotated[Any, BeforeValidator(_com)] = (0.0, 0.0, 0.0)
+    com: Position = (0.0, 0.0, 0.0)
     inertia: Annotated[Any, BeforeValidator(_inertia)] = (0.0,) * 6
-    box: Annotated[Any, BeforeValidator(_box)] = None
-    sphere: Annotated[Any, BeforeValidator(_number)] = None
-    cylinder: Annotated[Any, BeforeValidator(_cylinder)] = None
+    box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3))] = None
+    sphere: Annotated[Any, BeforeValidator(finite_number)] = None
+    cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2))] = None
 
 
 class PayloadTable(ShapeTable):

@@ -70,6 +70,12 @@ def joint_resistances(
     """
     every = [*_of_joints(model), *_of_followers(model, followers)]
     found = [each for each in every if losses.joints is None or each.name in losses.joints]
+    _tell_friction(found, losses, robot)
+    kept = (_acting(resistance, losses) for resistance in found)
+    return tuple(resistance for resistance in kept if resistance.damping or resistance.friction)
+
+
+def _tell_friction(found: Iterable[JointResistance], losses: Losses, robot: str) -> None:
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
@@ -77,8 +83,6 @@ def joint_resistances(
             'left out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )
-    kept = (_acting(resistance, losses) for resistance in found)
-    return tuple(resistance for resistance in kept if resistance.damping or resistance.friction)
 
 
 def _acting(resistance: JointResistance, losses: Losses) -> JointResistance:

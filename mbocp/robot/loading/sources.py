@@ -80,18 +80,26 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     if isinstance(spec, Path) or _looks_like_path(spec):
         path = path_of(spec)
         return _from_path(path if base is None else base / path)
+    found = _from_folders(spec) or _from_made(spec) or _from_robot_descriptions(spec)
+    if found is None:
+        raise UnknownRobot(str(spec), [entry.name for entry in list_robots()])
+    return found
+
+
+def _from_folders(name: str) -> Source | None:
+    """File of a robot in a folder of its name."""
     for folder in robot_folders():
         for kind, file in _FILES.items():
-            if is_file(folder / spec / file):
-                return Source(kind, spec, spec, folder / spec / file)
-    if chain.num_links(spec) is not None:
-        return Source("chain", spec, spec, Path())
-    if spec in examples.names():
-        return Source("example", spec, spec, Path())
-    described = _from_robot_descriptions(spec)
-    if described is not None:
-        return described
-    raise UnknownRobot(str(spec), [entry.name for entry in list_robots()])
+            if is_file(folder / name / file):
+                return Source(kind, name, name, folder / name / file)
+    return None
+
+
+def _from_made(name: str) -> Source | None:
+    """A chain, or a robot of example-robot-data."""
+    if chain.num_links(name) is not None:
+        return Source("chain", name, name, Path())
+    return Source("example", name, name, Path()) if name in examples.names() else None
 
 
 def robot_folders() -> list[Path]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -75,25 +75,26 @@ class PairTable(Table):
         return self
 
 
-def _vector(value: Any, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
-    if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
-        raise ValueError(f"got {shown(value)}, expected {expected}")
-    return tuple(finite_number(entry) for entry in value)
+def vector_of(expected: str, *counts: int) -> Callable[[Any], tuple[float, ...]]:
+    """Make a validator of so many finite numbers; `expected` says them in messages."""
+
+    def read(value: Any) -> tuple[float, ...]:
+        if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
+            raise ValueError(f"got {shown(value)}, expected {expected}")
+        return tuple(map(finite_number, value))
+
+    return read
 
 
-def _position(value: Any) -> tuple[float, ...]:
-    return _vector(value, (3,), "3 numbers [m]")
-
-
-def _orientation(value: Any) -> tuple[float, ...]:
-    numbers = _vector(value, (3, 4), "a quaternion x, y, z, w, or roll, pitch, yaw [rad]")
+def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
     if len(numbers) == 4 and np.linalg.norm(numbers) < _MIN_NORM:
-        raise ValueError(f"got {shown(value)}, expected a quaternion that is not zero")
+        raise ValueError(f"got {shown(list(numbers))}, expected a quaternion that is not zero")
     return numbers
 
 
-Position: TypeAlias = Annotated[Any, BeforeValidator(_position)]
-Orientation: TypeAlias = Annotated[Any, BeforeValidator(_orientation)]
+_TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
+Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3))]
+Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4))]
 
 
 def placement_from(position: Sequence[float], orientation: Sequence[float]) -> pin.SE3:

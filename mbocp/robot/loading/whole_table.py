@@ -93,24 +93,25 @@ def combined_table(parts: Sequence[Part], settled: Collection[str]) -> RobotTabl
         Which of gravity and rotations is said beside the parts, so that their files need not agree.
     """
     changes: dict[str, Any] = {key: [row for part in parts for row in _rows(part, key)] for key in _LISTS}
-    found = [(part, part.description.table) for part in parts]
-    changes["lock"] = {
-        part.named(joint): value for part, table in found for joint, value in by_joint(table.lock).items()
-    }
-    motors = [part.named(joint) for part, table in found for joint in table.actuation.joints or ()]
-    changes["actuation"] = ActuationTable(joints=motors)
-    changes["trace"] = [
-        prefixed_frame(frame, part.placed.name) for part, table in found for frame in table.trace or ()
-    ]
-    initial = {
-        part.named(joint): numbers.tolist()
-        for part in parts
-        for joint, numbers in joint_positions(part, part.description.posed_joints)
-    }
-    changes["initial"] = InitialTable(q=initial) if initial else None
+    changes |= _named(parts)
     changes |= {key: _agreed(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
     changes["description"] = "; ".join(f"{part.placed.name}: {part.placed.robot}" for part in parts)
     return RobotTable.model_construct().model_copy(update=changes)
+
+
+def _named(parts: Sequence[Part]) -> dict[str, Any]:
+    """What tables say by names: locked joints, motors, frames to trace, initial positions."""
+    lock, initial = dict[str, Any](), dict[str, Any]()
+    motors, trace = list[str](), list[str]()
+    for part in parts:
+        table = part.description.table
+        lock |= {part.named(joint): value for joint, value in by_joint(table.lock).items()}
+        motors += map(part.named, table.actuation.joints or ())
+        trace += [prefixed_frame(frame, part.placed.name) for frame in table.trace or ()]
+        posed = joint_positions(part, part.description.posed_joints)
+        initial |= {part.named(joint): numbers.tolist() for joint, numbers in posed}
+    pose = InitialTable(q=initial) if initial else None
+    return {"lock": lock, "initial": pose, "actuation": ActuationTable(joints=motors), "trace": trace}
 
 
 def _agreed(parts: Sequence[Part], key: str, default: Any) -> Any:

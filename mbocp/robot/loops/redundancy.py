@@ -51,22 +51,15 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
     if len(first) < robot.nv and np.linalg.svd(first, compute_uv=False)[-1] > _MIN_INDEPENDENT_VALUE:
         return ()
     jacobians = [_scaled(robot, robot.closure_jacobian(q)) for q in _poses(robot)]
-    choices = [_independent(jacobian) for jacobian in jacobians]
-    rank = max(len(choice) for choice in choices)
-    best = choices[0] if len(choices[0]) == rank else ()
-    best_score = _score(best, jacobians) if best else -1.0
-    for choice in choices:
-        score = _score(choice, jacobians) if len(choice) == rank else -1.0
-        if _SCORE_TIE_RATIO * score > best_score:
-            best, best_score = choice, score
+    best = _best_choice(jacobians)
     redundant = tuple(i for i in range(len(robot.closure_labels)) if i not in best)
     _check_constraints(robot, redundant, jacobians)
-    if rank == robot.nv:
+    if len(best) == robot.nv:
         names = _quoted(constraint.name for constraint in robot.constraints)
         raise UnsupportedRobot(
-            f"robot {robot.name!r}: its constraints ({names}) leave nothing that moves: {rank} independent "
-            f"rows on {robot.nv} velocities; take one out, or close the loop with a type that holds less (a "
-            'planar loop with "hinge" in place of "weld")'
+            f"robot {robot.name!r}: its constraints ({names}) leave nothing that moves: {len(best)} "
+            f"independent rows on {robot.nv} velocities; take one out, or close the loop with a type that "
+            'holds less (a planar loop with "hinge" in place of "weld")'
         )
     if redundant:
         labels = robot.closure_labels
@@ -74,6 +67,18 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
             "robot %r: redundant rows left out: %s", robot.name, _quoted(labels[i].name for i in redundant)
         )
     return redundant
+
+
+def _best_choice(jacobians: Sequence[Array]) -> tuple[int, ...]:
+    """Rows that are independent at all poses, those of the first pose unless others are far better."""
+    choices = [_independent(jacobian) for jacobian in jacobians]
+    rank = max(map(len, choices))
+    best, best_score = tuple[int, ...](), -1.0
+    for choice in choices:
+        score = _score(choice, jacobians) if len(choice) == rank else -1.0
+        if (_SCORE_TIE_RATIO if best else 1.0) * score > best_score:
+            best, best_score = choice, score
+    return best
 
 
 def singular_closure(robot: Mechanism, qs: Array) -> str:

@@ -152,19 +152,30 @@ def target_from_words(words: Mapping[str, Any]) -> FrameTarget:
         raise InvalidValue("targets: name", shown(words.get("name")), "the name of a frame")
     given = {key: words[key] for key in ("orientation", "axis", "direction", "relative_to") if key in words}
     where = f"frame {words['name']!r}"
-    position = words.get("position")
-    if any(c in words for c in _COORDINATES):
-        if position is not None:
-            raise InvalidValue(f"{where}: position", "position, and x, y or z", "one of the two")
-        position = [words.get(c) for c in _COORDINATES]
     if "rpy" in words:
         if "orientation" in words:
             raise InvalidValue(f"{where}: rpy", "rpy and orientation", "one of the two")
-        angles = frozen_array(words["rpy"], shape=(3,), name=f"{where}: rpy")
-        if not np.isfinite(angles).all():
-            raise InvalidValue(f"{where}: rpy", angles.tolist(), "finite numbers [rad]")
-        given["orientation"] = pin.Quaternion(pin.rpy.rpyToMatrix(*angles)).coeffs()
-    return FrameTarget(name=words["name"], position=position, **given)
+        given["orientation"] = _quaternion_of(f"{where}: rpy", words["rpy"])
+    return FrameTarget(name=words["name"], position=_position_in(where, words), **given)
+
+
+def _position_in(where: str, words: Mapping[str, Any]) -> Any:
+    """Position, or x, y and z of which some may be missing."""
+    position = words.get("position")
+    if not any(c in words for c in _COORDINATES):
+        return position
+    if position is not None:
+        raise InvalidValue(f"{where}: position", "position, and x, y or z", "one of the two")
+    return [words.get(c) for c in _COORDINATES]
+
+
+def _quaternion_of(name: str, rpy: Any) -> Array:
+    """Unit quaternion xyzw of roll, pitch and yaw [rad]."""
+    angles = frozen_array(rpy, shape=(3,), name=name)
+    if not np.isfinite(angles).all():
+        raise InvalidValue(name, angles.tolist(), "finite numbers [rad]")
+    quaternion: Array = pin.Quaternion(pin.rpy.rpyToMatrix(*angles)).coeffs()
+    return quaternion
 
 
 def rotation_between(a: Array, b: Array) -> Array:

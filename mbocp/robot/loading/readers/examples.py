@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -56,14 +56,14 @@ class ExampleFacts:
     @classmethod
     def of_table(cls, table: Mapping[str, Any], root: Path) -> ExampleFacts:
         """From a table whose paths are relative to `root`; packages do not matter there."""
-        srdf = table["srdf"]
-        return cls(
-            path=root / table["path"],
-            free_flyer=bool(table["free_flyer"]),
-            srdf=None if srdf is None else root / srdf,
-            has_rotors=bool(table["has_rotors"]),
-            posture=table["posture"],
-        )
+        srdf = None if table["srdf"] is None else root / table["srdf"]
+        return cls(**{**table, "path": root / table["path"], "srdf": srdf})
+
+    def table(self, placed: Callable[[Path], str]) -> dict[str, Any]:
+        """The table, with paths as they are placed."""
+        said = {key: value for key, value in vars(self).items() if key != "packages"}
+        srdf = None if self.srdf is None else placed(self.srdf)
+        return {**said, "path": placed(self.path), "srdf": srdf}
 
 
 def names() -> list[str]:
