@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, RobotFileError
-from mbocp.robot.loading.formats import KINDS
+from mbocp.robot.loading.formats import FORMATS, OTHER_KINDS
 from mbocp.robot.loading.unpacked import LIST, PREFIX
 
 _MAX_BYTES = 1024 * MEGABYTE  # of all files of a robot, unpacked
@@ -90,8 +90,9 @@ class _Source(_Row):
     @field_validator("kind")
     @classmethod
     def _is_known(cls, kind: str) -> str:
-        if kind not in KINDS:
-            raise ValueError(f"expected one of {', '.join(sorted(KINDS))}")
+        known = (*OTHER_KINDS, *FORMATS)
+        if kind not in known:
+            raise ValueError(f"expected one of {', '.join(known)}")
         return kind
 
     @field_validator("path")

@@ -88,7 +88,7 @@ def _robot_yaml() -> Reader:
 _URDF = Format("urdf", "URDF", (".urdf", ".xml", ".xacro"), _urdf)
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
 FORMATS = {each.kind: each for each in (_YAML, _URDF)}
-KINDS = frozenset({"toml", "chain", "example", *FORMATS})  # of sources, see `mbocp.robot.loading.sources`
+OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.sources`
 
 
 def format_of(path: Path) -> Format:
