@@ -1,4 +1,4 @@
-"""Joint coordinates: the URDF tree's own, on the joints' Lie group, with holonomic constraints on top.
+"""Joint coordinates: the robot tree's own, on the joints' Lie group, with holonomic constraints on top.
 
 Configurations q live on the group of the joints, velocities v and all derivatives in its tangent space. The
 equations are the paper's (1)-(3) with p = M(q) v; the inverse-dynamics form needs no inverse of M.

@@ -21,7 +21,7 @@ _MAGIC = (  # first bytes, and what browsers call the kind
     (b"GIF87a", "gif"),
     (b"GIF89a", "gif"),
 )
-_URDF_FOLDERS = ("urdf", "urdfs")  # by custom beside meshes/ and textures/
+_FOLDERS = ("urdf", "urdfs")  # by custom beside meshes/ and textures/
 PACKAGE = "package.xml"
 
 
@@ -33,19 +33,19 @@ class Picture:
     content: bytes
 
 
-def picture_folders(urdfs: Iterable[Path], mesh: Path) -> tuple[Path, ...]:
+def picture_folders(robots: Iterable[Path], mesh: Path) -> tuple[Path, ...]:
     """Folders that the pictures of a mesh may come from.
 
-    They are the folders of the robot's URDFs (if one is called urdf, the one above, too) and the packages,
-    marked by a package.xml, that a URDF and the mesh belong to. What robot.toml or a problem file say does
+    They are the folders of the robot's files (if one is called urdf, the one above, too) and the packages,
+    marked by a package.xml, that these and the mesh belong to. What robot.toml or a problem file say does
     not count, for they may be foreign, too.
     """
     folders, files = [], [mesh.resolve()]
-    for urdf in (path.resolve() for path in urdfs):
-        files.append(urdf)
-        folders.append(urdf.parent)
-        if urdf.parent.name in _URDF_FOLDERS:
-            folders.append(urdf.parent.parent)
+    for file in (path.resolve() for path in robots):
+        files.append(file)
+        folders.append(file.parent)
+        if file.parent.name in _FOLDERS:
+            folders.append(file.parent.parent)
     for file in files:
         package = next((folder for folder in file.parents if is_file(folder / PACKAGE)), None)
         folders += [] if package is None else [package]

@@ -15,6 +15,7 @@ from mbocp.meshes.companions import MATERIALS, companions
 from mbocp.meshes.parts import MESH_LIMIT
 from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
 from mbocp.robot.loading.addresses import absolute, resolve
+from mbocp.robot.loading.describe import model_file
 from mbocp.robot.loading.formats import FORMATS, format_of
 from mbocp.robot.loading.load import robot_from_spec
 from mbocp.robot.loading.readers.examples import ExampleFacts, example_facts
@@ -144,11 +145,7 @@ def _of_tables(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
     for number, part in enumerate(table.parts):
         _of_part(found, part, number, folder, dirs)
     if not table.parts:
-        dirs = (*dirs, *(folder / d for d in table.package_dirs))
-        try:
-            model = resolve(table.urdf, folder, dirs)
-        except FileNotFoundError as error:
-            raise RobotFileError(path, str(error), "urdf") from error
+        model, dirs = model_file(path, table, dirs)
         found.addresses.append((table.urdf, folder, model))
         _of_model(found, model, dirs)
 

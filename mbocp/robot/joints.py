@@ -40,7 +40,7 @@ class JointKind:
     is_vector : bool
         Whether the configuration is a plain vector, q + v.
     actuated : bool
-        Whether a URDF that has it means it to have a motor.
+        Whether a file that has it means it to have a motor.
     """
 
     word: str

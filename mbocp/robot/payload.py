@@ -17,10 +17,10 @@ from mbocp.robot import kinematics
 
 INERTIA_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 SHAPES = {"box": 3, "sphere": 1, "cylinder": 2}  # keys that give a shape, and how many lengths it has
-MAX_VALUE = 1e15  # of mass, lengths and moments, as in a URDF
+MAX_VALUE = 1e15  # of mass, lengths and moments, as in files of robots
 _LENGTHS = {1: "a positive length [m]", 2: "two positive lengths [m]", 3: "three positive lengths [m]"}
 _ROUND_OFF = 1e-9  # of the largest moment of inertia
-_PRINT_TOLERANCE = 0.02  # of the largest moment: error of numbers with few digits, as in a URDF
+_PRINT_TOLERANCE = 0.02  # of the largest moment: error of numbers with few digits, as in files of robots
 _STEEL = 7850.0  # [kg/m^3]: a payload without a shape is drawn as a ball of this density
 _MIN_RADIUS = 0.005  # [m] of that ball
 _COLOR = (0.92, 0.62, 0.18, 1.0)

@@ -1,4 +1,4 @@
-r"""Damping and friction of joints, from the URDF's ``<dynamics damping= friction=>``.
+r"""Damping and friction of joints, such as those of ``<dynamics damping= friction=>``.
 
 .. math:: \tau = -r\,\bigl(d\,w + F \tanh(w / w_s)\bigr), \qquad w = r\,v
 

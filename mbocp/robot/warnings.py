@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class MissingMeshWarning(UserWarning):
-    """A mesh that the URDF names does not exist; the robot is shown without it."""
+    """A mesh that the robot's file names does not exist; the robot is shown without it."""
 
 
 class NormalisationWarning(UserWarning):
@@ -24,7 +24,7 @@ class ImpossibleInertiaWarning(UserWarning):
 
 
 class NotModelledWarning(UserWarning):
-    """A URDF has tags about forces or motions that mbocp does not know; they are left out."""
+    """A robot's file has tags about forces or motions that mbocp does not know; they are left out."""
 
 
 class RobotChangedWarning(UserWarning):

@@ -1,6 +1,6 @@
 r"""Natural coordinates: positions and directors, a constant mass matrix, constraints for all that is rigid.
 
-The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any URDF. Every body
+The equations are those of the paper, (1)-(3), with :math:`p = M v` and a constant M for any robot. Every body
 has twelve numbers (see `bodies`), and six constraints keep its directors orthonormal. A joint is the
 constraints that it imposes: 5 for revolute, continuous and prismatic joints, 3 for ball, planar and
 translation joints, none for a free-flyer, one more for a joint that mimics another. Loops add theirs.

@@ -42,7 +42,7 @@ class SelfCollision:
     disabled : tuple of (str, str)
         Pairs of links that need not.
     srdf : Path, optional
-        Whose <disable_collisions> need not, either; by default one of the URDF's name beside it.
+        Whose <disable_collisions> need not, either; by default those that the robot's files name.
     """
 
     margin: float = 0.0

@@ -1,1 +1,1 @@
-"""Collision geometry of a robot: the shapes of the URDF, and spheres that cover them."""
+"""Collision geometry of a robot: the shapes of links, and spheres that cover them."""

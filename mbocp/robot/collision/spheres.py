@@ -1,4 +1,4 @@
-"""Spheres that stand for a robot's links: given ones, those of the URDF, or fitted to its shapes."""
+"""Spheres that stand for a robot's links: given ones, those of its file, or fitted to its shapes."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""From a URDF, robot.toml or robot.yaml to a `Robot`."""
+"""From names, files and tables to a `Robot`."""

@@ -97,8 +97,8 @@ class DriveReader:
                     "along a direction (frame, direction, joints)",
                 )
             speed, limit = _SPEEDS[kind.v[0][1]], float(self.names.model.upperVelocityLimit[dofs[0]])
-        unit, from_urdf = (speed, limit) if table.control == "velocity" else (f"{speed}^2", np.inf)
-        limit = table.limit or limit_of(from_urdf)
+        unit, own = (speed, limit) if table.control == "velocity" else (f"{speed}^2", np.inf)
+        limit = table.limit or limit_of(own)
         name = table.name or table.joint or table.frame or ""
         return Drive(name, table.control, dofs, frame, direction, unit, speed), limit
 
@@ -148,7 +148,7 @@ class ActuationReader:
         Parameters
         ----------
         actuated : sequence of str or None
-            Joints with motors; None: those of the table; if that names none, all that the URDF actuates and
+            Joints with motors; None: those of the table; if that names none, all that the file actuates and
             that no drive moves.
         """
         reader = DriveReader(self.names, tuple(self.table.drives))

@@ -1,4 +1,4 @@
-"""Ball joints: URDF has none, so floating joints that robot.toml names are made into them."""
+"""Ball joints: some formats have none, so floating joints that robot.toml names are made into them."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def make_spherical(model: pin.Model, names: Sequence[str], robot: str) -> pin.Mo
     Parameters
     ----------
     model : pin.Model
-        As the URDF says. It stays as it is.
+        As the file says. It stays as it is.
     names : sequence of str
-        Floating joints of the URDF.
+        Floating joints.
     robot : str
         Name for messages.
 

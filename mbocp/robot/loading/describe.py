@@ -80,17 +80,27 @@ def describe_source(
 
 def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path]) -> Description:
     """The model that a robot.toml names, with its tables."""
-    folder = source.path.parent
-    folders = (*folders, *(folder / inner for inner in table.package_dirs))
-    try:
-        path = resolve(table.urdf, folder, folders)
-    except FileNotFoundError as error:
-        raise RobotFileError(source.path, str(error), "urdf") from error
+    path, folders = model_file(source.path, table, folders)
     name, reader = table.name or source.name, format_of(path).reader()
     free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
     mimic = table.mimic if keys.mimic is None else keys.mimic
     found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders)
     return replace(found, name=name, table=table, file=source.path)
+
+
+def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[Path, tuple[Path, ...]]:
+    """Find the file that a robot.toml adds to, and all folders with its packages.
+
+    Raises
+    ------
+    RobotFileError
+        If it does not exist.
+    """
+    folders = (*folders, *(path.parent / folder for folder in table.package_dirs))
+    try:
+        return resolve(table.urdf, path.parent, folders), folders
+    except FileNotFoundError as error:
+        raise RobotFileError(path, str(error), "urdf") from error
 
 
 def _with_ball_joints(found: Description) -> Description:

@@ -1,4 +1,4 @@
-"""Limits of a URDF: what it writes for none, and what those of mimic joints say of their leaders."""
+"""Limits of joints: what files write for none, and what those of mimic joints say of their leaders."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
 
 
 def limits_of(model: pin.Model, followers: Sequence[Follower], robot: str, efforts: Array) -> Limits:
-    """Bounds of the URDF; zero or contradictory ones mean none, swapped ones are put in order.
+    """Bounds of the file; zero or contradictory ones mean none, swapped ones are put in order.
 
     Limits of a follower are limits of its leader, where they leave that one a range.
     """
@@ -59,5 +59,5 @@ def _limit_leader(
 
 
 def limit_of(value: float) -> float:
-    """A limit of a URDF: many write zero where none is given."""
+    """A limit of a file: many write zero where none is given."""
     return float(value) if 0.0 < value < _NO_LIMIT else np.inf

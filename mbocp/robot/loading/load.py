@@ -70,9 +70,9 @@ def load_robot(
         with a motor. Default: True for a URDF or robot.toml, False for a robot.yaml and for a name of
         example-robot-data, which are meant so.
     damping : bool, optional
-        Whether the viscous damping that the URDF gives joints acts. Default: what robot.toml says, else True.
+        Whether the viscous damping that the file gives joints acts. Default: what robot.toml says, else True.
     friction : {"none", "smooth"}, optional
-        Whether the Coulomb friction that the URDF gives joints acts, smoothed where they stop. Default: what
+        Whether the Coulomb friction that the file gives joints acts, smoothed where they stop. Default: what
         robot.toml says, else it is left out, and told.
     friction_speed : float, optional
         Speed over which friction is smoothed, F tanh(v / friction_speed) [rad/s, m/s]. Default: what
@@ -107,7 +107,7 @@ def load_robot(
     MissingMeshWarning
         If meshes are missing; the robot is shown without them.
     NotModelledWarning
-        If the URDF says something about the physics that is left out.
+        If the file says something about the physics that is left out.
     """
     return load_keys(
         RobotKeys.model_construct(

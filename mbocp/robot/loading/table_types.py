@@ -21,7 +21,7 @@ from pydantic import (
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, shown
 
-_MAX_VALUE = 1e15  # of numbers in the equations, as in a URDF
+_MAX_VALUE = 1e15  # of numbers in the equations, as in files of robots
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]

@@ -25,7 +25,7 @@ from mbocp.robot.loops.mechanism import Mechanism
 
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
 
-REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: URDFs have six digits
+REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: files have six digits
 
 _CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
 _ROUND_OFF = 1e-15
@@ -212,7 +212,7 @@ def violations(
 ) -> list[tuple[str, float, str]]:
     """Name, residual and unit of each row that q violates, the worst first.
 
-    Redundant rows may be violated by what six digits in a URDF leave. A weld whose frames are turned against
+    Redundant rows may be violated by what six digits in a file leave. A weld whose frames are turned against
     each other where its rows vanish (half turns) is violated by the angle.
     """
     residual = robot.closure_residual(q)

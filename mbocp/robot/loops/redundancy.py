@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 _NUM_POSES = 5  # around the initial one
 _POSE_SPREAD = 0.3  # [rad, m] typical distance of a joint from its initial position
-_RANK_TOLERANCE = 1e-4  # relative: six digits in a URDF leave singular values up to this
+_RANK_TOLERANCE = 1e-4  # relative: six digits in a file leave singular values up to this
 _MIN_INDEPENDENT_VALUE = 1e-2  # rows whose smallest singular value is larger are independent at every pose
 _PIVOT_TIE_RATIO = 0.99  # pivots above this part of the largest count as equal
 _SCORE_TIE_RATIO = 0.5  # rows chosen at another pose are preferred if their score is twice as high

@@ -142,8 +142,8 @@ class MeshLibrary:
 
 
 def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:
-    """A shape in the URDF's colour."""
-    return shape_object(shape, _urdf_material(visual))
+    """A shape in the colour of the robot's file."""
+    return shape_object(shape, _own_material(visual))
 
 
 def _scaled(drawn: dict[str, Any], scale: Array) -> dict[str, Any]:
@@ -151,7 +151,7 @@ def _scaled(drawn: dict[str, Any], scale: Array) -> dict[str, Any]:
     return drawn
 
 
-def _urdf_material(visual: pin.GeometryObject) -> mg.Material:
+def _own_material(visual: pin.GeometryObject) -> mg.Material:
     *colour, alpha = (float(c) for c in visual.meshColor)
     return mg.MeshPhongMaterial(color=colour_number(colour), opacity=alpha)
 
@@ -159,7 +159,7 @@ def _urdf_material(visual: pin.GeometryObject) -> mg.Material:
 def _painted(
     parts: Sequence[MeshPart], visual: pin.GeometryObject, pictures: Mapping[Path, Picture]
 ) -> dict[str, Any]:
-    """A mesh in its own colours, unless it is plain grey and the URDF names a colour."""
+    """A mesh in its own colours, unless it is plain grey and the robot's file names a colour."""
     surfaces = list(dict.fromkeys(part.surface for part in parts))
     own = _has_colours(surfaces) or not visual.overrideMaterial
     if not own or surfaces == [None]:
@@ -168,7 +168,7 @@ def _painted(
     geometry = MergedGeometry(parts, surfaces)
     drawn = shape_object(geometry, mg.MeshPhongMaterial())
     drawn["materials"] = []
-    materials = [_urdf_material(visual) if s is None else _surface_material(s, pictures) for s in surfaces]
+    materials = [_own_material(visual) if s is None else _surface_material(s, pictures) for s in surfaces]
     drawn["object"]["material"] = [material.lower_in_object(drawn) for material in materials]
     return drawn
 
