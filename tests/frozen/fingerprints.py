@@ -138,12 +138,12 @@ def _functions(formulation: Formulation) -> list[float]:
     return [at.cost, at.violation, at.primal, at.dual]
 
 
-def equals(now: Any, then: Any) -> bool:
-    """Whether two fingerprints are the same, numbers as well as searches for poses do on all processors."""
+def equals(now: Any, then: Any, rtol: float = 1e-9) -> bool:
+    """Whether two fingerprints are the same."""
     if isinstance(then, Mapping):
-        return now.keys() == then.keys() and all(equals(now[key], then[key]) for key in then)
+        return now.keys() == then.keys() and all(equals(now[key], then[key], rtol) for key in then)
     if isinstance(then, list):
-        return len(now) == len(then) and all(map(equals, now, then))
+        return len(now) == len(then) and all(equals(*pair, rtol) for pair in zip(now, then, strict=True))
     if isinstance(then, float):
-        return bool(np.isclose(now, then, rtol=1e-7, atol=1e-12, equal_nan=True))
+        return bool(np.isclose(now, then, rtol=rtol, atol=1e-12, equal_nan=True))
     return bool(now == then)

@@ -14,6 +14,9 @@ from mbocp.problem import parse_problem
 from mbocp.problem.file.write import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
 
+# Searches for poses of frames end 6e-9 apart on different processors.
+ROUGH = ("arms/straight_line.toml", "arms/throw_into_bucket.toml")
+
 
 @cache
 def recorded() -> dict[str, Any]:
@@ -30,7 +33,7 @@ def test_it_comes_to_what_was_recorded(name: str) -> None:
     problem = make_problem(name)
     now, then = json.loads(json.dumps(fingerprint(problem), default=list)), recorded()[name]
     for part in then:
-        assert equals(now[part], then[part]), part
+        assert equals(now[part], then[part], rtol=1e-7 if name in ROUGH else 1e-9), part
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         again = parse_problem(problem_to_toml(problem))
