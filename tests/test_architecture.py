@@ -75,15 +75,17 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Line and dotted name of each import, wherever it stands, those for types alone included."""
+def imported(tree: ast.AST, for_types: bool = True) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of each import, wherever it stands, those for types alone only if asked for."""
     for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and not for_types:
+            continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"relative import in line {node.lineno}"
             yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
-        yield from imported(node)
+        yield from imported(node, for_types)
 
 
 def layers_used(path: Path) -> Iterator[tuple[int, str]]:
@@ -129,8 +131,9 @@ def test_no_circles_of_imports():
     assert not circles, f"these import each other: {circles}"
 
 
-def imported_modules(path: Path, modules: set[str]) -> set[str]:
-    return {found for _, name in imported(ast.parse(path.read_text())) for found in within(name, modules)}
+def imported_modules(path: Path, modules: set[str], for_types: bool = True) -> set[str]:
+    names = imported(ast.parse(path.read_text()), for_types)
+    return {found for _, name in names for found in within(name, modules)}
 
 
 def within(name: str, modules: set[str]) -> Iterator[str]:

@@ -17,7 +17,7 @@ from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import plain_guess
 from mbocp.problem import load_problem, parse_problem, problem_to_toml
 from mbocp.terms import path_constraint, running_cost
-from mbocp.view.marks import marks_of_result
+from mbocp.view.marks import marks_of, marks_of_result
 from tests.solution.damage import make_old
 
 ROOT = Path(__file__).parents[1]
@@ -255,8 +255,9 @@ def test_results_keep_them(tmp_path: Path) -> None:
     assert [p.node for p in same.waypoints] == [p.node for p in problem.waypoints]
     assert same.phases == problem.phases
     node = problem.waypoints[0].node
-    marks = marks_of_result(again, problem.robot)
-    assert marks.via[0].share == pytest.approx(s.t[node] / s.t[-1], rel=1e-12)
+    there = bead(2.0, [{**via[0], "time": {"guess": s.via_times["gate"]}, "share": node / s.num_steps}])
+    for marks in (marks_of(there), marks_of_result(again, problem.robot)):
+        assert marks.via[0].share == pytest.approx(s.t[node] / s.t[-1], rel=1e-12)
     table = s.to_csv(tmp_path / "s.csv").read_text().splitlines()
     times = [float(line.split(",")[0]) for line in table[1:]]
     assert times == pytest.approx(s.t.tolist(), rel=1e-12)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,8 +23,10 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
-from mbocp.problem import Problem
 from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 V = TypeVar("V")
 

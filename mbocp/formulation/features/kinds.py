@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.memory import Memory
@@ -13,7 +15,9 @@ from mbocp.formulation.features.step_lengths import StepLengths
 from mbocp.formulation.features.switches import Switches
 from mbocp.formulation.features.unequal_lengths import UnequalLengths
 from mbocp.formulation.features.varying_weights import VaryingWeights
-from mbocp.problem import Problem
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 # Lengths take the time of a step as `Moment` gives it, and the state as a free start moves it.
 _KINDS: tuple[type[Feature], ...] = (

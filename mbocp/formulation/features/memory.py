@@ -20,14 +20,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
-from mbocp.problem import Problem
 from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 _RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
 

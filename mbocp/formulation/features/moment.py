@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.switches import evaluation_times
 from mbocp.formulation.steps import StepSymbols
-from mbocp.problem import Problem
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 _TIME = "t"  # [s]
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -27,8 +27,10 @@ from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
-from mbocp.problem import PathConstraint, Problem
 from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import PathConstraint, Problem
 
 _ADVANCES = "advances"  # the stage parameters e
 _LEAST, _MOST = -1e-2, 8.0  # paces

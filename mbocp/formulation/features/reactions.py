@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -14,9 +14,11 @@ from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.features.switches import labels_of
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.problem import Problem
 from mbocp.robot import Label
 from mbocp.terms import ContactTerm
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True)

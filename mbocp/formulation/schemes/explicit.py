@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -29,9 +30,11 @@ from mbocp.formulation.schemes.joint import (
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.drives import control_velocity_maps, speed_maps
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,9 +37,11 @@ from mbocp.formulation.start import consistent_velocity
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
-from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.kinematics import momenta_of
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

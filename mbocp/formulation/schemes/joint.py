@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -22,11 +22,13 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
-from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
 from mbocp.terms import TermNumbers, running_terms
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 F = TypeVar("F", bound="JointFormulation")
 

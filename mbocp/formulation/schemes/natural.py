@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -40,9 +41,11 @@ from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.mechanics.symmetries import find_symmetries
-from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

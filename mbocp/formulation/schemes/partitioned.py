@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,10 +26,12 @@ from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
 from mbocp.integrators import PAIRS, Pair, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
-from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Label
 from mbocp.robot.nodes import steps_between
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
