@@ -1,4 +1,4 @@
-"""The kernel's linear algebra on random systems against Eigen's: tests in C++, built once into build/kernel_tests."""
+"""The kernel's linear algebra on random systems against Eigen's: tests in C++."""
 
 from __future__ import annotations
 
@@ -21,8 +21,14 @@ def test_the_kernels_algebra_agrees_with_eigen() -> None:
     pytest.importorskip("cmake")
     pytest.importorskip("nanobind")
     cmake = [sys.executable, "-m", "cmake"]
-    ninja = [f"-DCMAKE_MAKE_PROGRAM={shutil.which('ninja', path=str(Path(sys.executable).parent))}", "-GNinja"]
-    sources = ["-S", str(ROOT / "mbocp" / "_native"), f"-DPython_EXECUTABLE={sys.executable}"]
+    sources = [
+        "-S",
+        str(ROOT / "mbocp" / "_native"),
+        "-B",
+        str(BUILD),
+        f"-DPython_EXECUTABLE={sys.executable}",
+    ]
+    ninja = ["-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={Path(sys.executable).parent / 'ninja'}"]
     for command in (
         [*cmake, "-B", str(BUILD), *sources, *ninja],
         [*cmake, "--build", str(BUILD), "--target", TARGET],
