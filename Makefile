@@ -1,4 +1,4 @@
-# make demo | docs | images | wheel | test | quick | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | pairs | clean;
+# make demo | docs | images | wheel | quick | check | test | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | pairs | clean;
 # each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages images wheel try-wheel test quick test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
+.PHONY: demo docs pages images wheel try-wheel quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -50,15 +50,16 @@ try-wheel:
 # One process a core, at most eight; the tests of a file stay together.
 PARALLEL := -n auto --maxprocesses 8 --dist loadfile
 
+# Levels stand in tests/levels.py: what is quick, for every save; each feature solved, for every commit; all but the
+# slow tests, before a push.
+quick: setup
+	$(BIN)/python -m pytest $(PARALLEL) -m 'unit and not slow'
+
+check: lint
+	$(BIN)/python -m pytest $(PARALLEL) -m '(unit or solve) and not slow'
+
 test: setup
 	$(BIN)/python -m pytest $(PARALLEL) --durations 20
-
-# What compiles and solves next to nothing: for every save.
-QUICK := tests/lie tests/problem/file tests/problem/test_cost.py tests/robot/loops tests/solvers/test_registry.py \
-         tests/test_architecture.py tests/test_switches.py tests/test_stubs.py tests/test_text.py tests/test_linear.py
-
-quick: setup
-	$(BIN)/python -m pytest $(PARALLEL) $(QUICK)
 
 test-all: setup
 	$(BIN)/python -m pytest $(PARALLEL) -m 'slow or not slow' --durations 20

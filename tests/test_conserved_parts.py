@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.formulation import build
 from mbocp.problem import Problem
-from tests.integrators.conftest import interpreted_functions
 
 HELD = ["elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
 WORLD = {
@@ -19,9 +17,9 @@ WORLD = {
 }
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("coordinates", ["joint", "natural"])
-def test_each_keeps_its_own(coordinates: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+def test_each_keeps_its_own(coordinates: str) -> None:
     goal = {"q": [0.5, -1.0, -0.4, -1.3], "v": 0}
     start = {"q": [0.0, -1.5, 0.0, -1.5]}
     problem = Problem.create(

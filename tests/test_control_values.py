@@ -13,25 +13,19 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.accuracy import flow as flows
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.formulation import build, formulate
+from mbocp.formulation import formulate
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import GROSS_EXCESS
 from mbocp.solution import Solution
 from tests.formulation.stages import check_derivatives
-from tests.integrators.conftest import interpreted_functions
 from tests.integrators.test_orders_of_optima import order, solved, swing
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 KINDS = ("linear", "stages")
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flows, "load_functions", interpreted_functions)
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def pendulum(controls: str = "stages", scheme: str = "gauss2", steps: int = 12, **others: Any) -> Problem:

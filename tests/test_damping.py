@@ -12,23 +12,18 @@ from scipy.integrate import solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation import build, formulate
+from mbocp.formulation import formulate
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
-from tests.integrators.conftest import interpreted_functions
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, losses
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 ORDER = {"se1": 1, "se2": 1, "midpoint": 2, "rk4": 4}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one run a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def simulated(

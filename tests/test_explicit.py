@@ -12,20 +12,14 @@ from scipy.integrate import solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation import build
 from mbocp.problem import Problem
 from mbocp.solution import Solution
-from tests.integrators.conftest import interpreted_functions
 from tests.robot.test_unicycle import closed_form, driven_acceleration
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 FILE = Path(__file__).parents[1] / "examples" / "so3" / "unicycle_pendulum.toml"
 ROTATIONS, LIE = ("quaternion", "dcm"), ("plain", "baumgarte", "munthe_kaas")
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a formulation the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def load(rotations: str, lie: str, *settings: str) -> Problem:

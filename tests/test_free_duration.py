@@ -23,6 +23,8 @@ from tests.campaign.run import motion_of
 from tests.campaign.tasks import draw
 from tests.checker import check_solution
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FREE = {"min": 0.02, "max": 5.0, "guess": 0.17}
 

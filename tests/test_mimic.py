@@ -12,7 +12,6 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation import build
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
@@ -21,16 +20,11 @@ from mbocp.robot.kinematics import frame_jacobian
 from mbocp.solution import Solution
 from mbocp.view.plots import plot_solution
 from mbocp.view.replay import write_replay
-from tests.integrators.conftest import interpreted_functions
 from tests.mechanics.mimics import HAND, Tied, tied
 from tests.robot import urdfs
 from tests.view.pages import read_page
 
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 @pytest.fixture(scope="module")

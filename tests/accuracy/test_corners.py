@@ -8,15 +8,13 @@ import pytest
 
 from mbocp import Problem, solve
 from mbocp.accuracy.rounds import Round
-from mbocp.formulation import build
-from tests.integrators.conftest import interpreted_functions
 
 COST = 0.05922544  # of 768 steps; 192 differ by 2e-5
 
 
-def test_the_error_at_a_velocity_limit_is_not_below_the_truth(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("interpreted")
+def test_the_error_at_a_velocity_limit_is_not_below_the_truth() -> None:
     """Differences of costs with 12, 24 and 48 steps grow, and the last is less than what is missing."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
     problem = Problem.create(
         "double_pendulum",
         1.5,

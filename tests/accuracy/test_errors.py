@@ -16,19 +16,14 @@ import mbocp
 from mbocp.accuracy import accuracy_of, errors, follows_fast
 from mbocp.accuracy import flow as flows
 from mbocp.exceptions import InvalidValue
-from mbocp.formulation import Motion, build
+from mbocp.formulation import Motion
 from mbocp.solution import Accuracy, Solution
-from tests.integrators.conftest import interpreted_functions
 from tests.phases.test_holds import hits
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOCAL_ORDERS = {"se1": 2, "se2": 2, "midpoint": 3, "heun": 3, "rk4": 5}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flows, "load_functions", interpreted_functions)
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def swing(scheme: str = "se1", steps: int = 40, **others: object) -> mbocp.Problem:

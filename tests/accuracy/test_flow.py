@@ -9,19 +9,14 @@ from scipy.integrate import DOP853, solve_ivp
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.accuracy import flow as flows
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.accuracy.flow import Flow
 from mbocp.robot import Robot
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 TREES = ["double_pendulum", "ur5", "hector", "solo12"]
 H = 0.02
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flows, "load_functions", interpreted_functions)
 
 
 def loaded(name: str) -> Robot:

@@ -8,18 +8,11 @@ from pathlib import Path
 import pytest
 
 import mbocp
-from mbocp.accuracy import flow as flows
-from mbocp.formulation import build
 from mbocp.problem import parse_problem
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 ARMS = Path(__file__).parents[2] / "examples" / "arms"
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flows, "load_functions", interpreted_functions)
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 @pytest.mark.parametrize("name", ["ur5_reach", "panda_reach"])

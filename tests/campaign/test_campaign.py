@@ -8,22 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.formulation import build
 from tests.campaign.classes import CLASSES, QUICK
 from tests.campaign.robots import ROBOTS
 from tests.campaign.run import plan, read_rows, run_task
 from tests.campaign.table import false_converged, show, worst
 from tests.campaign.tasks import draw
 from tests.checker.conditions import step_of
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+# These ask of a method of order four what others above ask of one of order one, and it is asked alone, too.
+TWICE = ("rates_gauss2", "free_gauss2")
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in TWICE else []) for name in QUICK]
+)
 def test_random_tasks(name: str, tmp_path: Path) -> None:
     rows = [run_task(name, seed, tmp_path) for seed in range(5)]
     assert false_converged(rows) == []

@@ -11,9 +11,6 @@ import pytest
 
 import mbocp
 from tests.campaign.landings import failures, landing, run_landing
-from tests.integrators.conftest import interpreted
-
-__all__ = ["interpreted"]
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -11,7 +11,6 @@ import pytest
 from scipy import sparse
 
 import mbocp
-from mbocp.formulation import build
 from tests.campaign.run import motion_of
 from tests.campaign.tasks import Draw, draw
 from tests.checker import Report, check_solution
@@ -22,12 +21,8 @@ from tests.checker.following import _Along
 from tests.checker.frames import bound_values, pose_values
 from tests.checker.optimality import _Projection
 from tests.checker.task import Ball, Shape
-from tests.integrators.conftest import interpreted_functions
 
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 @pytest.fixture

@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.formulation import build
 from mbocp.solution import Solution
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 STEP = 1e-4
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def pendulum(scheme: str, **others: object) -> mbocp.Problem:

@@ -219,6 +219,7 @@ STAGE = dict.fromkeys(KINDS, ("values", "complete"))
 STAGE |= dict.fromkeys(("frames", "obstacles", "own terms"), ("values", "complete", "path", "path_values"))
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=[] if k in QUICK else pytest.mark.slow) for k in KINDS]
 )
@@ -260,12 +261,19 @@ def test_natural_coordinates_keep_constants() -> None:
 @needs_compiler
 def test_bodies_that_are_picked_up(folder: Path) -> None:
     """A part that is a simple body: another mass, and another one of the cup, compile nothing."""
-    text = Path("examples/arms/pick_and_place.toml")
-    keys = ["robot.part.1.mass=2.5", "robot.part.0.payload.0.mass=0.4"]
-    first, second = mbocp.load_problem(text), mbocp.load_problem(text, keys)
-    transcribe(first)
+
+    def carry(box: float, cup: float) -> Problem:
+        chain = {"name": "arm", "robot": "chain_3", "payload": [{"frame": "tip", "name": "cup", "mass": cup}]}
+        body = {"name": "box", "box": [0.2, 0.1, 0.05], "mass": box}
+        hold = [{"name": "grip", "frame": "box/body", "to": "arm/tip"}]
+        phases = [{"name": "take", "steps": 3, "duration": 0.2}]
+        phases.append({"name": "carry", "steps": 3, "duration": 0.2, "hold": hold})
+        return Problem.create({"part": [chain, body]}, phase=phases, goal={"v": 0}, scheme="se1")
+
+    transcribe(carry(1.5, 0.2))
     compiled = num_libraries(folder)
     assert compiled >= LIBRARIES
+    second = carry(2.5, 0.4)
     programme = transcribe(second)
     assert num_libraries(folder) == compiled
     assert 2.5 in programme.theta

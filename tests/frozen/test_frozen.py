@@ -14,6 +14,8 @@ from mbocp.problem import parse_problem
 from mbocp.problem.file.write import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 # Searches for poses of frames end 6e-9 apart on different processors.
 ROUGH = ("arms/straight_line.toml", "arms/throw_into_bucket.toml")
 

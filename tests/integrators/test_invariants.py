@@ -16,6 +16,8 @@ from mbocp.robot import Robot
 from tests.mechanics.models import BODY, ORIGIN, chain
 from tests.mechanics.models import robot as robot_of
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
 BODY_OF_ITS_OWN, FALLING, FOUR_BAR, ARM = SYSTEMS
 CHUNK = 10_000  # steps of one simulation: all of them would take gigabytes

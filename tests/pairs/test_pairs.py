@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.formulation import build
-from tests.integrators.conftest import interpreted_functions
 from tests.pairs.cover import cover, pairs_within
 from tests.pairs.features import FEATURES, pairs
 from tests.pairs.run import FAILED, refusal, run_set
@@ -28,11 +26,9 @@ _SAMPLE = (
 )
 
 
+@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("names", _SAMPLE, ids="+".join)
-def test_features_go_together(
-    names: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+def test_features_go_together(names: tuple[str, ...], tmp_path: Path) -> None:
     row = run_set("small", names, tmp_path)
     assert row["status"] not in (*FAILED, "refused"), row
 

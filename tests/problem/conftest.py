@@ -6,9 +6,6 @@ import pytest
 
 from mbocp.problem import Problem, load_problem
 from mbocp.robot import Robot, load_robot
-from tests.integrators.conftest import interpreted
-
-__all__ = ["interpreted"]
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -24,22 +24,17 @@ from mbocp.exceptions import (
     UnreachableGoal,
     UnreachablePose,
 )
-from mbocp.formulation import build, formulate
+from mbocp.formulation import formulate
 from mbocp.problem import FrameGoal, Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, InverseKinematics, Robot, load_robot, robot_from_spec
 from mbocp.solution import Solution
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 PANDA = {"name": "panda", "lock": ["panda_finger_joint1", "panda_finger_joint2"]}
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 STEADY = {"effort": 1.0, "velocity": 10.0}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def solved(problem: Problem) -> Solution:

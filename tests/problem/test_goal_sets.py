@@ -14,25 +14,19 @@ import pytest
 import mbocp
 from mbocp.cli.summary import goal_error, solution_rows
 from mbocp.exceptions import OverdeterminedGoal, ProblemFileError, UnreachableGoal
-from mbocp.formulation import build
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, load_robot
 from mbocp.solution import Solution, limits
 from mbocp.view.meshcat.goals import goal_commands, goal_placements
 from mbocp.view.of_solution import goals_of
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 NEAR = {"frame": {"name": "tool0", "position": [0.45, 0.25, 0.35]}}
 FAR = {"frame": {"name": "tool0", "position": [-0.45, 0.3, 0.35]}}
 BEYOND = {"frame": {"name": "tool0", "position": [2.0, 0.0, 0.3]}}
 START = {"q": [0.3, -1.2, 1.4, -1.5, -1.5, 0.0]}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def posed(*goals: dict[str, Any], **options: Any) -> Problem:

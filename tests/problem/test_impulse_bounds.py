@@ -13,9 +13,6 @@ from mbocp._arrays import Array
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.write import problem_to_toml
 from tests.holds.cases import pendulum
-from tests.integrators.conftest import interpreted
-
-__all__ = ["interpreted"]
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

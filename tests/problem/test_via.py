@@ -13,26 +13,20 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import MbocpError, ProblemError, UnknownFrame, UnreachablePose
-from mbocp.formulation import build
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, ProblemWarning, ViaPoint, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import load_robot
 from mbocp.solution import Solution
 from mbocp.terms import Point
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA = {"name": "panda", "lock": ["panda_finger_joint1", "panda_finger_joint2"]}
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 REST = {"q": [0.5, -1.2, 0.5, -0.3, 0.4, 0.2], "v": 0}
 STEADY = {"effort": 1.0, "velocity": 10.0}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def arm(via: list[dict[str, Any]], steps: int = 20, **words: Any) -> Problem:

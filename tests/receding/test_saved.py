@@ -17,7 +17,7 @@ from mbocp.exceptions import ProblemError, ResultFileError
 from mbocp.formulation import build
 from mbocp.problem import Bounds, Problem
 from mbocp.receding import HEADERS, HorizonStep, RecedingHorizon
-from tests.integrators.conftest import interpreted_functions
+from tests.conftest import interpreted_functions
 
 HERE = Path(__file__).parent
 FOLLOW = HERE.parents[1] / "examples" / "receding" / "ur5_follow.toml"

@@ -9,16 +9,11 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.formulation import build
 from tests.campaign.run import run_task
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 TINY = 2.0**-44  # 6e-14
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def solved(factor: float, callback: Any = None, **others: Any) -> mbocp.Solution:

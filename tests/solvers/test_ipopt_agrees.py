@@ -18,12 +18,11 @@ from mbocp import Problem
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from tests.holds.cases import four_bar, pendulum
-from tests.integrators.conftest import interpreted
 from tests.problem.test_impulse_bounds import lands
 from tests.problem.test_mesh_obstacles import STONE
 from tests.problem.test_obstacles import planar
 
-__all__ = ["interpreted", "planar"]
+__all__ = ["planar"]
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

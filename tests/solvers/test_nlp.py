@@ -149,7 +149,7 @@ def nlp(request: pytest.FixtureRequest) -> Nlp:
     make, wants_gaps = CASES[request.param]
     with pytest.MonkeyPatch.context() as patch:
         from mbocp.formulation import build
-        from tests.integrators.conftest import interpreted_functions
+        from tests.conftest import interpreted_functions
 
         patch.setattr(build, "load_functions", interpreted_functions)
         return Nlp(make(), wants_gaps=wants_gaps)

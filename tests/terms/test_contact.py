@@ -54,7 +54,7 @@ def squat() -> tuple[Problem, Solution]:
     """On slippery ground, so that all cones are active."""
     with pytest.MonkeyPatch.context() as patch:
         from mbocp.formulation import build
-        from tests.integrators.conftest import interpreted_functions
+        from tests.conftest import interpreted_functions
 
         patch.setattr(build, "load_functions", interpreted_functions)
         problem = solo(via=DOWN, path=on_feet(friction=0.1), limits={"effort": 2.5}, steps=6)

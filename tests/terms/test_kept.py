@@ -11,22 +11,16 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import MbocpError, ProblemError
-from mbocp.formulation import build
 from mbocp.problem import Problem, ProblemWarning, load_problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of
-from tests.integrators.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = {"q": [0, -1.57, 1.57, -1.57, -1.57, 0]}
 GOAL = {"v": 0, "frame": {"name": "tool0", "position": [0.45, -0.2, 0.4]}}
-
-
-@pytest.fixture(autouse=True)
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler: for one solve a shape the virtual machine is quicker."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
 
 
 def arm(*path: dict[str, Any], **words: Any) -> Problem:

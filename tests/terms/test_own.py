@@ -30,6 +30,8 @@ from mbocp.terms import (
 )
 from mbocp.terms.own import _trace
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 GOAL = {"q": [0.7, -0.4], "v": [0.0, 0.0]}
 COST = {"effort": 0.5, "velocity": 0.1}
 

@@ -1,4 +1,4 @@
-"""Stage functions of many shapes without compiling any: CasADi's virtual machine is fast enough for a few."""
+"""What tests share: their levels, by where they stand, and stage functions that no compiler makes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection
 import casadi as ca
 import pytest
 
+from mbocp.accuracy import flow
 from mbocp.formulation import build
 from mbocp.programme.compilation import CompiledFunctions
 
@@ -30,5 +31,6 @@ def interpreted_functions(
 
 @pytest.fixture
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Transcribe without a compiler, each shape once for all tests."""
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+    """Transcribe without a compiler, each shape once; for a few solves that is quicker."""
+    for module in (build, flow):
+        monkeypatch.setattr(module, "load_functions", interpreted_functions)

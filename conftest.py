@@ -1,0 +1,23 @@
+"""Marks tests by their levels, and leaves out files of levels that are not asked for."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from tests.levels import level_of
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark a test by the level of its file."""
+    item.add_marker(level_of(item.path))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no file of which `-m` selects nothing."""
+    if not (collection_path.name.startswith("test_") and collection_path.suffix == ".py"):
+        return None
+    level, asked = level_of(collection_path), config.option.markexpr or "True"
+    return None if any(eval(asked, {}, defaultdict(bool, {level: True, "slow": s})) for s in (0, 1)) else True

@@ -1,0 +1,57 @@
+"""Levels of tests, by where they stand: what `make quick`, `make check` and `make test` run.
+
+`slow` is a mark of single tests of any level, which `make test-all` alone runs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+
+ROOT = Path(__file__).parents[1]
+
+# Folders and files, without `tests/`, `test_` and `.py`; the longest place that holds a file decides.
+_PLACES = {
+    # Functions by themselves, readers, checks: next to nothing is compiled or solved.
+    "unit": """
+        architecture clocks docs files levels lie linear meshes problem robot stubs switches text warn
+        cli/help cli/progress guesses/along guesses/given_way mechanics/duals programme/algebra
+        programme/calls solution/export solution/formats solution/solution solvers/centring
+        solvers/registry study/expansion study/table symbolic/functions symbolic/versions terms/spline
+        view/forces
+    """,
+    # Problems formulated and solved, each feature on a small robot; results, commands, files.
+    "solve": """
+        damping explaining guesses holds mimic pairs phases solution strangers study cli/check cli/end
+        cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
+        formulation/memory formulation/moved_start formulation/operations formulation/sources
+        formulation/step_lengths formulation/steps formulation/turning problem/clear_goal
+        problem/default_cost problem/frame_goals problem/goal_sets problem/mesh_obstacles problem/via
+        programme/composed programme/keys programme/later receding/horizon solvers/equations
+        solvers/homotopy solvers/limits solvers/time_limit solvers/units terms/acceleration terms/contact
+        terms/distances terms/end_acceleration terms/hulls terms/kept view/replay
+    """,
+    # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
+    "physics": """
+        guesses/around problem/approach problem/problem robot/loading/examples robot/loading/joined
+        robot/loading/lock_numbers robot/loading/parts solution/later solution/travel
+    """,
+    # Damaged files, killed processes, full disks, spoilt functions.
+    "hostile": """
+        attack cli/signals programme/cache_faults solution/atomic solution/damage solvers/failures
+        solvers/interruption solvers/tough study/dask study/kill view/replay_hostile
+    """,
+}
+
+LEVELS = {level: places.split() for level, places in _PLACES.items()}
+
+
+def level_of(file: Path) -> str:
+    """Return the level of a file of tests."""
+    path = PurePosixPath(name_of(file))
+    levels = {place: level for level, places in LEVELS.items() for place in places}
+    return next((levels[str(place)] for place in (path, *path.parents) if str(place) in levels), "physics")
+
+
+def name_of(file: Path) -> str:
+    """Return how a file is called here."""
+    return file.relative_to(ROOT).with_suffix("").as_posix().replace("tests/", "").replace("test_", "")
