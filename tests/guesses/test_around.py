@@ -16,8 +16,6 @@ from mbocp.problem import Problem, load_problem
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of, marks_of_result
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SLALOM = Path(__file__).parents[2] / "examples/arms/slalom.toml"
 
 

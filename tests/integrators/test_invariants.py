@@ -20,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("interpreted")
 
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
 BODY_OF_ITS_OWN, FALLING, FOUR_BAR, ARM = SYSTEMS
+FEW_STAGES = [name for name, pair in PAIRS.items() if pair.num_stages <= 2]
 CHUNK = 10_000  # steps of one simulation: all of them would take gigabytes
 
 
@@ -79,7 +80,9 @@ def test_momentum_on_a_sphere_over_ten_thousand_steps(scheme: str) -> None:
     assert np.abs(np.einsum("ij,ij->i", qs, vs)).max() < 1e-11
 
 
-@pytest.mark.parametrize("scheme", PAIRS)
+@pytest.mark.parametrize(
+    "scheme", [pytest.param(name, marks=[] if name in FEW_STAGES else pytest.mark.slow) for name in PAIRS]
+)
 def test_momentum_of_a_top_over_ten_thousand_steps(scheme: str) -> None:
     """Angular momentum about the vertical through the pivot; the other two vary."""
     robot = top()

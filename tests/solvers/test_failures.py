@@ -19,8 +19,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.solution import Solution, Status
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples" / "paper"
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton")
 SWEEPING = ("fbsm_newton", "fbsm_bb", "fbsm_bb+fbsm_newton")

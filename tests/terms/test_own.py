@@ -304,7 +304,9 @@ def test_conditions_and_costs_of_the_end() -> None:
     assert np.linalg.norm(dear.q_final) < np.linalg.norm(cheap.q_final)
 
 
-def test_numbers_never_recompile() -> None:
+def test_numbers_never_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()  # of what is interpreted
+
     def library(term: OwnTerm) -> tuple[Path | None, ...]:
         programme = formulate(pendulum(term)).programme
         return programme.functions.library, programme.end_functions.library
