@@ -1,4 +1,4 @@
-"""Stage functions as machine code against CasADi's virtual machine, side by side."""
+"""Stage functions as machine code against the tape of a machine without a compiler, side by side."""
 
 from __future__ import annotations
 
@@ -72,6 +72,6 @@ def stage_table(cases: Sequence[Case] = CASES, repetitions: int = 30) -> Table:
     for case in cases:
         t = time_stages(load(case), repetitions)
         rows.append((case.label, f"{1e6 * t.compiled:.2f}", f"{1e6 * t.interpreted:.1f}", f"{t.ratio:.1f}"))
-    columns = ("problem", "compiled C [us]", "CasADi's VM [us]", "ratio")
+    columns = ("problem", "compiled C [us]", "tape [us]", "ratio")
     note = "Constraints, cost, Jacobian, gradient and Hessian of a stage, scattered into the kernel's blocks."
     return Table("Stage functions, one stage", columns, rows, note)

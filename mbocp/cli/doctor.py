@@ -109,7 +109,7 @@ def _compiler() -> tuple[Verdict, str, str]:
     if command is None:
         advice = (
             "pip install mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC; until then "
-            "solving is far slower"
+            "solving takes two to four times as long"
         )
         return "warn", "none found", advice
     path = " ".join(command)

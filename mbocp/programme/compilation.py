@@ -3,8 +3,8 @@
 An entry has two keys, what the functions depend on and their C code, see `mbocp.programme.keys`. It is one
 shared library with a checksum behind it, written under a temporary name and moved into place, so that
 several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Where the
-folder cannot be written, a temporary one takes its place. Without a C compiler the functions run in CasADi's
-virtual machine.
+folder cannot be written, a temporary one takes its place. Without a C compiler the kernel executes the
+instructions of the functions, for many stages at a time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -63,11 +63,12 @@ _SOURCES = (
     *("composed.h", "lanes.h"),
 )
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
+_LONGEST = 4_000_000  # instructions of a function that is interpreted
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
 
 
 class NoCompilerWarning(UserWarning):
-    """No C compiler at run time: stage functions are interpreted, ten to fifty times slower."""
+    """No C compiler at run time: stage functions are interpreted, two to four times slower."""
 
 
 class CompiledFunctions:
@@ -193,6 +194,8 @@ def load_functions(
     if place.is_sound:
         return CompiledFunctions(place.library, {}, compiled_now=False)
     cc = compiler()
+    if cc is None and place.serialised:
+        return CompiledFunctions(None, place.serialised, compiled_now=False)
     depends_on = key_of(key, str(wide), _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
     place.library = library_of(depends_on)
     if place.library is not None:
@@ -202,9 +205,8 @@ def load_functions(
     check_deadline(deadline, "the functions were built")
     if cc is None:
         _warn_no_compiler()
-        return CompiledFunctions(
-            None, {name: f.serialize() for name, f in functions.items()}, compiled_now=False
-        )
+        place.serialised = {name: _as_operations(f).serialize() for name, f in functions.items()}
+        return CompiledFunctions(None, place.serialised, compiled_now=False)
     flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE, has_lanes=bool(in_lanes))
     unit = _Unit(cc, flags, _source(functions, wide))
     check_deadline(deadline, "the functions were written in C")
@@ -220,6 +222,7 @@ class _Place:
     """Where this process has found functions before."""
 
     library: Path | None = None
+    serialised: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_sound(self) -> bool:
@@ -239,10 +242,32 @@ def _place(key: str, wide: Lanes, set_by_user: tuple[str | None, ...]) -> _Place
 @cache
 def _warn_no_compiler() -> None:
     warn_caller(
-        "no C compiler found: stage functions are interpreted, ten to fifty times slower; pip install "
+        "no C compiler found: stage functions are interpreted, two to four times slower; pip install "
         "mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC",
         NoCompilerWarning,
     )
+
+
+def _as_operations(function: ca.Function) -> ca.Function:
+    """Return a function of the same values whose instructions are operations on numbers, if there is one.
+
+    One that calls another library, or would become too long, is returned as it is.
+    """
+    if function.is_a("SXFunction") or _operations(function) * _most_calls(function) > _LONGEST:
+        return function
+    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    try:
+        outputs = function.call(inputs, True, False)
+    except RuntimeError:  # CasADi: what it calls has numbers alone
+        return function
+    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
+
+
+def _most_calls(function: ca.Function) -> int:
+    """Return a bound of how often a function is called within another one."""
+    calls = sum(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
+    maps = [inner.size2_in(0) for inner in function.find_functions() if inner.is_a("Map")]
+    return max(calls, 1) * max(maps, default=1)
 
 
 @cache

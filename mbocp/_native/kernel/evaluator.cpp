@@ -71,8 +71,8 @@ bool Evaluator::evaluate_group(const Group& group, const double* multipliers, in
     StageFunction& f = k.complete->of(thread);
     const bool ok = problem_.call(f, group, iterate_, multipliers);
     double* memories[most_lanes];
-    for (int i = 0; i < most_lanes; ++i) memories[i] = data_[group.stage[i]].begin();
-    scatters_[static_cast<std::size_t>(group.kind)].apply(f.all_values(), f.num_lanes, memories);
+    for (int i = 0; i < f.num_lanes; ++i) memories[i] = data_[group.stage[i]].begin();
+    scatters_[static_cast<std::size_t>(group.kind)].apply(f.all_values(), f.num_lanes, group.count, memories);
     for (int i = 0; i < group.count; ++i) {
         const int n = group.stage[i];
         const Stage& s = data_[n];

@@ -1,31 +1,32 @@
-// Functions of a stage by CasADi's virtual machine.
+// Functions of a stage without a compiler: CasADi's instructions as a tape, or CasADi's virtual machine.
 #include <casadi/casadi.hpp>
 
-#include "stage_function.hpp"
+#include <cstring>
+#include <map>
+#include <tuple>
+
+#include "tape.hpp"
 
 namespace mbocp {
 namespace {
 
+Pattern pattern_of(const casadi::Sparsity& s) {
+    Pattern p;
+    p.rows = static_cast<int>(s.size1()), p.columns = static_cast<int>(s.size2());
+    for (const auto r : s.get_row()) p.row.push_back(static_cast<int>(r));
+    for (const auto c : s.get_col()) p.column.push_back(static_cast<int>(c));
+    return p;
+}
+
 class Interpreted final : public StageFunction {
 public:
-    explicit Interpreted(const std::string& text) : function_(casadi::Function::deserialize(text)) {
+    explicit Interpreted(casadi::Function function) : function_(std::move(function)) {
         num_inputs = static_cast<int>(function_.n_in());
         for (casadi_int i = 0; i < function_.n_in(); ++i) input_sizes.push_back(static_cast<int>(function_.nnz_in(i)));
-        for (casadi_int i = 0; i < function_.n_out(); ++i) {
-            const casadi::Sparsity s = function_.sparsity_out(i);
-            Pattern p;
-            p.rows = static_cast<int>(s.size1());
-            p.columns = static_cast<int>(s.size2());
-            for (const auto r : s.get_row()) p.row.push_back(static_cast<int>(r));
-            for (const auto c : s.get_col()) p.column.push_back(static_cast<int>(c));
-            outputs.push_back(p);
-        }
+        for (casadi_int i = 0; i < function_.n_out(); ++i) outputs.push_back(pattern_of(function_.sparsity_out(i)));
         size_t sz_arg, sz_res, sz_iw, sz_w;
         function_.sz_work(sz_arg, sz_res, sz_iw, sz_w);
-        arg.resize(sz_arg);
-        res.resize(sz_res);
-        iw_.resize(sz_iw);
-        w_.resize(sz_w);
+        arg.resize(sz_arg), res.resize(sz_res), iw_.resize(sz_iw), w_.resize(sz_w);
         allocate();
     }
     bool call() override { return function_(arg.data(), res.data(), iw_.data(), w_.data()) == 0; }
@@ -36,10 +37,244 @@ private:
     std::vector<double> w_;
 };
 
+// An operation on values, which have numbers: from zero on those of nodes, below -1 of inputs and constants.
+struct Node {
+    Operation operation;
+    int number;  // of CasADi's operation, where it is another one
+    int a, b, c;
+    int num_uses = 0, place = -1;
+};
+
+// Writes a tape from a function's instructions: each value once, products within sums, places used again.
+class Writer {
+public:
+    explicit Writer(const casadi::Function& f) : f_(f) {}
+
+    std::shared_ptr<const Tape> write() {
+        tape_->other = [](int operation, const double* x, const double* y, double* out, int n) {
+            casadi::casadi_math<double>::fun(static_cast<unsigned char>(operation), x, y, out, n);
+        };
+        read();
+        count_uses();
+        fuse();
+        give_places();
+        return tape_;
+    }
+
+private:
+    static constexpr int none = -1;
+
+    static int number_of_input(int place) { return -2 - 2 * place; }
+    static int number_of_constant(int index) { return -3 - 2 * index; }
+
+    void read() {
+        std::vector<int> given;
+        for (casadi_int i = 0; i < f_.n_in(); ++i) {
+            const int size = static_cast<int>(f_.nnz_in(i));
+            tape_->input_sizes.push_back(size);
+            for (int k = 0; k < size; ++k) given.push_back(number_of_input(first_output_ + k));
+            first_output_ += size + 1;
+        }
+        for (casadi_int i = 0; i < f_.n_out(); ++i) tape_->outputs.push_back(pattern_of(f_.sparsity_out(i)));
+        results_ = values_of(f_, given);
+    }
+
+    // Values of a function's outputs, one number after another, from those of its inputs; calls are written out.
+    std::vector<int> values_of(const casadi::Function& f, const std::vector<int>& given) {
+        using namespace casadi;
+        const auto offsets = [](casadi_int count, auto size) {
+            std::vector<std::size_t> found{0};
+            for (casadi_int i = 0; i < count; ++i) found.push_back(found.back() + static_cast<std::size_t>(size(i)));
+            return found;
+        };
+        const auto in = offsets(f.n_in(), [&](casadi_int i) { return f.nnz_in(i); });
+        const auto out = offsets(f.n_out(), [&](casadi_int i) { return f.nnz_out(i); });
+        std::vector<int> results(out.back(), none), work(f.sz_w() + 1, none);
+        SX expressions;  // of the instructions: they know which function is called
+        for (casadi_int k = 0; k < f.n_instructions(); ++k) {
+            const casadi_int id = f.instruction_id(k);
+            const auto from = f.instruction_input(k), to = f.instruction_output(k);
+            if (id == OP_CONST) {
+                work[to[0]] = number_of_constant(index_of(f.instruction_constant(k)));
+            } else if (id == OP_INPUT) {
+                work[to[0]] = given[in[from[0]] + static_cast<std::size_t>(from[1])];
+            } else if (id == OP_OUTPUT) {
+                results[out[to[0]] + static_cast<std::size_t>(to[1])] = work[from[0]];
+            } else if (id == OP_CALL) {
+                if (expressions.is_empty()) expressions = f.instructions_sx();
+                const casadi::Function called = SX(expressions(k)).which_function();
+                std::vector<int> passed;
+                for (const casadi_int place : from)
+                    passed.push_back(place < 0 ? number_of_constant(index_of(0.0)) : work[place]);
+                const std::vector<int> returned = values_of(called, passed);
+                for (std::size_t i = 0; i < to.size(); ++i)
+                    if (to[i] >= 0) work[to[i]] = returned[i];
+            } else {
+                const int a = work[from[0]], b = from.size() > 1 ? work[from[1]] : a;
+                work[to[0]] = id == OP_ASSIGN ? a : node_of(id, a, b);
+            }
+        }
+        return results;
+    }
+
+    int index_of(double number) {
+        std::uint64_t bits;
+        std::memcpy(&bits, &number, sizeof bits);  // zeros have two signs, and NaN is equal to nothing
+        const auto [found, is_new] = constants_.try_emplace(bits, static_cast<int>(tape_->constants.size()));
+        if (is_new) tape_->constants.push_back(number);
+        return found->second;
+    }
+
+    int node_of(casadi_int id, int a, int b) {
+        using namespace casadi;
+        static const std::map<casadi_int, Operation> known = {
+            {OP_NEG, Operation::negate},   {OP_ADD, Operation::add},      {OP_TWICE, Operation::add},
+            {OP_SUB, Operation::subtract}, {OP_MUL, Operation::multiply}, {OP_SQ, Operation::multiply},
+            {OP_DIV, Operation::divide},   {OP_INV, Operation::invert},   {OP_SQRT, Operation::square_root},
+            {OP_SIN, Operation::sine},     {OP_COS, Operation::cosine},   {OP_FABS, Operation::absolute},
+            {OP_LT, Operation::less},      {OP_LE, Operation::at_most},   {OP_EQ, Operation::equal},
+            {OP_NE, Operation::unequal},   {OP_NOT, Operation::is_false}, {OP_IF_ELSE_ZERO, Operation::where}};
+        const auto found = known.find(id);
+        const Operation operation = found == known.end() ? Operation::other : found->second;
+        const bool commutes = operation == Operation::add || operation == Operation::multiply;
+        if (commutes && b < a) std::swap(a, b);
+        const auto key = std::make_tuple(id == OP_TWICE ? casadi_int(OP_ADD)
+                                         : id == OP_SQ  ? casadi_int(OP_MUL)
+                                                        : id,
+                                         a, b);
+        const auto [place, is_new] = same_.try_emplace(key, static_cast<int>(nodes_.size()));
+        if (is_new) nodes_.push_back({operation, static_cast<int>(id), a, b, none});
+        return place->second;
+    }
+
+    void count_uses() {
+        std::vector<bool> is_needed(nodes_.size(), false);
+        for (const int r : results_)
+            if (r >= 0) is_needed[r] = true, ++nodes_[r].num_uses;
+        for (std::size_t k = nodes_.size(); k-- > 0;) {
+            if (!is_needed[k]) continue;
+            for (const int used : operands(nodes_[k]))
+                if (used >= 0) is_needed[used] = true, ++nodes_[used].num_uses;
+        }
+    }
+
+    static std::vector<int> operands(const Node& n) {
+        std::vector<int> found{n.a};
+        if (takes_two(n)) found.push_back(n.b);
+        if (n.c != none) found.push_back(n.c);
+        return found;
+    }
+    static bool takes_two(const Node& n) {
+        switch (n.operation) {
+        case Operation::copy:
+        case Operation::negate:
+        case Operation::invert:
+        case Operation::square_root:
+        case Operation::sine:
+        case Operation::cosine:
+        case Operation::absolute:
+        case Operation::is_false:
+            return false;
+        case Operation::other:
+            return casadi::casadi_math<double>::ndeps(static_cast<unsigned char>(n.number)) == 2;
+        default:
+            return true;
+        }
+    }
+
+    // A product that only one sum or difference takes becomes part of it.
+    void fuse() {
+        for (Node& n : nodes_) {
+            if (n.num_uses == 0 || (n.operation != Operation::add && n.operation != Operation::subtract)) continue;
+            const bool is_sum = n.operation == Operation::add;
+            if (const Node* p = product(n.a); p)
+                n = {is_sum ? Operation::multiply_add : Operation::multiply_subtract,
+                     n.number,
+                     p->a,
+                     p->b,
+                     n.b,
+                     n.num_uses};
+            else if (const Node* q = product(n.b); q)
+                n = {is_sum ? Operation::multiply_add : Operation::subtract_product,
+                     n.number,
+                     q->a,
+                     q->b,
+                     n.a,
+                     n.num_uses};
+        }
+    }
+
+    const Node* product(int k) {
+        if (k < 0 || nodes_[k].operation != Operation::multiply || nodes_[k].num_uses != 1) return nullptr;
+        nodes_[k].num_uses = 0;
+        return &nodes_[k];
+    }
+
+    void give_places() {
+        const int num_results = static_cast<int>(results_.size());
+        tape_->first_constant = first_output_ + num_results + 1;
+        int next = tape_->first_constant + static_cast<int>(tape_->constants.size());
+        for (int r = 0; r < num_results; ++r)
+            if (const int k = results_[r]; k >= 0 && nodes_[k].place < 0) nodes_[k].place = first_output_ + r;
+        std::vector<int> last(nodes_.size(), none), free;
+        for (std::size_t k = 0; k < nodes_.size(); ++k)
+            if (nodes_[k].num_uses)
+                for (const int used : operands(nodes_[k]))
+                    if (used >= 0) last[used] = static_cast<int>(k);
+        for (std::size_t k = 0; k < nodes_.size(); ++k) {
+            Node& n = nodes_[k];
+            if (n.num_uses == 0) continue;
+            const bool is_result = n.place >= 0;
+            const int a = place_of(n.a), b = takes_two(n) ? place_of(n.b) : a;
+            const int c = n.operation == Operation::other ? n.number : n.c == none ? a : place_of(n.c);
+            for (const int used : operands(n)) {
+                if (used < 0 || last[used] != static_cast<int>(k) || nodes_[used].place < tape_->first_constant)
+                    continue;
+                free.push_back(nodes_[used].place), last[used] = none;
+            }
+            if (!is_result) {
+                if (free.empty()) free.push_back(next++);
+                n.place = free.back(), free.pop_back();
+            }
+            tape_->code.push_back({n.operation, n.place, a, b, c});
+        }
+        for (int r = 0; r < num_results; ++r) {
+            if (results_[r] == none) continue;  // a zero of the pattern
+            const int place = place_of(results_[r]), to = first_output_ + r;
+            if (place != to) tape_->code.push_back({Operation::copy, to, place, place, place});
+        }
+        tape_->num_places = next;
+    }
+
+    int place_of(int number) const {
+        if (number >= 0) return nodes_[number].place;
+        const int index = (-2 - number) / 2;
+        return (-2 - number) % 2 ? tape_->first_constant + index : index;
+    }
+
+    const casadi::Function& f_;
+    std::shared_ptr<Tape> tape_ = std::make_shared<Tape>();
+    std::vector<Node> nodes_;
+    std::vector<int> results_;  // value of each output number
+    std::map<std::tuple<casadi_int, int, int>, int> same_;
+    std::map<std::uint64_t, int> constants_;
+    int first_output_ = 0;
+};
+
+// Whether all instructions are operations on numbers, in the functions that it calls, too.
+bool is_plain(const casadi::Function& f) {
+    if (!f.is_a("SXFunction")) return false;
+    for (const casadi::Function& called : f.find_functions())
+        if (!called.is_a("SXFunction")) return false;
+    return true;
+}
+
 }  // namespace
 
 std::shared_ptr<StageFunction> StageFunction::from_string(const std::string& serialised) {
-    return std::make_shared<Interpreted>(serialised);
+    const casadi::Function f = casadi::Function::deserialize(serialised);
+    if (is_plain(f)) return function_of(Writer(f).write());
+    return std::make_shared<Interpreted>(f);
 }
 
 }  // namespace mbocp

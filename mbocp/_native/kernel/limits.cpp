@@ -215,7 +215,7 @@ bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
     guard_->share(0, at.x.data() + problem_.x_offset(problem_.N));
     guard_->share(1, guard_lambda_.data());
     guard_->share(2, problem_.rho_terminal.data());
-    const bool ok = guard_->call_in_lanes();
+    const bool ok = guard_->call_in_lanes(1);
     read_rows(*guard_, 0, padded(problem_.ndx), guard_windows_, h, J, H);
     return ok;
 }
@@ -232,7 +232,7 @@ bool Limits::evaluate_values(std::size_t first, const Point& at, Numbers& h, int
     StageFunction& f = path_values_->of(thread);
     Own& own = own_[static_cast<std::size_t>(thread)];
     set_states(f, first, at);
-    const bool ok = f.call_in_lanes();
+    const bool ok = f.call_in_lanes(static_cast<int>(with_path_.size() - first));
     for (std::size_t k = first; k < std::min(first + f.num_lanes, with_path_.size()); ++k) {
         const Rows rows = of_stage(with_path_[k]);
         read_values(f, static_cast<int>(k - first), own.h.data());
@@ -255,7 +255,7 @@ bool Limits::evaluate_group(std::size_t first, const Point& at, const Numbers& l
     for (int lane = 0; lane < f.num_lanes; ++lane)
         of_lanes[lane] = own.lambda.data() + static_cast<std::size_t>(lane) * nh_;
     set_states(f, first, at), f.set(1, of_lanes);
-    const bool ok = f.call_in_lanes();
+    const bool ok = f.call_in_lanes(static_cast<int>(last - first));
     for (std::size_t k = first; k < last; ++k) {
         const int n = with_path_[k];
         const Rows rows = of_stage(n);

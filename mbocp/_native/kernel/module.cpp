@@ -6,6 +6,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <stdexcept>
 
 #include "receding.hpp"
@@ -40,6 +41,36 @@ Output computed(Compute compute) {
         values = compute();
     }
     return to_array(values);
+}
+
+// Numbers of the outputs, those of one stage after another; inputs have the numbers of all stages, too.
+std::vector<Output> evaluate(StageFunction& f, const std::vector<Input>& inputs, int count, bool is_in_lanes) {
+    if (static_cast<int>(inputs.size()) != f.num_inputs) throw std::invalid_argument("inputs: wrong number");
+    for (int i = 0; i < f.num_inputs; ++i)
+        if (static_cast<int>(inputs[i].size()) != count * f.input_sizes[i])
+            throw std::invalid_argument("inputs: wrong length");
+    std::vector<Numbers> found(f.outputs.size());
+    const int num_lanes = is_in_lanes ? f.num_lanes : 1;
+    const double* of_stages[most_lanes];
+    for (int begin = 0; begin < count; begin += num_lanes) {
+        for (int i = 0; i < f.num_inputs; ++i) {
+            for (int lane = 0; lane < num_lanes; ++lane)
+                of_stages[lane] = inputs[i].data() + std::min(begin + lane, count - 1) * f.input_sizes[i];
+            if (num_lanes == 1)
+                f.arg[i] = of_stages[0];
+            else
+                f.set(i, of_stages);
+        }
+        if (!(num_lanes == 1 ? f.call() : f.call_in_lanes(count - begin))) throw std::runtime_error("not finite");
+        for (std::size_t i = 0; i < found.size(); ++i)
+            for (int lane = 0; lane < std::min(num_lanes, count - begin); ++lane)
+                for (int k = 0; k < f.outputs[i].nnz(); ++k)
+                    found[i].push_back(num_lanes == 1 ? f.res[i][k]
+                                                      : f.values(static_cast<int>(i))[k * num_lanes + lane]);
+    }
+    std::vector<Output> out;
+    for (const Numbers& numbers : found) out.push_back(to_array(numbers));
+    return out;
 }
 
 // A property that reads a copy and writes in place after a check of the length; `field` finds the vector.
@@ -86,6 +117,9 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_static("from_library", &StageFunction::from_library, nb::arg("path"), nb::arg("name"))
         .def_static("from_string", &StageFunction::from_string, nb::arg("serialised"))
         .def("copy", &StageFunction::copy, "The same function of its library with memory of its own.")
+        .def("evaluate", &evaluate, nb::arg("inputs"), nb::arg("count"), nb::arg("is_in_lanes"),
+             "Numbers of the outputs at so many stages, one stage after another, as inputs have theirs.")
+        .def_ro("num_lanes", &StageFunction::num_lanes)
         .def_ro("num_inputs", &StageFunction::num_inputs);
 
     nb::class_<Kind>(module, "Kind")

@@ -98,7 +98,7 @@ bool Problem::call(StageFunction& f, const Group& group, const Point& at, const 
     if (multipliers) pass([&](int n) { return multipliers + m_offset[n]; });
     ++next;  // theta
     pass([&](int n) { return rho_.data() + r_offset[n]; });
-    return f.call_in_lanes();
+    return f.call_in_lanes(group.count);
 }
 
 bool Problem::retract_nodes(const Numbers& x, const Numbers& dx, double alpha, Numbers& x_next) const {
@@ -115,7 +115,7 @@ bool Problem::retract_nodes(const Numbers& x, const Numbers& dx, double alpha, N
             at[lane] = x.data() + x_offset(own), by[lane] = scaled;
         }
         f.set(0, at), f.set(1, by);
-        ok = f.call_in_lanes() && ok;
+        ok = f.call_in_lanes(N + 1 - node) && ok;
         const double* values = f.values(0);
         for (int lane = 0; lane < f.num_lanes && node + lane <= N; ++lane) {
             double* next = x_next.data() + x_offset(node + lane);

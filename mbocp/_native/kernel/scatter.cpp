@@ -17,13 +17,13 @@ Scatter::Scatter(Places places, int zero) {
     }
 }
 
-void Scatter::apply(const double* values, int num_lanes, double* const* stages) const {
+void Scatter::apply(const double* values, int num_lanes, int count, double* const* stages) const {
     if (num_lanes == 1) {
         for (const Run& run : runs_)
             for (int i = 0; i < 4; ++i) stages[0][run.to + i] = values[run.from[i]];
         return;
     }
-    for (int w = 0; w < num_lanes; w += 4) {
+    for (int w = 0; w < count; w += 4) {
         double *const s0 = stages[w], *const s1 = stages[w + 1], *const s2 = stages[w + 2], *const s3 = stages[w + 3];
         for (const Run& in_memory : runs_) {
             const Run run = in_memory;  // what is stored might be it, for all that the compiler knows

@@ -16,8 +16,8 @@ class Scatter {
 public:
     // `zero` is the place of a zero among the outputs: what is beside a number in a vector and has no place is zeroed.
     Scatter(Places places, int zero);
-    // Stages' memories begin on the boundary of a vector; there are as many as lanes, and may be repeated.
-    void apply(const double* values, int num_lanes, double* const* stages) const;
+    // Stages' memories begin on the boundary of a vector; there are `count`, up to the lanes of a vector repeated.
+    void apply(const double* values, int num_lanes, int count, double* const* stages) const;
 
 private:
     struct Run {

@@ -76,7 +76,7 @@ public:
     bool call() override { return evaluate_(arg.data(), res.data(), iw_.data(), w_.data(), 0) == 0; }
 
 protected:
-    bool call_all() override {
+    bool call_all(int) override {
         return evaluate_in_lanes_(const_cast<const double**>(lane_inputs_.data()), lane_outputs_.data()) == 0;
     }
 
@@ -107,8 +107,8 @@ void StageFunction::allocate() {
     for (std::size_t i = 0; i < outputs.size(); ++i) res[i] = at + first[i];
 }
 
-void StageFunction::allocate_lanes() {
-    std::size_t total = 1;
+void StageFunction::allocate_lanes(int more) {
+    std::size_t total = 1 + static_cast<std::size_t>(more);
     for (const int size : input_sizes) total += static_cast<std::size_t>(size) + 1;
     for (const Pattern& output : outputs) total += static_cast<std::size_t>(output.nnz());
     double* at = lanes_.allocate(total * num_lanes);
@@ -121,10 +121,8 @@ void StageFunction::set(int input, const double* const* of_stages) {
     const int size = input_sizes[input];
     if (num_lanes == 1)
         arg[input] = of_stages[0];
-    else if (num_lanes == 4)
-        interleave<4>(size, of_stages, lane_inputs_[input]);
     else
-        interleave<8>(size, of_stages, lane_inputs_[input]);
+        interleave(num_lanes, size, of_stages, lane_inputs_[input]);
 }
 
 void StageFunction::share(int input, const double* of_all) {

@@ -1,4 +1,4 @@
-// One evaluated function of a stage: compiled C from a shared library, or CasADi's virtual machine.
+// One evaluated function of a stage: compiled C from a shared library, a tape, or CasADi's virtual machine.
 #pragma once
 
 #include <memory>
@@ -16,7 +16,7 @@ struct Pattern {
     int nnz() const { return static_cast<int>(row.size()); }
 };
 
-inline constexpr int most_lanes = 8;
+inline constexpr int most_lanes = 32;
 
 // At one stage: arg, `call`, res. At as many stages at once as the function has lanes, which may be one: `set` and
 // `share`, `call_in_lanes`, `values`; number k of an output is then at [k * num_lanes + lane].
@@ -31,7 +31,8 @@ public:
     // An input of each stage; or of all of them, which holds until it is set again.
     void set(int input, const double* const* of_stages);
     void share(int input, const double* of_all);
-    bool call_in_lanes() { return num_lanes == 1 ? call() : call_all(); }
+    // The first `count` lanes are asked for; others need not be worked out.
+    bool call_in_lanes(int count = most_lanes) { return num_lanes == 1 ? call() : call_all(count); }
     const double* values(int output) const { return all_values() + num_lanes * first[output]; }
     // The outputs one after another, number k of output i being first[i] + k; after them a zero.
     const double* all_values() const { return num_lanes == 1 ? results_.data() : lane_results_; }
@@ -46,7 +47,7 @@ public:
 
     // A function `name` of the shared library at `path`, as CasADi's code generator writes it.
     static std::shared_ptr<StageFunction> from_library(const std::string& path, const std::string& name);
-    // A serialised casadi::Function, evaluated by CasADi's virtual machine.
+    // A serialised casadi::Function, as a tape; by CasADi's virtual machine where it calls others or has loops.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
 
     // The same function with memory of its own, in a fraction of the time that `from_library` takes; null where it
@@ -62,9 +63,10 @@ protected:
     StageFunction(const StageFunction& other)
         : num_lanes(other.num_lanes), arg(other.arg.size()), res(other.res.size()), outputs(other.outputs),
           input_sizes(other.input_sizes), num_inputs(other.num_inputs) {}
-    virtual bool call_all() { return false; }
+    virtual bool call_all(int /*count*/) { return false; }
     void allocate();
-    void allocate_lanes();
+    // Inputs, outputs and a zero, and so many places more.
+    void allocate_lanes(int more = 0);
 
     Pool results_, lanes_;
     std::vector<double*> lane_inputs_, lane_outputs_;

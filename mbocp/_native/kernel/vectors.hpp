@@ -5,9 +5,8 @@
 
 namespace mbocp {
 
-// to[i * W + w] = from[w][i]
-template <int W>
-inline void interleave(int size, const double* const* from, double* to) {
+// to[i * W + w] = from[w][i], where W is a multiple of four.
+inline void interleave(int W, int size, const double* const* from, double* to) {
     for (int w = 0; w < W; w += 4) {
         const double* const* at = from + w;
         int i = 0;

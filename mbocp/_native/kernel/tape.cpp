@@ -1,0 +1,200 @@
+#include "tape.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <type_traits>
+
+#include "dense.hpp"
+
+// Sine and cosine of several numbers at once, as generated C has them.
+#define MBOCP_LANES 4
+#include "../../programme/lanes.h"
+
+namespace mbocp {
+namespace {
+
+// Stages of a call: more of them share the cost of an instruction, until their numbers leave the processor's cache.
+constexpr int preferred_lanes = 32, fewest_lanes = 8;
+constexpr std::size_t cache = std::size_t(2) << 20;  // bytes of the second level, nearly
+
+template <class Sine>
+void apply(const double* x, double* f, int n, Sine function) {
+    constexpr int width = sizeof(mbocp_lanes) / sizeof(double);
+    mbocp_lanes v;
+    for (; n >= width; n -= width, x += width, f += width) {
+        std::memcpy(&v, x, sizeof v);
+        v = function(v);
+        std::memcpy(f, &v, sizeof v);
+    }
+}
+
+struct One {
+    using Vec = double;
+};
+struct Four {
+    using Vec = dense::Vec;
+};
+
+// All instructions for `Blocks` times four lanes of each place; one number, where Blocks is 0.
+template <int Blocks>
+void execute(const Tape& tape, double* memory, int stride) {
+    using Vec = typename std::conditional_t<Blocks == 0, One, Four>::Vec;
+    constexpr int count = std::max(Blocks, 1), width = sizeof(Vec) / sizeof(double);
+    const auto at = [=](std::int32_t place) { return memory + static_cast<std::size_t>(place) * stride; };
+    for (const Instruction& i : tape.code) {
+        double* const to = at(i.to);
+        const double *const a = at(i.a), *const b = at(i.b);
+        const auto each = [&](auto value) {
+            for (int k = 0; k < count; ++k) {
+                Vec v;
+                if constexpr (Blocks == 0)
+                    v = value(a[0], b[0], [&] { return at(i.c)[0]; });
+                else
+                    v = value(dense::load(a + k * width), dense::load(b + k * width),
+                              [&] { return dense::load(at(i.c) + k * width); });
+                if constexpr (Blocks == 0)
+                    to[0] = v;
+                else
+                    dense::store(to + k * width, v);
+            }
+        };
+        const auto truth = [&](auto compare) {
+            for (int k = 0; k < count * width; ++k) to[k] = compare(a[k], b[k]) ? 1.0 : 0.0;
+        };
+        switch (i.operation) {
+        case Operation::copy:
+            each([](Vec x, Vec, auto) { return x; });
+            break;
+        case Operation::negate:
+            each([](Vec x, Vec, auto) { return -x; });
+            break;
+        case Operation::add:
+            each([](Vec x, Vec y, auto) { return x + y; });
+            break;
+        case Operation::subtract:
+            each([](Vec x, Vec y, auto) { return x - y; });
+            break;
+        case Operation::multiply:
+            each([](Vec x, Vec y, auto) { return x * y; });
+            break;
+        case Operation::divide:
+            each([](Vec x, Vec y, auto) { return x / y; });
+            break;
+        case Operation::invert:
+            each([](Vec x, Vec, auto) { return 1.0 / x; });
+            break;
+        case Operation::multiply_add:
+            each([](Vec x, Vec y, auto z) { return x * y + z(); });
+            break;
+        case Operation::multiply_subtract:
+            each([](Vec x, Vec y, auto z) { return x * y - z(); });
+            break;
+        case Operation::subtract_product:
+            each([](Vec x, Vec y, auto z) { return z() - x * y; });
+            break;
+        case Operation::square_root:
+            for (int k = 0; k < count * width; ++k) to[k] = std::sqrt(a[k]);
+            break;
+        case Operation::absolute:
+            for (int k = 0; k < count * width; ++k) to[k] = std::abs(a[k]);
+            break;
+        case Operation::sine:
+            if constexpr (Blocks == 0)
+                to[0] = std::sin(a[0]);
+            else
+                apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_sin(x); });
+            break;
+        case Operation::cosine:
+            if constexpr (Blocks == 0)
+                to[0] = std::cos(a[0]);
+            else
+                apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_cos(x); });
+            break;
+        case Operation::less:
+            truth([](double x, double y) { return x < y; });
+            break;
+        case Operation::at_most:
+            truth([](double x, double y) { return x <= y; });
+            break;
+        case Operation::equal:
+            truth([](double x, double y) { return x == y; });
+            break;
+        case Operation::unequal:
+            truth([](double x, double y) { return x != y; });
+            break;
+        case Operation::is_false:
+            truth([](double x, double) { return x == 0.0; });
+            break;
+        case Operation::where:
+            for (int k = 0; k < count * width; ++k) to[k] = a[k] != 0.0 ? b[k] : 0.0;
+            break;
+        case Operation::other:
+            tape.other(i.c, a, b, to, count * width);
+            break;
+        }
+    }
+}
+
+class Taped final : public StageFunction {
+public:
+    explicit Taped(std::shared_ptr<const Tape> tape) : tape_(std::move(tape)) {
+        input_sizes = tape_->input_sizes, outputs = tape_->outputs;
+        num_inputs = static_cast<int>(input_sizes.size());
+        arg.resize(input_sizes.size()), res.resize(outputs.size());
+        const std::size_t of_lane = sizeof(double) * static_cast<std::size_t>(tape_->num_places);
+        num_lanes = preferred_lanes;
+        while (num_lanes > fewest_lanes && num_lanes * of_lane > cache) num_lanes /= 2;
+        begin();
+    }
+    Taped(const Taped& other) : StageFunction(other), tape_(other.tape_) { begin(); }
+    std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Taped>(*this); }
+
+    bool call() override {
+        double* to = one_.data();
+        for (int i = 0; i < num_inputs; ++i) {
+            for (int k = 0; k < input_sizes[i]; ++k) to[k] = arg[i] ? arg[i][k] : 0.0;
+            to += input_sizes[i] + 1;
+        }
+        execute<0>(*tape_, one_.data(), 1);
+        for (std::size_t i = 0; i < outputs.size(); ++i) dense::copy(to + first[i], res[i], outputs[i].nnz());
+        return true;
+    }
+
+protected:
+    bool call_all(int count) override {
+        count = std::min(count, num_lanes);
+        double* memory = lanes_.data();
+        if (count > 16)
+            execute<8>(*tape_, memory, num_lanes);
+        else if (count > 8)
+            execute<4>(*tape_, memory, num_lanes);
+        else
+            execute<2>(*tape_, memory, num_lanes);
+        return true;
+    }
+
+private:
+    void begin() {
+        allocate();
+        allocate_lanes(tape_->num_places);
+        double* one = one_.allocate(static_cast<std::size_t>(tape_->num_places));
+        double* lanes = lanes_.data();
+        for (std::size_t k = 0; k < tape_->constants.size(); ++k) {
+            const std::size_t place = static_cast<std::size_t>(tape_->first_constant) + k;
+            one[place] = tape_->constants[k];
+            std::fill_n(lanes + place * num_lanes, num_lanes, one[place]);
+        }
+    }
+
+    std::shared_ptr<const Tape> tape_;
+    Pool one_;  // of one stage by itself
+};
+
+}  // namespace
+
+std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape) {
+    return std::make_shared<Taped>(std::move(tape));
+}
+
+}  // namespace mbocp

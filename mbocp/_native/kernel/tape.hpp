@@ -1,0 +1,62 @@
+// A stage function as a list of instructions, executed for many stages at a time.
+//
+// Each instruction is one pass over a short row of numbers, one for each lane, so that all stages share the cost of
+// looking at it. Nothing is compiled: a tape is data. The memory of a call is a row of places, each with a number for
+// every lane:
+//
+//   inputs, each followed by one place more | outputs | a zero | constants | intermediate values
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "stage_function.hpp"
+
+namespace mbocp {
+
+enum class Operation : std::int32_t {
+    copy,
+    negate,
+    add,
+    subtract,
+    multiply,
+    divide,
+    invert,
+    square_root,
+    sine,
+    cosine,
+    absolute,
+    less,
+    at_most,
+    equal,
+    unequal,
+    is_false,
+    where,  // 1.0 or 0.0; where: b if a, else 0
+    multiply_add,
+    multiply_subtract,
+    subtract_product,  // a b + c, a b - c, c - a b
+    other              // number `c` of CasADi's operations
+};
+
+struct Instruction {
+    Operation operation;
+    std::int32_t to, a, b, c;  // places
+};
+
+struct Tape {
+    // An operation of CasADi on n numbers: f = x op y.
+    using Other = void (*)(int operation, const double* x, const double* y, double* f, int n);
+
+    std::vector<int> input_sizes;
+    std::vector<Pattern> outputs;
+    std::vector<double> constants;
+    std::vector<Instruction> code;
+    int first_constant = 0, num_places = 0;
+    Other other = nullptr;
+};
+
+// The function that executes a tape, in as many lanes as the processor's cache has room for.
+std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape);
+
+}  // namespace mbocp

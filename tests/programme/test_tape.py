@@ -1,0 +1,105 @@
+"""Functions without a compiler: the kernel executes CasADi's instructions, for many stages at a time."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mbocp._arrays import Array
+from mbocp.programme.compilation import _as_operations
+from mbocp.programme.kernel import kernel
+
+UNARY = (
+    *(ca.sin, ca.cos, ca.fabs, ca.sqrt, ca.exp, ca.tanh, ca.sign, ca.floor, ca.logic_not),
+    *(lambda x: -x, lambda x: 1 / x, lambda x: x + x, lambda x: x * x),
+)
+BINARY = (
+    *(ca.atan2, ca.fmin, ca.fmax, ca.copysign, lambda x, y: ca.if_else(x, y, 0)),
+    *(lambda x, y: x + y, lambda x, y: x - y, lambda x, y: x * y, lambda x, y: x / y),
+    *(lambda x, y: x < y, lambda x, y: x <= y, lambda x, y: x == y, lambda x, y: x != y),
+)
+STEP = st.tuples(st.integers(0, len(UNARY) + len(BINARY) - 1), st.integers(0, 9), st.integers(0, 9))
+
+
+def built(steps: list[tuple[int, int, int]]) -> ca.Function:
+    """Each step takes two of the last ten values; outputs are some of them, an input and a constant, too."""
+    x, y = ca.SX.sym("x", 4), ca.SX.sym("y", 3)
+    values = [*ca.vertsplit(x), *ca.vertsplit(y), ca.SX(0.5), ca.SX(-2.0), ca.SX(0.0)]
+    for kind, i, j in steps:
+        a, b = values[-1 - i], values[-1 - j]
+        values.append(UNARY[kind](a) if kind < len(UNARY) else BINARY[kind - len(UNARY)](a, b))
+    pattern = ca.blockcat([[values[-1], 0], [0, values[-2] + values[-1] * values[-3]]])
+    return ca.Function("f", [x, y], [ca.vertcat(*values[-4:], x[1], 3.0), ca.sparsify(pattern)])
+
+
+def compare(function: ca.Function, count: int) -> None:
+    """With CasADi, stage by stage."""
+    rng = np.random.default_rng(count)
+    inputs = [rng.uniform(-3.0, 3.0, (count, function.nnz_in(i))) for i in range(function.n_in())]
+    patterns = [function.sparsity_in(i) for i in range(function.n_in())]
+    stages = [[ca.DM(p, row[n]) for p, row in zip(patterns, inputs, strict=True)] for n in range(count)]
+    expected = [function.call(stage) for stage in stages]
+    tape = kernel().StageFunction.from_string(_as_operations(function).serialize())
+    for own in (tape, tape.copy()):
+        for is_in_lanes in (True, False):
+            found = own.evaluate([row.ravel() for row in inputs], count, is_in_lanes)
+            for i, values in enumerate(found):
+                exact = np.array([stage[i].nonzeros() for stage in expected]).reshape(values.shape)
+                same(values, exact)
+
+
+def same(values: Array, exact: Array) -> None:
+    finite = np.isfinite(exact)
+    np.testing.assert_array_equal(np.isfinite(values), finite)
+    np.testing.assert_allclose(values[finite], exact[finite], rtol=1e-9, atol=1e-11)
+
+
+@given(steps=st.lists(STEP, min_size=4, max_size=25), count=st.sampled_from([1, 7, 9, 17, 33, 70]))
+@settings(max_examples=60, deadline=None)
+def test_tapes_compute_what_casadi_does(steps: list[tuple[int, int, int]], count: int) -> None:
+    compare(built(steps), count)
+
+
+def test_functions_that_call_others_are_written_out() -> None:
+    x = ca.SX.sym("x", 3)
+    inner = ca.Function("inner", [x], [ca.sin(x), x[0] * x[1]], {"never_inline": True})
+    once, product = inner(x)
+    outer = ca.Function("outer", [x], [inner(once)[0], product * inner(2 * once)[1]], {"never_inline": True})
+    X = ca.MX.sym("X", 3, 5)
+    for function in (outer, ca.Function("rows", [X], list(outer.map(5)(X)))):
+        assert _as_operations(function).is_a("SXFunction")
+        compare(function, 40)
+
+
+def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:
+    x = ca.MX.sym("x", 2)
+    table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [1.0, 3.0, 2.0])
+    function = ca.Function("f", [x], [table(x[0]) * x[1]])
+    own = kernel().StageFunction.from_string(_as_operations(function).serialize())
+    assert (own.num_lanes, own.copy()) == (1, None)
+    (values,) = own.evaluate([np.array([0.5, 2.0, 1.5, 1.0])], 2, True)
+    np.testing.assert_allclose(values, [4.0, 2.5])
+
+
+@pytest.mark.parametrize("size", [2_000, 40_000])
+def test_large_functions_take_fewer_lanes(size: int) -> None:
+    """As many as the cache has room for; their intermediate values are all needed at the end."""
+    x = ca.SX.sym("x", size)
+    powers = [ca.sin(x)]
+    for _ in range(3):
+        powers.append(powers[-1] * x)
+    function = ca.Function("f", [x], [ca.sum1(powers[0] * powers[1] + powers[2] * powers[3])])
+    own = kernel().StageFunction.from_string(function.serialize())
+    assert own.num_lanes == (32 if size == 2_000 else 8)
+    compare(function, 11)
+
+
+def test_wrong_inputs_are_refused() -> None:
+    own = kernel().StageFunction.from_string(built([(0, 0, 0)]).serialize())
+    with pytest.raises(ValueError, match="wrong number"):
+        own.evaluate([np.zeros(4)], 1, False)
+    with pytest.raises(ValueError, match="wrong length"):
+        own.evaluate([np.zeros(4), np.zeros(5)], 1, False)
