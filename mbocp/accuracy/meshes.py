@@ -17,7 +17,6 @@ from mbocp._arrays import Array
 from mbocp.accuracy.mesh import Wanted, halved, lengths_for
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.timeline.step_counts import base_counts, has_places
 
 MOST_STEPS = 20_000
 _FINER, _COARSER = 8.0, 2.0  # by which numbers change from one round to the next
@@ -160,11 +159,11 @@ def _multiples(counts: Array, bases: _Whole) -> _Counts:
 
 def first_mesh(problem: Problem) -> Mesh:
     """Steps with which a search begins: 20, or those that phases say."""
-    bases = tuple(_COARSEST * base for base in base_counts(problem.places))
+    asked = problem.asked_nodes
+    bases = tuple(_COARSEST * base for base in asked.base_counts())
     if problem.phase:
         return _multiples(np.array([phase.steps for phase in problem.phase], dtype=np.float64), bases)
-    follows = any(constraint.kind == "follow" for constraint in problem.frame_constraints)
     is_joint = COORDINATES[problem.coordinates].has_joint_states
-    if problem.has_free_lengths or follows or has_places(problem.places) or not is_joint:
+    if problem.timeline.has_free_lengths or asked.follows_path or asked.has_any or not is_joint:
         return _multiples(np.array([float(problem.num_steps)]), bases)
     return _Lengths(np.full(problem.num_steps, problem.duration / problem.num_steps))

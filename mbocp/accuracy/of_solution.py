@@ -21,7 +21,7 @@ _MOST_STEPS = 20_000
 def follows_fast(problem: Problem) -> bool:
     """Whether the flow of the robot takes no more than a second to compile, and milliseconds to follow."""
     robot = problem.robot
-    rows = robot.nc if problem.switches is None else robot.nc + len(problem.switches.labels)
+    rows = robot.nc if problem.timeline.switches is None else robot.nc + len(problem.timeline.switches.labels)
     return rows <= _MOST_LOOPS and robot.nv <= _MOST_JOINTS and problem.num_steps <= _MOST_STEPS
 
 
@@ -39,7 +39,7 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
     motion = motion_of(solution)
     try:
         found = accuracy_of(
-            problem.robot, motion, table=problem.switches, gains=solution.gains, deadline=deadline
+            problem.robot, motion, table=problem.timeline.switches, gains=solution.gains, deadline=deadline
         )
     except CompilationTimeout:
         return solution

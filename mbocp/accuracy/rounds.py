@@ -30,7 +30,6 @@ from mbocp.accuracy.of_solution import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.timeline.named_phase import phase_nodes
 from mbocp.solution import Solution
 from mbocp.solvers.strategies.cost_unit import is_no_cost
 
@@ -152,9 +151,13 @@ class Round:
 
 def step_errors_of(solved: Problem, solution: Solution, *, deadline: float) -> StepErrors:
     """Errors of the steps of a solution."""
-    adjoints = solution.mus if solved.switches is None else None
+    adjoints = solution.mus if solved.timeline.switches is None else None
     return step_errors(
-        solved.robot, motion_of(solution), table=solved.switches, adjoints=adjoints, deadline=deadline
+        solved.robot,
+        motion_of(solution),
+        table=solved.timeline.switches,
+        adjoints=adjoints,
+        deadline=deadline,
     )
 
 
@@ -170,7 +173,7 @@ def shares_of(problem: Problem, solved: Problem, solution: Solution, errors: Ste
     effort = np.broadcast_to(problem.cost.effort, us.shape[1:])
     weights = np.where(effort > 0.0, effort, 0.0) if np.any(effort) else np.ones(effort.shape)
     shares = np.zeros(len(dts))
-    for first, last in phase_nodes(solved.phase).values() or [(0, len(dts))]:
+    for first, last in [(phase.first, phase.last) for phase in solved.phase] or [(0, len(dts))]:
         own = first + np.flatnonzero(dts[first:last])  # controls may leap where phases end
         shares[own] = control_shares(us[own], dts[own], weights)
     return shares
@@ -186,7 +189,7 @@ def is_rough(problem: Problem) -> bool:
 
     So they are by the midpoint rule where velocities of what is held alternate.
     """
-    return problem.switches is not None or not COORDINATES[problem.coordinates].has_joint_states
+    return problem.timeline.switches is not None or not COORDINATES[problem.coordinates].has_joint_states
 
 
 def _cost_order(problem: Problem) -> int:
@@ -195,7 +198,7 @@ def _cost_order(problem: Problem) -> int:
 
 def _sure_order(problem: Problem) -> int:
     """Order of which the cost can be sure: one where controls leap at times that are found."""
-    leaps = problem.has_free_lengths and problem.widest_limits.any_finite
+    leaps = problem.timeline.has_free_lengths and problem.widest_limits.any_finite
     return 1 if leaps else _cost_order(problem)
 
 

@@ -115,7 +115,7 @@ def _limits(problem: Problem) -> _Rows:
 def _others(problem: Problem) -> _Rows:
     rows: _Rows = []
     if problem.via:
-        rows.append(("via points", ", ".join(point.name for point in problem.waypoints)))
+        rows.append(("via points", ", ".join(point.name for point in problem.timeline.waypoints)))
     if problem.frame_constraints:
         rows.append(("paths", ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints)))
     if problem.obstacle:

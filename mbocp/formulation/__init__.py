@@ -1,8 +1,7 @@
 """Problem x integrator -> stagewise programme, and the way back from its numbers to motions."""
 
 from mbocp.formulation.base import Duals, Formulation
-from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.formulate import formulate, transcribe
 from mbocp.formulation.motion import Motion
 
-__all__ = ["Duals", "Formulation", "Motion", "formulate", "given_lengths", "transcribe"]
+__all__ = ["Duals", "Formulation", "Motion", "formulate", "transcribe"]

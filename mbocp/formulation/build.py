@@ -39,7 +39,7 @@ from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
-from mbocp.problem.timeline.horizon import check_horizon
+from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
@@ -177,7 +177,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         ),
         units=units_of(problem, signature, at, pieces.algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
-        has_free_lengths=problem.has_free_lengths,
+        has_free_lengths=problem.timeline.has_free_lengths,
         easing=_easing(problem, signature, layout),
     )
 

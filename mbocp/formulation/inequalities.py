@@ -69,10 +69,12 @@ def _violation(problem: Problem, motion: Motion, path: Array) -> float:
     pairs = [(values, *limits["u"]), (qs[1:], *limits["q"]), (vs[1:], *limits["v"])]
     if problem.inequalities:
         pairs.append((path, *sides_of_path(problem)))
-    for phase in problem.phases:
+    timeline = problem.timeline
+    for phase in timeline.free_phases:
+        (shortest, longest), end = timeline.sides_of(phase), timeline.end_of(phase)
         taken = motion.dts[phase.first : phase.last].sum(keepdims=True)
-        pairs.append((taken, np.array([phase.shortest]), np.array([phase.longest])))
-        earliest, latest = np.array([phase.earliest]), np.array([phase.latest])
+        pairs.append((taken, np.array([shortest]), np.array([longest])))
+        earliest, latest = np.array([end.earliest]), np.array([end.latest])
         pairs.append((motion.dts[: phase.last].sum(keepdims=True), earliest, latest))
     worst = [float(np.max([lower - values, values - upper], initial=0.0)) for values, lower, upper in pairs]
     return max(worst)

@@ -85,6 +85,6 @@ def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Ite
 def _meaning(formulation: Formulation) -> str:
     """Digest of what unknowns and multipliers are."""
     problem = formulation.problem
-    ends = [problem.num_steps - run.last for run in problem.phases]
+    ends = [problem.num_steps - run.last for run in problem.timeline.free_phases]
     material = json.dumps([formulation.pieces.signature.unknowns, problem.scheme, ends])
     return hashlib.sha256(material.encode()).hexdigest()

@@ -149,11 +149,11 @@ def _row_words(
     for row in acceleration_rows(problem) if problem.goal.a_active.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     of_end += _start_words(problem, space)
-    is_free = problem.has_free_lengths or problem.has_unequal_lengths or bool(problem.impacts)
+    is_free = bool(problem.timeline.num_lengths or problem.timeline.impacts)
     times = _Times(
         problem.num_steps,
         dt=None if is_free else problem.dt,
-        duration=None if problem.has_free_duration else problem.duration,
+        duration=problem.duration if problem.duration_range is None else None,
     )
     return _RowWords(
         at,

@@ -18,11 +18,11 @@ from mbocp.formulation.steps import Steps
 from mbocp.terms import (
     AccelerationEnd,
     ClearanceTerm,
+    ContactConditionTerm,
     ContactTerm,
     Effort,
     ExactGoal,
     FrameEnd,
-    MeetingTerm,
     OwnEnd,
     OwnPath,
     PathTerm,
@@ -52,7 +52,7 @@ class FunctionSignature:
         Terms of the running cost, in the order in which they are added.
     terminal : TerminalCost or None
     path : tuple of PathTerm, OwnPath, RateTerm, ToleranceTerm, ViaTerm, ClearanceTerm, ContactTerm and
-        MeetingTerm
+        ContactConditionTerm
     ends : tuple of FrameEnd, OwnEnd, AccelerationEnd, PeriodicEnd and StartEnd
         Further costs of the end, and conditions, whose rows follow those of the goal.
     is_flat : bool
@@ -71,7 +71,14 @@ class FunctionSignature:
     cost: tuple[RunningTerm, ...] = (Effort(),)
     terminal: TerminalCost | None = None
     path: tuple[
-        PathTerm | OwnPath | RateTerm | ToleranceTerm | ViaTerm | ClearanceTerm | ContactTerm | MeetingTerm,
+        PathTerm
+        | OwnPath
+        | RateTerm
+        | ToleranceTerm
+        | ViaTerm
+        | ClearanceTerm
+        | ContactTerm
+        | ContactConditionTerm,
         ...,
     ] = ()
     ends: tuple[FrameEnd | OwnEnd | AccelerationEnd | PeriodicEnd | StartEnd, ...] = ()

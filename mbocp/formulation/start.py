@@ -9,7 +9,6 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InconsistentStart
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Robot
 
 _ITERATIONS = 30  # Newton's method is quadratic: four are typical
@@ -41,13 +40,13 @@ def consistent_velocity(problem: Problem) -> Array:
             f"{robot.name!r} before it is found; take scheme se1 or midpoint, or give the start"
         )
     if VELOCITY_TAU[problem.scheme] == 0.0 and robot.nc and np.any(v):
-        if problem.has_free_lengths:
+        if problem.timeline.has_free_lengths:
             raise InconsistentStart(
                 f"start.v: scheme {problem.scheme} begins with a velocity that fits the constraints of robot "
                 f"{robot.name!r} and the length of a step, which horizon.duration or via.time leaves free; "
                 "take scheme se1 or midpoint, or start at rest"
             )
-        return _discrete_velocity(robot, q, v, float(step_lengths(problem)[0]))
+        return _discrete_velocity(robot, q, v, float(problem.timeline.lengths()[0]))
     return v
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, joined
 from mbocp.formulation.features.passage import Passage
-from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
@@ -66,7 +65,7 @@ def read_motion(
     us: Array,
 ) -> Motion:
     """Return the motion that states and controls stand for, whose configurations and velocities are given."""
-    motion = Motion(*qs_and_vs, us, given_lengths(problem))
+    motion = Motion(*qs_and_vs, us, problem.timeline.lengths())
     for feature in features:
         motion = feature.read(problem, at, xs, us, motion)
     return motion

@@ -14,7 +14,6 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import node_times
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.kinematics import momenta_of
@@ -111,15 +110,15 @@ def _largest(drifts: Array) -> float:
 
 def times_of(problem: Problem, dts: Array) -> Array:
     """Times of the nodes [s]."""
-    if problem.has_free_lengths or problem.impacts:
+    if problem.timeline.has_free_lengths or problem.timeline.impacts:
         times = np.append(0.0, np.cumsum(dts))
         if (
-            not problem.has_free_duration
+            problem.duration_range is None
             and abs(times[-1] - problem.duration) <= _ROUND_OFF * problem.duration
         ):
             times[-1] = problem.duration
         return times
-    return node_times(problem)
+    return problem.timeline.times()
 
 
 def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:

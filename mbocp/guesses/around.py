@@ -58,7 +58,7 @@ def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
 
 
 def _stops(problem: Problem) -> list[Array]:
-    return [np.asarray(point.via.goal.q) for point in problem.waypoints]
+    return [np.asarray(point.via.goal.q) for point in problem.timeline.waypoints]
 
 
 def around(problem: Problem, seed: int = 0) -> Way | None:
@@ -67,7 +67,7 @@ def around(problem: Problem, seed: int = 0) -> Way | None:
     Other seeds have other ways, even where the line is clear.
     """
     clearance = problem.clearance
-    if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.waypoints:
+    if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.timeline.waypoints:
         return None
     ends = (np.asarray(problem.q_start).tobytes(), np.asarray(problem.goal.q).tobytes(), seed)
     known = _FOUND.setdefault(clearance, {})
@@ -96,7 +96,7 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
 def has_no_way(problem: Problem) -> bool:
     """Whether something is in the way of the line, and no way around it has been found."""
     clearance = problem.clearance
-    if clearance is None or problem.waypoints or problem.goals or problem.robot.nc:
+    if clearance is None or problem.timeline.waypoints or problem.goals or problem.robot.nc:
         return False
     return around(problem) is None and not _is_free(
         problem, clearance, np.array([problem.q_start, problem.goal.q])

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
 
 
@@ -29,7 +29,7 @@ def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> It
         Of the same robot, with the same rows and the same duration.
     """
     problem, model = formulation.problem, formulation.problem.robot.model
-    motion, dts = coarse.motion_of(iterate), given_lengths(formulation.problem)
+    motion, dts = coarse.motion_of(iterate), formulation.problem.timeline.lengths()
     few, many = coarse.problem.num_steps, problem.num_steps
     nodes, share = _between(np.linspace(0.0, few, many + 1), few)
     qs = np.array(

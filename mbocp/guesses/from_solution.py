@@ -11,15 +11,13 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
-from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_impulses
 from mbocp.formulation.iterates import restored
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.timeline.named_phase import phase_nodes
-from mbocp.problem.timeline.phases import node_times
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.solution import Solution
 from mbocp.solution.rest import place_at, place_of_start
@@ -73,7 +71,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
         saved.lams[middle] if has_multipliers and rows else np.zeros((N, 0 if has_multipliers else robot.nc))
     )
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
-    dts = dts if problem.has_free_lengths else given_lengths(problem)
+    dts = dts if problem.timeline.has_free_lengths else problem.timeline.lengths()
     values = _values(saved, nodes, shares)
     iterate = formulation.iterate_of(Motion(qs, vs, us, dts, values, shares), lams)
     if saved.iterate is not None and np.array_equal(nodes, np.arange(nodes[0], saved.num_steps + 1)):
@@ -135,10 +133,12 @@ def _nodes_of(problem: Problem, saved: Solution, begin: float) -> Array:
     and where there are none, the motion from `begin` on is stretched evenly in time.
     """
     numbers, times = np.arange(saved.num_steps + 1.0), saved.t - saved.t[0]
-    if problem.impacts and begin + problem.num_steps == saved.num_steps:  # nodes of an impact have one time
+    if (
+        problem.timeline.impacts and begin + problem.num_steps == saved.num_steps
+    ):  # nodes of an impact have one time
         return numbers[int(begin) :]
     phases = _phases_of(problem)
-    clock = node_times(problem)
+    clock = problem.timeline.times()
     before = float(np.interp(begin, numbers, times))
     wanted = before + clock * ((times[-1] - before) / clock[-1])
     passed = _passed(saved) if phases else {}
@@ -150,7 +150,7 @@ def _nodes_of(problem: Problem, saved: Solution, begin: float) -> Array:
         wanted[first : last + 1] = np.interp(clock[first : last + 1], clock[[first, last]], [before, at])
         before = at
     found: Array = np.interp(wanted, times, numbers)
-    _put_impacts(found, problem.impacts, np.flatnonzero(np.diff(saved.t) == 0.0))
+    _put_impacts(found, problem.timeline.impacts, np.flatnonzero(np.diff(saved.t) == 0.0))
     return np.where(np.abs(found - found.round()) < _ON_NODE, found.round(), found)
 
 
@@ -163,10 +163,9 @@ def _put_impacts(nodes: Array, impacts: Sequence[int], saved: IntArray) -> None:
 
 def _phases_of(problem: Problem) -> tuple[tuple[str, int, int], ...]:
     """Name, first and last node of each phase, where there are several."""
-    if problem.phase:
-        return tuple((name, *nodes) for name, nodes in phase_nodes(problem.phase).items())
-    runs = problem.phases if len(problem.phases) > 1 else ()
-    return tuple((run.name, run.first, run.last) for run in runs)
+    timeline = problem.timeline
+    phases = timeline.phases if timeline.named or len(timeline.phases) > 1 else ()
+    return tuple((timeline.name_of(phase), phase.first, phase.last) for phase in phases)
 
 
 def _bound_multipliers(

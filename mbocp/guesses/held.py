@@ -248,7 +248,7 @@ def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop
     clock : ndarray, shape (N + 1,)
         Times of the nodes, in any unit.
     """
-    table = problem.switches
+    table = problem.timeline.switches
     if table is None:
         return list(raw)
     first, last = raw[0].node, raw[-1].node
@@ -263,7 +263,7 @@ def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop
 
 def carried(problem: Problem, qs: Array) -> Array:
     """Configurations of the nodes, moved so that what is held stays held, shape (N + 1, nq)."""
-    table = problem.switches
+    table = problem.timeline.switches
     if table is None:
         return qs
     found = np.array(qs)
@@ -283,7 +283,7 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
 
     .. math:: v^+ = v - M^{-1} J^T (J M^{-1} J^T)^+ J v
     """
-    table = problem.switches
+    table = problem.timeline.switches
     J = np.zeros((0, len(v))) if table is None else table.in_step(q, step)
     if not len(J):
         return v

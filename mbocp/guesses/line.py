@@ -11,7 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.formulation import Formulation, Motion, given_lengths
+from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_lengths, impacts_of, repeated
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
@@ -45,9 +45,9 @@ def is_whole(problem: Problem) -> bool:
 
 def _allowed(problem: Problem) -> Array:
     """Basis of the motions that constraints, and what is held, allow at the goal, shape (nv, any)."""
-    if problem.switches is None:
+    if problem.timeline.switches is None:
         return tangent_space(problem.robot, problem.goal.q)
-    table = problem.switches  # a place that is found counts: what is let go stays there
+    table = problem.timeline.switches  # a place that is found counts: what is let go stays there
     return null_space(table.in_step(problem.goal.q, table.last_timed), RANK_TOLERANCE)
 
 
@@ -55,10 +55,10 @@ def line(formulation: Formulation, way: Way | None = None, deadline: float = mat
     """Straight line from start to goal, or another way, with the controls that this takes."""
     problem = formulation.problem
     qs, vs = _line_states(formulation, way)
-    dts = given_lengths(problem)
+    dts = problem.timeline.lengths()
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
     points = formulation.evaluation_points(qs, vs, dts)
-    us, lams = balances(problem.robot, *points, accelerations, problem.switches, deadline)
+    us, lams = balances(problem.robot, *points, accelerations, problem.timeline.switches, deadline)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 
@@ -69,7 +69,7 @@ def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
     control breaks the symmetry of tasks whose goal is where they start.
     """
     problem = formulation.problem
-    robot, N, dts = problem.robot, problem.num_steps, given_lengths(problem)
+    robot, N, dts = problem.robot, problem.num_steps, problem.timeline.lengths()
     qs = _evenly(problem, way)
     rate = steps_between(robot, qs) / dts[:, None]
     us = np.zeros((N, robot.nu))
@@ -88,7 +88,7 @@ def at_rest(formulation: Formulation) -> Iterate:
     robot, N = problem.robot, problem.num_steps
     qs = _evenly(problem)
     still, us = np.zeros((N + 1, robot.nv)), np.zeros((N, robot.nu))
-    return formulation.iterate_of(Motion(qs, still, us, given_lengths(problem)), np.zeros((N, robot.nc)))
+    return formulation.iterate_of(Motion(qs, still, us, problem.timeline.lengths()), np.zeros((N, robot.nc)))
 
 
 def _evenly(problem: Problem, way: Way | None = None) -> Array:
@@ -96,12 +96,14 @@ def _evenly(problem: Problem, way: Way | None = None) -> Array:
     times = guessed_times(problem)
     if _has_stops(problem) and way is None:
         return carried(problem, line_of(problem, problem.q_start, _end(problem)).evenly(times))
-    return carried(problem, (way or usual_way(problem))(problem.q_start, times / problem.num_timed_steps))
+    return carried(
+        problem, (way or usual_way(problem))(problem.q_start, times / problem.timeline.num_timed_steps)
+    )
 
 
 def _has_stops(problem: Problem) -> bool:
     """Whether a line goes through more than the start and the end."""
-    return bool(problem.waypoints) or (problem.switches is not None and not is_led(problem))
+    return bool(problem.timeline.waypoints) or (problem.timeline.switches is not None and not is_led(problem))
 
 
 def _end(problem: Problem) -> Array:
@@ -114,8 +116,8 @@ def _end(problem: Problem) -> Array:
 def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
-    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, given_lengths(problem))
-    is_impact, T = impacts_of(problem), problem.num_timed_steps
+    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, problem.timeline.lengths())
+    is_impact, T = impacts_of(problem), problem.timeline.num_timed_steps
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
     times = guessed_times(problem)
@@ -135,7 +137,7 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
     steps = repeated(steps, is_impact)
     if tau == 1.0:
         vs = np.vstack([v_start, steps])
-        for step in problem.impacts:
+        for step in problem.timeline.impacts:
             vs[step + 1] = carried_rate(problem, qs[step + 1], vs[step], step)
         return qs, vs
     if tau == 0.0:

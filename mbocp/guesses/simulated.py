@@ -6,7 +6,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.formulation import Formulation, given_lengths
+from mbocp.formulation import Formulation
 from mbocp.formulation.features.step_lengths import length_controls
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
@@ -39,7 +39,7 @@ def simulated(
     us = np.zeros((problem.num_steps, at.num_controls))
     us[:, : at.num_own] = values.constant(np.tile(u, (problem.num_steps, 1)))
     if "lengths" in at.controls:
-        us[:, at.controls["lengths"]] = length_controls(problem, given_lengths(problem))
+        us[:, at.controls["lengths"]] = length_controls(problem, problem.timeline.lengths())
     native.u = us.ravel()
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start

@@ -14,7 +14,6 @@ from mbocp.guesses.held import Stop, held_stops
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 
 
@@ -88,7 +87,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
     Where something is held, it is held at all of them, see `mbocp.guesses.held`.
     """
     robot, N = problem.robot, problem.num_steps
-    points = [point for point in problem.waypoints if first < point.node < N]
+    points = [point for point in problem.timeline.waypoints if first < point.node < N]
     clock = guessed_times(problem)
     between = [Stop(point.node, point.via.goal.q, point.via.goal) for point in points]
     stops = held_stops(problem, [Stop(first, q_first), *between, Stop(N, q_end, problem.goal)], clock)
@@ -108,7 +107,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
 
 def _has_loops(problem: Problem, nodes: Sequence[int]) -> BoolArray:
     """Whether all loops of the robot are closed between a node and the next."""
-    table = problem.switches
+    table = problem.timeline.switches
     legs = pairwise(nodes)
     acts = [table is None or bool(table.own[first:last].all()) for first, last in legs]
     return np.array(acts, dtype=np.bool_) & (problem.robot.nc > 0)
@@ -116,10 +115,11 @@ def _has_loops(problem: Problem, nodes: Sequence[int]) -> BoolArray:
 
 def guessed_times(problem: Problem) -> Array:
     """Times of the nodes in mean steps, shape (N + 1,): their numbers, where all steps are equal."""
-    if len(problem.phases) < 2 and not (problem.has_unequal_lengths or problem.impacts):
+    timeline = problem.timeline
+    if timeline.is_even and not timeline.impacts:
         return np.arange(problem.num_steps + 1.0)
-    times: Array = node_times(problem) / problem.dt
-    times[-1] = problem.num_timed_steps
+    times: Array = timeline.times() / problem.dt
+    times[-1] = timeline.num_timed_steps
     return times
 
 

@@ -236,7 +236,9 @@ class Live:
             self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
             self._clock = gui.add_slider("Time [s]", 0.0, max(duration, 1e-3), 1e-3, 0.0)
             self._clock.on_update(self._scrubbed)
-            if not (self._asked.has_free_lengths or self._asked.phase or self._asked.lengths is not None):
+            if not (
+                self._asked.timeline.has_free_lengths or self._asked.phase or self._asked.lengths is not None
+            ):
                 low, high = _SHORTEST * self._asked.duration, _LONGEST * self._asked.duration
                 length = gui.add_slider("Duration [s]", low, high, 1e-2, self._asked.duration)
                 length.on_update(lambda event: self._asked_for(event, duration=float(length.value)))

@@ -215,7 +215,7 @@ def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, u
     else:
         ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps])
     means = ways / lengths
-    is_open = not (robot.nc or robot.drives or problem.switches)
+    is_open = not (robot.nc or robot.drives or problem.timeline.switches)
     if SCHEMES[problem.scheme].order == 2 and is_open:
         ends = [accelerations(robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
         means = (vs[steps] + vs[steps + 1]) / 2.0 + lengths * (ends[0] - ends[1]) / 12.0

@@ -7,13 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-import numpy as np
-
 from mbocp._arrays import Array
 from mbocp.integrators import ControlKind
-from mbocp.problem.completion import (
-    PathObject,
-)
+from mbocp.problem.completion import PathObject
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.consistency import check_end_conditions
@@ -32,14 +28,18 @@ from mbocp.problem.rates import RateLimit, rate_limits
 from mbocp.problem.resolve import free_at_end
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
-from mbocp.problem.timeline.named_phase import NamedPhase, are_alike, step_counts
-from mbocp.problem.timeline.phase_cost import heaviest_cost, weight_shares
-from mbocp.problem.timeline.phase_limits import limits_along, limits_of_phases, widest_limits
-from mbocp.problem.timeline.phases import Phase
-from mbocp.problem.timeline.step_counts import Places
-from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.timeline.phase_values import (
+    have_limits,
+    heaviest_cost,
+    limits_along,
+    limits_of_phases,
+    weight_shares,
+    widest_limits,
+)
+from mbocp.problem.timeline.steps import AskedNodes
+from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_constraint import ViaConstraint
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import OwnTerm
@@ -74,35 +74,16 @@ class ProblemData:
     ----------
     cost : Cost
         alpha, beta, Q, y_d, beta_T, Q_T and y_T of Eqs. (7) to (9).
-    duration : float
-        T [s]; a guess of it where `duration_range` says that it is free.
-    duration_range : tuple of float, optional
-        Least and greatest T [s]. T is found with the motion then, and `cost` may weigh it. None: T is given.
-    phase : tuple of NamedPhase
-        Phases one after the other, each with a duration of its own and with what differs in it: `num_steps`
-        and `duration` are their sums. Empty where there are none with names.
-    phases : tuple of Phase
-        Runs of steps that are as long as each other, where lengths are found with the motion: one for a free
-        duration, and more where times of via points are free, too, or durations of `phase`. Follows from the
-        others.
-    num_steps : int
-        N, impacts included; with `accuracy` the number with which the search begins.
-    lengths : ndarray, shape (N,), optional
-        Lengths of the steps [s], where they differ and are given.
+    timeline : Timeline
+        The time [0, T] in phases and junctions: N steps and their lengths, via points, impacts, and which
+        constraints act when. `duration`, `duration_range`, `num_steps`, `lengths`, `phase`, `via`, `holds`,
+        `releases` and `impacts`, of which `with_` takes others, are read off it.
     accuracy : float, optional
         What errors of steps [rad, m], and that of the cost as a share of it, are to stay below: steps are
         found that do, see `mbocp.accuracy.refining`.
     controls : {"constant", "linear", "stages"}
         How controls vary within a step: not at all; linearly, and continuous; or with a value at each stage
         of the scheme. See `mbocp.integrators.controls`.
-    holds : tuple of Hold
-        Constraints that are taken on and let go along the horizon, see `mbocp.problem.timeline.hold`. Where
-        phases hold or release something, this and the next two follow from them.
-    releases : tuple of Release
-        Steps in which constraints of the robot itself do not hold.
-    impacts : tuple of int
-        Steps of no duration, counted from 0, in which velocities leap: M (v+ - v-) = Phi_q^T Lambda. The
-        others are as long as each other, or as long as `phases` says.
     robot : Robot
         The mechanics f, and the holonomic constraints Phi.
     coordinates : {"joint", "natural"}
@@ -129,8 +110,6 @@ class ProblemData:
         Several of which the best is taken; empty where there is one goal.
     limits : Bounds
         On controls, velocities and configurations; none by default.
-    via : tuple of ViaPoint
-        States, or poses of frames, that the motion goes through.
     obstacle : tuple of Obstacle
         Shapes that the links keep away from.
     self_collision : SelfCollision, optional
@@ -173,16 +152,9 @@ class ProblemData:
     """
 
     cost: Cost
-    duration: float
-    duration_range: tuple[float, float] | None
-    num_steps: int
-    lengths: Array | None
+    timeline: Timeline
     accuracy: float | None
     controls: ControlKind
-    holds: tuple[Hold, ...]
-    releases: tuple[Release, ...]
-    impacts: tuple[int, ...]
-    phase: tuple[NamedPhase, ...]
     robot: Robot
     coordinates: Literal["joint", "natural"]
     scheme: str
@@ -191,13 +163,10 @@ class ProblemData:
     stabilisation: Stabilisation
     goal: Goal
     goals: tuple[Goal, ...]
-    phases: tuple[Phase, ...]
     chooses_scheme: bool
     scheme_reason: str
     clearance: Clearance | None
-    switches: SwitchTable | None
     limits: Bounds
-    via: tuple[ViaPoint, ...]
     obstacle: tuple[Obstacle, ...]
     self_collision: SelfCollision | bool | None
     path: tuple[PathObject, ...]
@@ -212,81 +181,100 @@ class ProblemData:
     name: str
 
     @property
-    def places(self) -> Places:
-        """What says where nodes are."""
-        ends = self.duration, self.duration_range
-        return Places(*ends, self.phase, self.via, self.path, self.terms)
+    def duration(self) -> float:
+        """T [s]; a guess of it where `duration_range` says that it is free."""
+        return self.timeline.duration
+
+    @property
+    def duration_range(self) -> tuple[float, float] | None:
+        """Least and greatest T [s]: T is found with the motion then. None: T is given."""
+        return self.timeline.duration_range
+
+    @property
+    def num_steps(self) -> int:
+        """N, impacts included; with `accuracy` the number with which the search begins."""
+        return self.timeline.num_steps
 
     @property
     def dt(self) -> float:
         """Length of a step [s]; the guess of it where the duration is free."""
-        return self.duration / self.num_timed_steps
+        return self.timeline.dt
 
     @property
-    def num_timed_steps(self) -> int:
-        """Number of the steps that take time: all but impacts."""
-        return self.num_steps - len(self.impacts)
+    def lengths(self) -> Array | None:
+        """Lengths of the steps [s], shape (N,), where they differ and are given one by one."""
+        return self.timeline.given_lengths
 
     @property
-    def has_free_duration(self) -> bool:
-        """Whether the duration is found with the motion."""
-        return self.duration_range is not None
+    def phase(self) -> tuple[Phase, ...]:
+        """Phases with names, of which `num_steps` and `duration` are the sums; empty where there are none."""
+        return self.timeline.named
 
     @property
-    def has_free_lengths(self) -> bool:
-        """Whether lengths of steps are found with the motion: the duration, or times on the way."""
-        return bool(self.phases)
+    def via(self) -> tuple[ViaPoint, ...]:
+        """States, or poses of frames, that the motion goes through, in their order."""
+        return tuple(point.via for point in self.timeline.waypoints)
 
     @property
-    def has_unequal_lengths(self) -> bool:
-        """Whether lengths of steps are given, and differ."""
-        return self.lengths is not None or (not self.phases and not are_alike(self.phase))
+    def holds(self) -> tuple[Hold, ...]:
+        """Constraints that are taken on and let go along the horizon, see `mbocp.problem.timeline.hold`."""
+        return self.timeline.schedule.holds
 
     @property
-    def _num_lengths(self) -> int:
-        """Number of lengths of steps that are found, or differ; 0 where all are given and the same."""
-        return len(self.phase) if self.has_unequal_lengths else len(self.phases)
+    def releases(self) -> tuple[Release, ...]:
+        """Steps in which constraints of the robot itself do not hold."""
+        return self.timeline.schedule.releases
+
+    @property
+    def impacts(self) -> tuple[int, ...]:
+        """Steps of no duration, in which velocities leap: M (v+ - v-) = Phi_q^T Lambda."""
+        return self.timeline.impacts
+
+    @property
+    def asked_nodes(self) -> AskedNodes:
+        """What says where nodes are."""
+        return AskedNodes.of(self.timeline, self.path, self.terms)
 
     @property
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
         has_bounds = self.start_free is not None and self.start_free.is_bounded
-        return self.widest_limits.any_finite or bool(self.path) or self.has_free_lengths or has_bounds
+        return (
+            self.widest_limits.any_finite or bool(self.path) or self.timeline.has_free_lengths or has_bounds
+        )
 
     @property
     def widest_limits(self) -> Bounds:
         """Bounds that are finite where those of any phase are, and as wide as the widest of them."""
-        return widest_limits(self.limits, self.phase)
+        return widest_limits(self.limits, self.timeline.phases)
 
     @property
     def has_limits_of_phases(self) -> bool:
         """Whether limits differ from phase to phase."""
-        return any(phase.limits.any_finite for phase in self.phase)
+        return have_limits(self.timeline.phases)
 
     def limits_along(self) -> Mapping[str, tuple[Array, Array]]:
         """Lower and upper bounds at the nodes 1..N, or in the N steps, by letters of `LIMITS`.
 
         Shapes are (N, n), or (1, n) where limits are the same in all phases.
         """
-        return limits_along(self.limits, self.phase)
+        return limits_along(self.limits, self.timeline.phases)
 
     @property
     def limits_of_ends(self) -> tuple[Bounds, Bounds]:
         """Limits at the start and at the end: those of the first and of the last phase."""
-        each = limits_of_phases(self.limits, self.phase) or [self.limits]
+        each = limits_of_phases(self.limits, self.timeline.phases)
         return each[0], each[-1]
 
     @property
     def heaviest_cost(self) -> Cost:
         """The cost with the largest weights of all phases."""
-        return heaviest_cost(self.cost, self.phase, self.robot)
+        return heaviest_cost(self.cost, self.timeline.phases, self.robot)
 
     @property
     def weight_shares(self) -> dict[str, Array]:
         """Which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
-        counts = step_counts(self.phase)
-        shares = weight_shares(self.cost, self.phase, self.robot)
-        return {key: np.repeat(rows, counts, axis=0) for key, rows in shares.items()}
+        return weight_shares(self.cost, self.timeline.phases, self.robot)
 
     @property
     def rate_limits(self) -> tuple[RateLimit, ...]:
@@ -297,11 +285,6 @@ class ProblemData:
     def inequalities(self) -> tuple[Inequality, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
         return (*self.path, *self.rate_limits)
-
-    @property
-    def waypoints(self) -> tuple[ViaConstraint, ...]:
-        """The via points among the path constraints, in the order of their nodes."""
-        return tuple(constraint for constraint in self.path if isinstance(constraint, ViaConstraint))
 
     @property
     def frame_constraints(self) -> tuple[PathConstraint, ...]:
@@ -338,4 +321,4 @@ class ProblemData:
 
     def free_at_end(self, q: Array) -> Array:
         """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
-        return free_at_end(self.robot, self.switches, q)
+        return free_at_end(self.robot, self.timeline.switches, q)

@@ -198,23 +198,6 @@ class PathConstraint(BoundedTerm):
                 raise DimensionMismatch(f"path {self.name!r}: frame {index}", index, len(robot.frame_names))
 
 
-def spans_found(path: Sequence[BoundedTerm], via: Mapping[str, Place]) -> tuple[BoundedTerm, ...]:
-    """The constraints with the nodes at which they begin and end, where via points or phases say it.
-
-    Parameters
-    ----------
-    path : sequence
-    via : mapping of str to Place
-        Nodes of via points and phases by name.
-
-    Raises
-    ------
-    ProblemError
-        If there is none of a name.
-    """
-    return tuple(constraint.at_via(via) for constraint in path)
-
-
 def check_path(
     robot: Robot,
     path: Sequence[BoundedTerm],
@@ -224,12 +207,12 @@ def check_path(
     *,
     num_steps: int,
     dt: float,
-    num_phases: int = 0,
+    num_lengths: int = 0,
 ) -> None:
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
 
-    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_phases`: of
-    steps whose length is found with the motion, or differs.
+    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_lengths`: of
+    steps that are found with the motion, or differ.
     """
     names = [constraint.name for constraint in path]
     for name in names:
@@ -237,7 +220,7 @@ def check_path(
             raise ProblemError(f"path {name!r}: there are several of this name; give each its own")
     for constraint in path:
         constraint.check_frames(robot)
-        constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_phases=num_phases)
+        constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_lengths=num_lengths)
         if isinstance(constraint, PathConstraint) and constraint.follows:
             if constraint.span.nodes(num_steps, dt).sum() + constraint.span.has_start < 2:
                 raise ProblemError(

@@ -155,7 +155,7 @@ class Problem(ProblemData):
             If there is no such field or word, or a value is of the wrong kind.
         """
         written = partial(written_tables, self)
-        document, has_tables = change_document(self.document, changes, self.__dict__, written)
+        document, has_tables = change_document(self.document, changes, self.timeline, written)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)
 

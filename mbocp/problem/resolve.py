@@ -20,11 +20,8 @@ from mbocp.problem.completion import (
     checked_terms,
     listed_path,
     ordered_via,
-    phases_of_via,
-    spread_phases,
-    via_placed,
+    placed_via,
     with_contacts,
-    with_places,
 )
 from mbocp.problem.coordinate_checks import check_coordinates
 from mbocp.problem.coordinates import COORDINATES
@@ -45,20 +42,23 @@ from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rates import check_rates
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.duration import check_duration
-from mbocp.problem.timeline.hold import Hold, Release
-from mbocp.problem.timeline.hold_checks import check_holds
-from mbocp.problem.timeline.named_phase import Horizon, NamedPhase, are_alike
-from mbocp.problem.timeline.phase_cost import heaviest_cost
-from mbocp.problem.timeline.phase_holds import Switches, checked_switches
-from mbocp.problem.timeline.phase_limits import limits_along, limits_of_phases, widest_limits
-from mbocp.problem.timeline.phases import Phase, free_phases
-from mbocp.problem.timeline.seam import check_seam
-from mbocp.problem.timeline.step_counts import Places, first_count
-from mbocp.problem.timeline.step_table import check_accuracy, check_lengths, check_takes_steps
-from mbocp.problem.timeline.switches import SwitchTable, switch_table
+from mbocp.problem.timeline.acting import check_schedule, switch_table
+from mbocp.problem.timeline.cycle import check_cycle
+from mbocp.problem.timeline.hold import Hold, Release, Schedule
+from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.timeline.phase_values import (
+    fitted_phases,
+    heaviest_cost,
+    limits_along,
+    limits_of_phases,
+    widest_limits,
+)
+from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
+from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_takes_steps
+from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
+from mbocp.problem.timeline.timeline import Timeline, timeline_of
+from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_points import via_constraints
 from mbocp.problem.together import (
     check_guess,
     check_has_actuators,
@@ -83,7 +83,7 @@ def _steps(
     said_lengths: Any,
     said_accuracy: Any,
     said_impacts: Iterable[int],
-    said_phase: tuple[NamedPhase, ...],
+    said_phase: tuple[Phase, ...],
     said_via: tuple[ViaPoint, ...],
     said_path: tuple[PathObject, ...],
     said_terms: tuple[OwnTerm, ...],
@@ -93,8 +93,7 @@ def _steps(
     steps = check_integer("horizon.steps", said_num_steps, minimum=1)
     accuracy = check_accuracy(said_accuracy)
     if accuracy is not None and said_lengths is None and not said_phase:
-        places = Places(duration, duration_range, said_phase, said_via, said_path, said_terms)
-        steps = first_count(places)
+        steps = AskedNodes(duration, duration_range, (), said_via, said_path, said_terms).first_count()
     impacts = tuple(sorted({int(step) for step in said_impacts}))
     return steps, check_lengths(said_lengths, steps, duration), accuracy, impacts
 
@@ -106,7 +105,7 @@ def _scheme(
     controls: str,
     said_goal: Goal,
     said_path: tuple[PathObject, ...],
-    said_phase: tuple[NamedPhase, ...],
+    said_phase: tuple[Phase, ...],
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
     said_steps_of_impacts: tuple[int, ...],
@@ -148,35 +147,38 @@ def _limits(said_limits: Bounds, robot: Robot) -> Bounds:
     return said_limits.completed(robot)
 
 
-def _switches(
-    said_phase: tuple[NamedPhase, ...],
+def _schedule(
+    said_phase: tuple[Phase, ...],
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
     said_steps_of_impacts: tuple[int, ...],
-) -> Switches:
-    return checked_switches(
-        said_phase, Switches(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
-    )
+) -> Schedule:
+    given = Schedule(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
+    return schedule_of(said_phase, given)
 
 
 def _phase(
     robot: Robot,
-    said_phase: tuple[NamedPhase, ...],
+    said_phase: tuple[Phase, ...],
     limits: Bounds,
     said_cost: Cost,
     num_steps: int,
     duration: float,
     duration_range: _Range,
-) -> tuple[tuple[NamedPhase, ...], tuple[float, float]]:
+    schedule: Schedule,
+) -> tuple[tuple[Phase, ...], tuple[float, float]]:
     """Spread the duration over the phases; bounds of the sum that those of phases do not imply."""
     if not said_phase:
-        return (), (0.0, math.inf)
-    return spread_phases(robot, said_phase, limits, said_cost, Horizon(num_steps, duration, duration_range))
+        timed = num_steps - len(schedule.impacts)
+        whole = Phase(steps=timed, duration=duration, duration_range=duration_range, last=num_steps)
+        return (whole,), (0.0, math.inf)
+    phases, bounds = spread_phases(said_phase, Horizon(num_steps, duration, duration_range))
+    return fitted_phases(robot, phases, limits, said_cost), bounds
 
 
-def _limits_of_ends(limits: Bounds, phase: tuple[NamedPhase, ...]) -> tuple[Bounds, Bounds, Bounds]:
+def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, Bounds, Bounds]:
     """The widest limits, and those at both ends."""
-    each = limits_of_phases(limits, phase) or [limits]
+    each = limits_of_phases(limits, phase)
     return widest_limits(limits, phase), each[0], each[-1]
 
 
@@ -187,10 +189,9 @@ def _check_natural(
     widest: Bounds,
     said_goal: Goal,
     said_via: tuple[ViaPoint, ...],
-    duration_range: _Range,
-    phase: tuple[NamedPhase, ...],
+    phase: tuple[Phase, ...],
 ) -> None:
-    is_free = duration_range is not None or any(part.is_free for part in phase)
+    is_free = any(part.is_free for part in phase)
     check_coordinates(robot, coordinates, scheme, widest, said_goal, via=said_via, is_free=is_free)
 
 
@@ -213,18 +214,16 @@ def _acting(
     scheme: str,
     coordinates: str,
     num_steps: int,
-    holds: tuple[Hold, ...],
-    releases: tuple[Release, ...],
-    impacts: tuple[int, ...],
+    schedule: Schedule,
     q_start: Array,
     v_start: Array,
     path_of_frames: tuple[PathObject, ...],
 ) -> tuple[SwitchTable | None, tuple[PathObject, ...]]:
     """Find which rows of constraints act in which steps, and whose forces are bounded."""
-    check_holds(robot, scheme, coordinates, num_steps, Switches(holds, releases, impacts))
     table = None
-    if holds or releases or impacts:
-        table = switch_table(robot, holds, releases, impacts, num_steps, (q_start, v_start))
+    if not schedule.is_empty:
+        check_schedule(robot, scheme, coordinates, num_steps, schedule)
+        table = switch_table(robot, schedule, num_steps, (q_start, v_start))
         check_leaps(table, coordinates)
     return table, with_contacts(path_of_frames, robot, scheme, table)
 
@@ -232,7 +231,7 @@ def _acting(
 def _via(
     robot: Robot,
     said_via: tuple[ViaPoint, ...],
-    phase: tuple[NamedPhase, ...],
+    phase: tuple[Phase, ...],
     num_steps: int,
     duration: float,
     duration_range: _Range,
@@ -281,7 +280,7 @@ def _goal(
     return rests
 
 
-def _places(
+def _timeline(
     robot: Robot,
     via_in_order: tuple[ViaPoint, ...],
     nodes_of_via: tuple[int | None, ...],
@@ -290,20 +289,27 @@ def _places(
     num_steps: int,
     duration: float,
     duration_range: _Range,
-    impacts: tuple[int, ...],
-    phase: tuple[NamedPhase, ...],
+    lengths: Array | None,
+    schedule: Schedule,
+    phase: tuple[Phase, ...],
     bounds_of_sum: tuple[float, float],
-    path_with_contacts: tuple[PathObject, ...],
     switches: SwitchTable | None,
-) -> tuple[tuple[ViaPoint, ...], tuple[PathObject, ...], tuple[Phase, ...]]:
-    """Find nodes and runs of steps of via points; as path constraints they come last."""
-    at = via_placed(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, num_steps)
-    found = via_constraints(robot, via_in_order, at, num_steps)
-    via = tuple(constraint.via for constraint in found)
-    path = with_places(path_with_contacts, found, switches, phase)
-    if phase:
-        return via, path, free_phases(phase, duration, bounds_of_sum)
-    return via, path, phases_of_via(via, at, Horizon(num_steps, duration, duration_range), impacts)
+    path_with_contacts: tuple[PathObject, ...],
+) -> tuple[Timeline, tuple[PathObject, ...]]:
+    """Find nodes of via points, and times that are free; what holds at junctions comes last in the path."""
+    waypoints = placed_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, num_steps)
+    timeline = timeline_of(
+        phase,
+        waypoints,
+        switches,
+        Horizon(num_steps, duration, duration_range),
+        impacts=schedule.impacts,
+        bounds_of_sum=bounds_of_sum,
+        given_lengths=lengths,
+    )
+    places = timeline.places
+    spans = (constraint.at_via(places) for constraint in path_with_contacts)
+    return timeline, (*spans, *waypoints, *contact_conditions(switches))
 
 
 def _obstacles(
@@ -314,16 +320,16 @@ def _obstacles(
     limits_at_end: Bounds,
     q_start: Array,
     goal_at_pose: Goal,
-    path_with_places: tuple[PathObject, ...],
+    path_with_junctions: tuple[PathObject, ...],
 ) -> tuple[tuple[Obstacle, ...], SelfCollision | None, Clearance | None, tuple[PathObject, ...], Goal]:
     """Pairs of spheres and what they keep away from, as the last path constraint."""
     said = said_self_collision
     own = said if isinstance(said, SelfCollision) else SelfCollision() if said else None
     obstacle = tuple(said_obstacle)
     if not obstacle and own is None:
-        return obstacle, own, None, path_with_places, goal_at_pose
+        return obstacle, own, None, path_with_junctions, goal_at_pose
     found = clearance_of(robot, obstacle, own, limits)
-    path = (*path_with_places, found) if found.rows else path_with_places
+    path = (*path_with_junctions, found) if found.rows else path_with_junctions
     return obstacle, own, found, path, clear_configuration(robot, goal_at_pose, q_start, limits_at_end, found)
 
 
@@ -340,7 +346,7 @@ def _check_free_start(
     """Refuse a free start, and a periodic motion, where they do not fit the rest."""
     check_periodic(robot, goal, coordinates)
     if switches is not None:
-        check_seam(switches, start_free, goal.periodic, (q_start, goal.q))
+        check_cycle(switches, start_free, goal.periodic, (q_start, goal.q))
     if start_free is not None:
         state = (q_start, v_start)
         check_free_start(
@@ -349,26 +355,19 @@ def _check_free_start(
 
 
 def _check_steps(
-    duration: float,
-    duration_range: _Range,
+    timeline: Timeline,
     accuracy: float | None,
-    lengths: Array | None,
     coordinates: str,
-    holds: tuple[Hold, ...],
-    releases: tuple[Release, ...],
-    impacts: tuple[int, ...],
-    phase: tuple[NamedPhase, ...],
-    via: tuple[ViaPoint, ...],
     path: tuple[PathObject, ...],
     terms: tuple[OwnTerm, ...],
     said_cost: Cost,
 ) -> None:
     check_takes_steps(
-        Places(duration, duration_range, phase, via, path, terms),
+        AskedNodes.of(timeline, path, terms),
         accuracy,
-        lengths,
+        timeline.given_lengths,
         coordinates,
-        is_switched=bool(holds or releases or impacts),
+        is_switched=timeline.switches is not None,
         has_targets=said_cost.is_trajectory,
     )
 
@@ -380,8 +379,8 @@ def _cost(
     num_steps: int,
     goal: Goal,
     terms: tuple[OwnTerm, ...],
-    via: tuple[ViaPoint, ...],
-    phase: tuple[NamedPhase, ...],
+    said_via: tuple[ViaPoint, ...],
+    phase: tuple[Phase, ...],
     duration_range: _Range,
 ) -> Cost:
     """Refuse weights that do not fit the robot, or do not go with the goal."""
@@ -389,7 +388,7 @@ def _cost(
     cost.check_controls(limits.finite("u"), [label.name for label in robot.u_labels])
     cost.check_dimensions(robot.nq, robot.nv, num_steps)
     is_free = duration_range is not None or any("time" in part.weights for part in phase)
-    check_weights(cost, goal, is_free=is_free, has_more=bool(terms or via))
+    check_weights(cost, goal, is_free=is_free, has_more=bool(terms or said_via))
     return cost
 
 
@@ -405,23 +404,16 @@ def _check_inequalities(
     q_start: Array,
     v_start: Array,
     goal: Goal,
-    phase: tuple[NamedPhase, ...],
-    phases: tuple[Phase, ...],
+    timeline: Timeline,
     path: tuple[PathObject, ...],
-    num_steps: int,
-    impacts: tuple[int, ...],
-    duration: float,
-    lengths: Array | None,
 ) -> None:
     """Refuse limits and path constraints that cannot hold."""
     check_rates(robot, limits)
-    heaviest = heaviest_cost(cost, phase, robot)
-    check_control_terms(controls, heaviest, widest, limits_along(limits, phase)["u"])
+    heaviest = heaviest_cost(cost, timeline.phases, robot)
+    check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
-    dt = duration / (num_steps - len(impacts))
-    differ = lengths is not None or (not phases and not are_alike(phase))
-    count = len(phase) if differ else len(phases)
-    check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_phases=count)
+    num_steps, dt, num_lengths = timeline.num_steps, timeline.dt, timeline.num_lengths
+    check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_lengths=num_lengths)
     frames = [one for one in path if isinstance(one, PathConstraint)]
     warn_alternating(frames, goal, scheme, num_steps=num_steps, dt=dt)
 
@@ -430,19 +422,17 @@ def _check_method(
     solver: SolverOptions,
     widest: Bounds,
     path: tuple[PathObject, ...],
-    phases: tuple[Phase, ...],
-    via: tuple[ViaPoint, ...],
+    timeline: Timeline,
     clearance: Clearance | None,
     start_free: FreeStart | None,
-    duration_range: _Range,
 ) -> None:
     """Refuse a method that would not keep what is to be kept."""
-    is_bounded = widest.any_finite or path or phases or (start_free is not None and start_free.is_bounded)
-    if is_bounded:
-        table = "limits" if widest.any_finite else "via" if via else "path"
+    has_bounds = start_free is not None and start_free.is_bounded
+    if widest.any_finite or path or timeline.has_free_lengths or has_bounds:
+        table = "limits" if widest.any_finite else "via" if timeline.waypoints else "path"
         table = "obstacle" if clearance is not None else table
-        is_free = duration_range is not None
-        check_method(solver, table, is_free=is_free, has_free_times=len(phases) > 1)
+        is_free = timeline.duration_range is not None
+        check_method(solver, table, is_free=is_free, has_free_times=timeline.has_free_times)
 
 
 def _check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
@@ -455,7 +445,7 @@ RESOLVE = (
     Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
     Step.of(_check_scheme),
     Step.of(_limits, "limits"),
-    Step.of(_switches, "holds", "releases", "impacts"),
+    Step.of(_schedule, "schedule"),
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
     Step.of(_check_natural),
@@ -464,7 +454,7 @@ RESOLVE = (
     Step.of(_acting, "switches", "path_with_contacts"),
     Step.of(_via, "via_in_order", "nodes_of_via"),
     Step.of(_goal, "goal_at_pose"),
-    Step.of(_places, "via", "path_with_places", "phases"),
+    Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),
     Step.of(_check_free_start),
     Step.of(_check_steps),

@@ -19,12 +19,15 @@ def check_can_recede(problem: Problem) -> None:
         If something of it belongs to a given time, or is found with the motion.
     """
     refused = {
-        "horizon.duration": (problem.has_free_lengths, "is free; give it as a number"),
+        "horizon.duration": (problem.timeline.has_free_lengths, "is free; give it as a number"),
         "phase": (bool(problem.phase), f"there are phases; {_WHY}: leave them out"),
-        "horizon.lengths": (problem.has_unequal_lengths, "differ; leave them out, so that steps are alike"),
+        "horizon.lengths": (
+            problem.timeline.has_unequal_lengths,
+            "differ; leave them out, so that steps are alike",
+        ),
         "horizon.accuracy": (problem.accuracy is not None, "is to choose the steps; give their number"),
         "hold, release, impact": (
-            bool(problem.holds or problem.releases or problem.impacts),
+            problem.timeline.switches is not None,
             f"there are some; {_WHY}: leave them out",
         ),
         "via": (bool(problem.via), f"there are via points; {_WHY}: leave them out"),

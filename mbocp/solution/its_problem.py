@@ -18,10 +18,8 @@ from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.read import read_tables
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.timeline.named_phase import phase_nodes
-from mbocp.problem.timeline.phase_holds import begin_with_impacts, end_with_partings
-from mbocp.problem.timeline.via_constraint import ViaConstraint
-from mbocp.problem.timeline.via_time import FreeTime
+from mbocp.problem.timeline.times import FreeTime
+from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
@@ -120,8 +118,11 @@ def facts_of(problem: Problem) -> Facts:
     rates = {key: (f"{term.letter}_lower", f"{term.letter}_upper") for key, term in RATE_TERMS.items()}
     return Facts(
         duration_range=problem.duration_range,
-        via=tuple(_via_place(constraint) for constraint in problem.waypoints),
-        phases=_phase_places(problem),
+        via=tuple(_via_place(constraint) for constraint in problem.timeline.waypoints),
+        phases=tuple(
+            PhasePlace(phase.name, phase.first, phase.last, *phase.sides, phase.leaps, phase.parts)
+            for phase in problem.phase
+        ),
         path=tuple(row for constraint in problem.path for row in _rows(problem, constraint)),
         rates={
             key: (_plain(getattr(widest, lower)), _plain(getattr(widest, upper)))
@@ -140,23 +141,6 @@ def _via_place(constraint: ViaConstraint) -> ViaPlace:
     bounds = time if isinstance(time, FreeTime) else FreeTime()
     return ViaPlace(
         constraint.via.name, constraint.node, constraint.via.is_free, bounds.earliest, bounds.latest
-    )
-
-
-def _phase_places(problem: Problem) -> tuple[PhasePlace, ...]:
-    nodes = phase_nodes(problem.phase)
-    ends = zip(
-        problem.phase, begin_with_impacts(problem.phase), end_with_partings(problem.phase), strict=True
-    )
-    return tuple(
-        PhasePlace(
-            phase.name,
-            *nodes[phase.name],
-            *(phase.duration_range or (phase.duration, phase.duration)),
-            has_impact,
-            has_parting,
-        )
-        for phase, has_impact, has_parting in ends
     )
 
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.problem.timeline.phase_time import least_time
+from mbocp.problem.timeline.times import least_time
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column

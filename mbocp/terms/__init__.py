@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mbocp.terms.frame_goal import FrameGoal
     from mbocp.terms.frame_tolerance import FrameTolerance, ToleranceTerm, frame_tolerances
     from mbocp.terms.frames import FrameEnd, FrameProjections, FrameShape
-    from mbocp.terms.held import MeetingTerm
+    from mbocp.terms.held import ContactConditionTerm
     from mbocp.terms.kinds import (
         COST_TERMS,
         PATH_KEYS,
@@ -57,6 +57,7 @@ __all__ = [
     "BoundedTerm",
     "ClearanceRow",
     "ClearanceTerm",
+    "ContactConditionTerm",
     "ContactKeys",
     "ContactTerm",
     "ControlRate",
@@ -75,7 +76,6 @@ __all__ = [
     "KeptRows",
     "Kinematics",
     "Line",
-    "MeetingTerm",
     "Orientation",
     "OrientationKept",
     "OwnEnd",

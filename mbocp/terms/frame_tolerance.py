@@ -34,7 +34,7 @@ class AtEnd:
         found: BoolArray = np.arange(1, num_steps + 1) == num_steps
         return found
 
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_phases: int) -> None:
+    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_lengths: int) -> None:
         """Every horizon has an end."""
 
 

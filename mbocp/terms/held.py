@@ -16,7 +16,7 @@ from mbocp.terms.point import Point
 
 
 @dataclass(frozen=True)
-class MeetingTerm:
+class ContactConditionTerm:
     """The structure of such rows, as `mbocp.terms.PathTerm` is that of a path constraint.
 
     Attributes

@@ -194,12 +194,12 @@ class Span:
         if isinstance(since, Share) and isinstance(until, Share) and until.value < since.value:
             raise InvalidValue(f"{key}: until", until.value, f"a share not below from = {since.value:g}")
 
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_phases: int) -> None:
+    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_lengths: int) -> None:
         """Refuse times outside a horizon, those without a node between them, and what a free one leaves open.
 
         Parameters
         ----------
-        num_phases : int
+        num_lengths : int
             Of steps whose length is found with the motion, or differs; 0: all are given and the same.
 
         Raises
@@ -208,22 +208,22 @@ class Span:
         """
         duration, ends = num_steps * dt, (("from", self.since), ("until", self.until))
         for name, end in ends:
-            if num_phases and is_number(end) and end != 0.0:
+            if num_lengths and is_number(end) and end != 0.0:
                 raise ProblemError(
                     f"{key}: {name}: a time of given steps, and lengths of steps are free or differ; name a "
                     "via point or a phase"
-                    + (", or give { share = number }" if num_phases == 1 else ", which may be of free time")
+                    + (", or give { share = number }" if num_lengths == 1 else ", which may be of free time")
                 )
-            if num_phases > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
+            if num_lengths > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
                 raise ProblemError(
                     f"{key}: {name}: a share of equal steps, and lengths of steps are free or differ; name a "
                     "via point or a phase"
                 )
-            if is_number(end) and not num_phases and end > duration + _GRAIN * dt:
+            if is_number(end) and not num_lengths and end > duration + _GRAIN * dt:
                 raise InvalidValue(f"{key}: {name}", end, f"a time within the horizon of {duration:g} s")
         if not self.nodes(num_steps, dt).any():
             since, until = (_words(end) for end in (self.since or 0.0, self.until))
-            apart = "" if num_phases else f"; nodes are {dt:g} s apart"
+            apart = "" if num_lengths else f"; nodes are {dt:g} s apart"
             raise ProblemError(
                 f"{key}: no node after the start is between from = {since} and until = {until}{apart}: take "
                 "times farther apart, or those of a node"

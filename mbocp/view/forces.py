@@ -56,9 +56,9 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     found = [(constraint, robot.model) for constraint in robot.constraints]
     if solution.facts.held:
         shown = solution.shown
-        if shown is not None and shown.problem.switches is not None:
+        if shown is not None and shown.problem.timeline.switches is not None:
             model = shown.problem.robot.model
-            found += [(held.constraint, model) for held in shown.problem.switches.held]
+            found += [(held.constraint, model) for held in shown.problem.timeline.switches.held]
     marks = []
     for constraint, model in found:
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]

@@ -55,10 +55,8 @@ class Marks:
 
 def marks_of(problem: Problem) -> Marks:
     """Poses of frames at the via points of a problem, lines and paths of its path constraints, obstacles."""
-    from mbocp.problem.timeline.phases import node_times  # slow to import, and of no use to a result
-
-    at = node_times(problem)
-    shares = {point.via.name: float(at[point.node] / at[-1]) for point in problem.waypoints}
+    at = problem.timeline.times()
+    shares = {point.via.name: float(at[point.node] / at[-1]) for point in problem.timeline.waypoints}
     return _marks(problem, shares)
 
 
@@ -66,7 +64,7 @@ def _marks(problem: Problem, shares: Mapping[str, float]) -> Marks:
     """What is drawn of a problem, with the via points of which it is known when they are passed."""
     via = (
         ViaMark(shares[point.via.name], frame)
-        for point in problem.waypoints
+        for point in problem.timeline.waypoints
         if point.via.name in shares
         for frame in point.via.goal.poses
     )

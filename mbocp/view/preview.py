@@ -57,6 +57,6 @@ def write_preview(problem: Problem, path: str | Path) -> Path:
 def _ghost_poses(problem: Problem) -> list[Array]:
     """Configurations that the motion is to reach, other than the start."""
     asked = [member.goal for _, member in problem.members if member.goal.says_where]
-    asked += [point.via.goal for point in problem.waypoints if point.via.goal.says_where]
+    asked += [point.via.goal for point in problem.timeline.waypoints if point.via.goal.says_where]
     start = problem.q_start
     return [np.array(goal.q) for goal in asked if not np.allclose(goal.q, start)]

@@ -18,7 +18,7 @@ from mbocp.problem import Problem
 from mbocp.problem.timeline.hold import Hold
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.loops.constraints import HOLDS
-from mbocp.terms import MeetingTerm, Point
+from mbocp.terms import ContactConditionTerm, Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
 
@@ -73,7 +73,7 @@ def test_derivatives_of_conditions_where_frames_meet() -> None:
     for kind in HOLDS:
         keys: dict[str, Any] = {"pitch": 0.2} if kind == "screw" else {}
         held = Hold(name="it", frame="tool0", kind=kind, at="coincide", **keys).held(robot)
-        term = MeetingTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
+        term = ContactConditionTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
         h, x = term.expression(Point(JointMechanics(robot), q, v), {}), ca.vertcat(q, v)
         m = ca.SX.sym("m", h.numel())

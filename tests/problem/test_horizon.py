@@ -13,7 +13,7 @@ from mbocp import _memory
 from mbocp._memory import check_memory, memory_limit
 from mbocp.exceptions import InvalidValue, MemoryLimitExceeded
 from mbocp.formulation import transcribe
-from mbocp.problem.timeline.horizon import bytes_per_step
+from mbocp.problem.memory import bytes_per_step
 
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml"
 

@@ -22,7 +22,7 @@ def eased_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[Runni
     robots whose drives prescribe velocities are weighed already.
     """
     is_effort_alone = terms == (Effort(),) and bool(np.any(problem.cost.effort))
-    is_free = not (problem.is_bounded or problem.has_free_duration or problem.robot.drives)
+    is_free = not (problem.is_bounded or problem.duration_range is not None or problem.robot.drives)
     return (*terms, Velocity()) if is_effort_alone and is_free and problem.coordinates == "joint" else terms
 
 

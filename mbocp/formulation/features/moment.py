@@ -26,7 +26,7 @@ class Moment(Feature):
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> Moment | None:
         """Return it where a term looks at the time, and states have no clock."""
-        return cls(asked.tau) if asked.uses_time and len(problem.phases) <= 1 else None
+        return cls(asked.tau) if asked.uses_time and not problem.timeline.has_free_times else None
 
     @property
     def stage_parameters(self) -> Mapping[str, int]:

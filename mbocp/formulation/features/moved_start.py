@@ -35,7 +35,7 @@ from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes, numbers_of
-from mbocp.problem.timeline.seam import compared
+from mbocp.problem.timeline.cycle import compared
 from mbocp.robot import Label
 from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
 
@@ -164,7 +164,7 @@ def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd
         found.append(_periodic_end(problem, periodic, space, start))
     kept = _kept(problem)
     if kept is not None:
-        held = problem.switches.held if problem.switches is not None else ()
+        held = problem.timeline.switches.held if problem.timeline.switches is not None else ()
         found.append(StartEnd(start, *kept, held))
     return tuple(found)
 
@@ -174,7 +174,7 @@ def _kept(problem: Problem) -> tuple[KeptRows, KeptRows] | None:
     free, periodic = problem.start_free, problem.goal.periodic
     if free is None:
         return None
-    given = (problem.robot, free, problem.q_start, problem.v_start, problem.switches)
+    given = (problem.robot, free, problem.q_start, problem.v_start, problem.timeline.switches)
     places, rates = (_numbers(kept_at_start(*given, of_rates=of_rates)) for of_rates in (False, True))
     if periodic is not None and periodic.impact:  # then the image keeps the constraints' rates
         rates = KeptRows()
@@ -213,7 +213,7 @@ def _periodic_end(
 
 def _compared(problem: Problem, periodic: Periodic) -> tuple[Array, Array]:
     """Bases of the directions in which positions and velocities are compared, shapes (nv, any)."""
-    robot, table = problem.robot, problem.switches
+    robot, table = problem.robot, problem.timeline.switches
     if table is not None:
         ends = problem.q_start, problem.goal.q
         return compared(table, problem.start_free, periodic, ends)

@@ -33,7 +33,6 @@ from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import step_lengths
 from mbocp.robot import Label
 
 _BEGINS_PHASE = "begins_phase"  # the stage parameter e
@@ -58,9 +57,9 @@ class StepLengths(Feature):
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> StepLengths | None:
         """Return it where lengths are free."""
-        if not problem.has_free_lengths:
+        if not problem.timeline.has_free_lengths:
             return None
-        return cls(len(problem.phases) > 1, "jerk" in asked.remembers)
+        return cls(problem.timeline.has_free_times, "jerk" in asked.remembers)
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """Length, and time."""
@@ -125,11 +124,11 @@ class StepLengths(Feature):
 
     def numbers(self, problem: Problem) -> Mapping[str, Array]:
         """1/N."""
-        return {_STEP_SHARE: np.array([1.0 / problem.num_timed_steps])}
+        return {_STEP_SHARE: np.array([1.0 / problem.timeline.num_timed_steps])}
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Which steps begin a phase."""
-        starts = [phase.first for phase in problem.phases]
+        starts = [phase.first for phase in problem.timeline.phases]
         return {_BEGINS_PHASE: begins_phase(problem.num_steps, starts)[:, None]}
 
     def first(self, problem: Problem) -> Mapping[str, Array]:
@@ -138,13 +137,15 @@ class StepLengths(Feature):
 
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Of lengths at the first nodes of phases, and of times at their last; in the units of the guess."""
+        timeline = problem.timeline
         lengths, times = (unbounded(problem.num_steps, 1) for _ in range(2))
-        for phase in problem.phases:
-            begins, ends, guessed = phase.first, phase.last - 1, phase.num_steps * problem.dt
-            lengths[0][begins], lengths[1][begins] = phase.shortest / guessed, phase.longest / guessed
-            if phase.earliest > 0.0:
-                times[0][ends] = phase.earliest / problem.duration
-            times[1][ends] = phase.latest / problem.duration
+        for phase in timeline.phases:
+            (shortest, longest), end = timeline.sides_of(phase), timeline.end_of(phase)
+            begins, ends, guessed = phase.first, phase.last - 1, phase.steps * problem.dt
+            lengths[0][begins], lengths[1][begins] = shortest / guessed, longest / guessed
+            if end.earliest > 0.0:
+                times[0][ends] = end.earliest / problem.duration
+            times[1][ends] = end.latest / problem.duration
         return {"h": lengths, "t": times} if self.has_clock else {"h": lengths}
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
@@ -168,7 +169,7 @@ class StepLengths(Feature):
         """Lengths of the motion's phases, taken into their bounds, and times."""
         h = _phase_lengths(problem, motion.dts)
         goes = ~impacts_of(problem)
-        times = np.append(0.0, np.cumsum(goes * h[1:]) / problem.num_timed_steps)
+        times = np.append(0.0, np.cumsum(goes * h[1:]) / problem.timeline.num_timed_steps)
         return {"h": h[:, None], **({"t": times[:, None]} if self.has_clock else {})}
 
     def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
@@ -187,15 +188,10 @@ def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
     return e
 
 
-def given_lengths(problem: Problem) -> Array:
-    """Return step lengths [s] of a problem, or their guess, shape (N,)."""
-    return step_lengths(problem)
-
-
 def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
     """Return step lengths [s] that states (N + 1, nx) say, shape (N,)."""
     if "h" not in at.states:
-        return given_lengths(problem)
+        return problem.timeline.lengths()
     return np.where(impacts_of(problem), 0.0, problem.dt * xs[1:, at.states["h"]][:, 0])
 
 
@@ -206,12 +202,13 @@ def length_controls(problem: Problem, dts: Array) -> Array:
 
 def _phase_lengths(problem: Problem, dts: Array) -> Array:
     """Lengths h of all nodes, shape (N + 1,): the mean of each phase, within bounds."""
-    dt, phases = problem.dt, problem.phases
-    starts, counts = [p.first for p in phases], np.array([p.num_steps for p in phases])
+    timeline, dt = problem.timeline, problem.dt
+    phases, end = timeline.phases, timeline.junctions[-1]
+    starts, counts = [p.first for p in phases], np.array([p.steps for p in phases])
     durations = np.add.reduceat(dts, starts)
     if len(phases) > 1:
         whole = float(durations.sum())
-        durations *= min(max(whole, phases[-1].earliest), phases[-1].latest) / whole
-    shortest, longest = ([getattr(p, side) for p in phases] for side in ("shortest", "longest"))
+        durations *= min(max(whole, end.earliest), end.latest) / whole
+    shortest, longest = zip(*(timeline.sides_of(phase) for phase in phases), strict=True)
     lengths = np.clip(durations, shortest, longest) / (counts * dt)
     return np.append(1.0, np.repeat(lengths, [p.last - p.first for p in phases]))

@@ -16,7 +16,6 @@ from mbocp.integrators.switched import Switched
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.mechanics.held import HeldFrame, held_labels
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import node_times, step_lengths
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
 
@@ -43,10 +42,10 @@ class Switches(Feature):
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> Switches | None:
         """Return them where there are some."""
-        table = problem.switches
+        table = problem.timeline.switches
         if table is None:
             return None
-        found = cls(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.impacts))
+        found = cls(table.held, problem.robot.nc if table.has_releases else 0, bool(problem.timeline.impacts))
         return found if found.held or found.num_own or found.has_impacts else None
 
     @property
@@ -78,7 +77,7 @@ class Switches(Feature):
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """What acts where."""
-        table = problem.switches
+        table = problem.timeline.switches
         if table is None:
             return {}
         own = table.own if self.num_own else table.own[:, :0]
@@ -90,9 +89,9 @@ class Switches(Feature):
 
 def impacts_of(problem: Problem) -> BoolArray:
     """Which steps take no time, shape (N,)."""
-    if problem.switches is None:
+    if problem.timeline.switches is None:
         return np.zeros(problem.num_steps, dtype=np.bool_)
-    return problem.switches.is_impact
+    return problem.timeline.switches.is_impact
 
 
 def has_step_before(problem: Problem) -> Array:
@@ -104,8 +103,8 @@ def has_step_before(problem: Problem) -> Array:
 
 def evaluation_times(problem: Problem, tau: float) -> Array:
     """Times at which steps are evaluated [s], or the guess of them, shape (N,)."""
-    if problem.has_unequal_lengths:
-        return node_times(problem)[:-1] + tau * step_lengths(problem)
+    if problem.timeline.has_unequal_lengths:
+        return problem.timeline.times()[:-1] + tau * problem.timeline.lengths()
     goes = (~impacts_of(problem)).astype(np.float64)
     found: Array = problem.dt * (np.cumsum(goes) - goes + tau * goes)
     return found
@@ -136,7 +135,7 @@ def repeated(values: Array, is_impact: BoolArray) -> Array:
 
 def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
     """Derivatives of the constraints on positions and on velocities at an end, where these are others."""
-    table = problem.switches
+    table = problem.timeline.switches
     if table is None:
         return None
     return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)
@@ -144,13 +143,13 @@ def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
 
 def acting(problem: Problem, values: Array) -> Array:
     """Values of the rows of all constraints (N, rows), zero where these do not act."""
-    table = problem.switches
+    table = problem.timeline.switches
     return values if table is None else np.where(np.hstack([table.own, table.rows]), values, 0.0)
 
 
 def breaks_symmetries(problem: Problem) -> bool:
     """Whether what is held tells places or directions of the world apart."""
-    table = problem.switches
+    table = problem.timeline.switches
     return table is not None and any(frame.breaks_symmetries(problem.robot) for frame in table.held)
 
 
@@ -164,7 +163,7 @@ def worse_of(one: ConstraintViolation, other: ConstraintViolation) -> Constraint
 def labels_of(problem: Problem) -> tuple[Label, ...]:
     """Name and unit of the rows of a robot's constraints, and of what is held."""
     own = problem.robot.constraint_labels
-    return own if problem.switches is None else (*own, *problem.switches.labels)
+    return own if problem.timeline.switches is None else (*own, *problem.timeline.switches.labels)
 
 
 def with_held(problem: Problem, lams: Array) -> Array:

@@ -12,7 +12,6 @@ from mbocp.formulation.features.switches import filled_lengths
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
-from mbocp.problem.timeline.phases import step_lengths
 
 _STRETCH, _SPACING = "stretch", "spacing"  # length, and way between middles, by the mean length
 
@@ -24,7 +23,7 @@ class UnequalLengths(Feature):
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> UnequalLengths | None:
         """Return it where a problem says so."""
-        return cls() if problem.has_unequal_lengths else None
+        return cls() if problem.timeline.has_unequal_lengths else None
 
     @property
     def stage_parameters(self) -> Mapping[str, int]:
@@ -43,7 +42,7 @@ class UnequalLengths(Feature):
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Lengths by the mean one."""
-        lengths = filled_lengths(problem, step_lengths(problem))
+        lengths = filled_lengths(problem, problem.timeline.lengths())
         return {
             _STRETCH: (lengths / problem.dt)[:, None],
             _SPACING: (spacings(lengths) / problem.dt)[:, None],

@@ -98,7 +98,7 @@ class JointFormulation:
 
     def violation(self, iterate: Iterate, motion: Motion) -> ConstraintViolation:
         """Largest violation of the robot's constraints."""
-        table = self.problem.switches
+        table = self.problem.timeline.switches
         if table is not None:
             return switched_violation(table, motion.qs, motion.vs)
         return constraint_violation(self.problem.robot, motion.qs, motion.vs)

@@ -12,7 +12,6 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
-from mbocp.formulation.features.step_lengths import given_lengths
 from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
@@ -219,7 +218,7 @@ class NaturalFormulation:
         both = ca.Function("Phi", [z, w], [rows, ca.densify(ca.jtimes(rows, z, w))]).map(len(iterate.xs))
         found = both(iterate.xs[:, at.z].T, iterate.xs[:, at.s].T)
         position, velocity = (np.asarray(values).T for values in found)
-        table, names = self.problem.switches, [label.name for label in mechanics.constraint_labels]
+        table, names = self.problem.timeline.switches, [label.name for label in mechanics.constraint_labels]
         if table is None:
             return worst_violation(position, velocity, names)
         own = mechanics.nc - self.problem.robot.nc
@@ -242,19 +241,22 @@ class NaturalFormulation:
 
 def _labels(problem: Problem, mechanics: NaturalMechanics) -> tuple[Label, ...]:
     """Name and unit of the rows of bodies, joints and loops, and of what is held."""
-    return (*mechanics.constraint_labels, *(problem.switches.labels if problem.switches else ()))
+    return (
+        *mechanics.constraint_labels,
+        *(problem.timeline.switches.labels if problem.timeline.switches else ()),
+    )
 
 
 def _is_structured(problem: Problem, at: StateLayout) -> bool:
     """Whether the kernel eliminates bodies one by one; rows that are switched it takes as dense."""
-    return problem.scheme == "se1" and at.nr == 0 and problem.switches is None
+    return problem.scheme == "se1" and at.nr == 0 and problem.timeline.switches is None
 
 
 def _start(problem: Problem, space: NaturalSpace, q: Array, v: Array) -> tuple[Array, Array]:
     z = space.coordinates(q[None])[0]
     w = space.rates(q[None], v[None])[0]
     if VELOCITY_TAU[problem.scheme] == 0.0 and np.any(v):  # the chord, whose end is where bodies are rigid
-        dt = given_lengths(problem)[0]
+        dt = problem.timeline.lengths()[0]
         w = (space.coordinates(problem.robot.integrate(q, dt * v)[None])[0] - z) / dt
     return z, w
 
@@ -278,7 +280,7 @@ def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -
 
 def _acting(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
     """Which rows act in which step, those of bodies always, shape (N, ny)."""
-    table = problem.switches
+    table = problem.timeline.switches
     if table is None:
         return np.ones((problem.num_steps, mechanics.nc), dtype=np.bool_)
     bodies = np.ones((problem.num_steps, mechanics.nc - problem.robot.nc), dtype=np.bool_)

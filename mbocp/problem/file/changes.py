@@ -17,8 +17,11 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.duration import written_duration
-from mbocp.problem.timeline.step_table import scaled_lengths
+from mbocp.problem.timeline.phase import checked_phase
+from mbocp.problem.timeline.sequence import in_order
+from mbocp.problem.timeline.steps import scaled_lengths
+from mbocp.problem.timeline.timeline import Timeline
+from mbocp.problem.timeline.times import written_duration
 from mbocp.terms.written import AUTO
 
 # Of each field that is given as a value: its name among those that are said, and the table it stands for.
@@ -57,7 +60,7 @@ Written = Callable[[], Mapping[str, Any]]
 
 
 def change_document(
-    document: Document, changes: Mapping[str, Any], made: Mapping[str, Any], written: Written
+    document: Document, changes: Mapping[str, Any], made: Timeline, written: Written
 ) -> tuple[Document, bool]:
     """Return the document with `changes`, and whether tables are among them.
 
@@ -66,8 +69,8 @@ def change_document(
     document : Document
     changes : mapping of str
         Fields of `Problem`, or words of `Problem.create`.
-    made : mapping of str
-        Values of the problem that was made from the document.
+    made : Timeline
+        That of the problem that was made from the document.
     written : callable
         Returns the tables of that problem: those of values that are changed by their keys are taken from it.
 
@@ -113,6 +116,8 @@ def _is_table(name: str, value: Any) -> bool:
 
 
 def _value_of(name: str, value: Any) -> Any:
+    if name == "phase":
+        return in_order([checked_phase(phase) for phase in value])
     if name in _LISTS or name in ("goals", "holds", "releases", "impacts"):
         return tuple(value)
     return np.array(value, dtype=np.float64) if isinstance(value, (np.ndarray, list)) else value
@@ -164,16 +169,16 @@ def _without(table: Mapping[str, Any], *keys: str) -> dict[str, Any]:
 
 
 def _with_horizon(
-    document: Document, tables: Mapping[str, Any], values: Mapping[str, Any], made: Mapping[str, Any]
+    document: Document, tables: Mapping[str, Any], values: Mapping[str, Any], made: Timeline
 ) -> Document:
     """Steps and duration; one way to say which steps there are takes the place of another."""
     if not (values.keys() & {*_HORIZON, "phase"} or "phase" in tables):
         return document
-    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made["phase"]))
+    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made.named))
     table = _horizon_now(document, values, made, has_phases=has_phases)
     if "duration" in values or "duration_range" in values:
         bounds = values.get("duration_range")
-        duration = values.get("duration", made["duration"])
+        duration = values.get("duration", made.duration)
         table["duration"] = plain(duration) if bounds is None else written_duration(duration, bounds)
     for key, word in (("num_steps", "steps"), ("accuracy", "accuracy")):
         if values.get(key) is not None:
@@ -185,12 +190,12 @@ def _with_horizon(
     if lengths is not None:
         given["said_lengths"] = lengths
         if not has_phases:
-            table = {**_without(table, "accuracy"), "steps": table.get("steps", made["num_steps"])}
+            table = {**_without(table, "accuracy"), "steps": table.get("steps", made.num_steps)}
     return replace(document, tables={**document.tables, "horizon": table}, values=given)
 
 
 def _horizon_now(
-    document: Document, values: Mapping[str, Any], made: Mapping[str, Any], *, has_phases: bool
+    document: Document, values: Mapping[str, Any], made: Timeline, *, has_phases: bool
 ) -> dict[str, Any]:
     """The table with all that it does not leave to phases; without lengths of steps."""
     old = _without(document.tables.get("horizon", {}), "lengths")
@@ -200,24 +205,24 @@ def _horizon_now(
         old = _without(old, "accuracy")
     if has_phases:
         return old
-    steps = {} if "accuracy" in old else {"steps": made["num_steps"]}
+    steps = {} if "accuracy" in old else {"steps": made.num_steps}
     return {**old, "duration": _written(made), **steps}
 
 
-def _lengths(values: Mapping[str, Any], made: Mapping[str, Any], table: Mapping[str, Any]) -> Any:
+def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]) -> Any:
     """Lengths of the steps that are said, or those from before, as long as these go on."""
     if "lengths" in values:
         return values["lengths"]
     is_other = values.keys() & {"num_steps", "accuracy", "phase"} or isinstance(
         table.get("duration"), Mapping
     )
-    if made["lengths"] is None or is_other:
+    if made.given_lengths is None or is_other:
         return None
-    return scaled_lengths(made["lengths"], float(table["duration"]))
+    return scaled_lengths(made.given_lengths, float(table["duration"]))
 
 
-def _written(made: Mapping[str, Any]) -> Any:
-    return written_duration(made["duration"], made["duration_range"])
+def _written(made: Timeline) -> Any:
+    return written_duration(made.duration, made.duration_range)
 
 
 def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:

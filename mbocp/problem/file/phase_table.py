@@ -11,12 +11,12 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.timeline.duration import duration_from, written_duration
 from mbocp.problem.timeline.hold import Hold
-from mbocp.problem.timeline.named_phase import Horizon, NamedPhase, horizon_of
-from mbocp.problem.timeline.phase_holds import PhaseHold, PhaseRelease
-from mbocp.problem.timeline.phase_limits import in_phase
-from mbocp.problem.timeline.step_counts import FIRST_STEPS
+from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, checked_phase
+from mbocp.problem.timeline.phase_values import in_phase
+from mbocp.problem.timeline.sequence import Horizon, horizon_of, in_order
+from mbocp.problem.timeline.steps import FIRST_STEPS
+from mbocp.problem.timeline.times import duration_from, written_duration
 from mbocp.robot import Robot
 from mbocp.terms.cost import Reader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mbocp.problem.file.schema import HoldTable, HorizonTable, PhaseTable
 
 
-def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[NamedPhase, ...]:
+def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[Phase, ...]:
     """Make the phases from the tables of `[[phase]]`, but for their weights.
 
     Raises
@@ -43,8 +43,8 @@ def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[NamedPhase,
             holds = tuple(_hold(robot, held) for held in table.hold)
             releases = tuple(PhaseRelease(one.name, one.meeting) for one in table.release)  # type: ignore[arg-type]
         own: dict[str, Any] = {"limits": limits, "holds": holds, "releases": releases, **duration}
-        found.append(NamedPhase(name=table.name, steps=table.steps, **own))
-    return tuple(found)
+        found.append(checked_phase(Phase(name=table.name, steps=table.steps, **own)))
+    return in_order(found)
 
 
 def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
@@ -70,7 +70,7 @@ def phase_weights(table: PhaseTable, reader: Reader) -> dict[str, Any]:
     return found
 
 
-def horizon_from(table: HorizonTable, phases: Sequence[NamedPhase]) -> Horizon:
+def horizon_from(table: HorizonTable, phases: Sequence[Phase]) -> Horizon:
     """Steps and duration of the whole: what is written, or what the phases come to.
 
     Raises
@@ -153,12 +153,12 @@ def _within(end: Any, key: str, phase: str) -> Any:
     )
 
 
-def phase_tables(phases: Sequence[NamedPhase]) -> list[dict[str, Any]]:
+def phase_tables(phases: Sequence[Phase]) -> list[dict[str, Any]]:
     """Return the tables that read back as the same phases."""
     return [_table(phase) for phase in phases]
 
 
-def _table(phase: NamedPhase) -> dict[str, Any]:
+def _table(phase: Phase) -> dict[str, Any]:
     weights = {key: shortest(np.asarray(value)) for key, value in phase.weights.items()}
     limits = written_limits(phase.limits)
     return {

@@ -62,12 +62,13 @@ from mbocp.problem.goals.goal_set import of_member
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Stabilisation
 from mbocp.problem.limits import Bounds
+from mbocp.problem.memory import check_horizon
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.duration import check_duration
-from mbocp.problem.timeline.horizon import check_horizon
-from mbocp.problem.timeline.named_phase import NamedPhase, are_alike
+from mbocp.problem.timeline.phase import Phase, checked_phase
+from mbocp.problem.timeline.sequence import are_alike
+from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot
@@ -98,13 +99,13 @@ def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
         return load_keys(keys, folder)
 
 
-def _phases(phase_table: list[PhaseTable], robot: Robot) -> tuple[NamedPhase, ...]:
+def _phases(phase_table: list[PhaseTable], robot: Robot) -> tuple[Phase, ...]:
     """The phases, but for their weights."""
     return phases_from(robot, phase_table)
 
 
 def _horizon(
-    horizon_table: HorizonTable, phases_unweighted: tuple[NamedPhase, ...], robot: Robot
+    horizon_table: HorizonTable, phases_unweighted: tuple[Phase, ...], robot: Robot
 ) -> tuple[Any, ...]:
     whole = horizon_from(horizon_table, phases_unweighted)
     check_horizon(whole.steps, 2 * (robot.nv + robot.num_speeds) + robot.nu)  # at least: some have more
@@ -143,7 +144,7 @@ def _cost_reader(
     said_duration: float,
     said_duration_range: tuple[float, float] | None,
     said_via: tuple[ViaPoint, ...],
-    phases_unweighted: tuple[NamedPhase, ...],
+    phases_unweighted: tuple[Phase, ...],
     said_num_steps: int,
     said_q_start: Array,
     said_v_start: Array,
@@ -167,10 +168,10 @@ def _cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_rea
 
 
 def _weights_of_phases(
-    phase_table: list[PhaseTable], phases_unweighted: tuple[NamedPhase, ...], cost_reader: _CostReader
-) -> tuple[NamedPhase, ...]:
+    phase_table: list[PhaseTable], phases_unweighted: tuple[Phase, ...], cost_reader: _CostReader
+) -> tuple[Phase, ...]:
     return tuple(
-        replace(phase, weights=phase_weights(table, cost_reader))
+        checked_phase(replace(phase, weights=phase_weights(table, cost_reader)))
         for phase, table in zip(phases_unweighted, phase_table, strict=True)
     )
 

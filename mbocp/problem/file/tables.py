@@ -24,7 +24,7 @@ from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
-from mbocp.problem.timeline.duration import written_duration
+from mbocp.problem.timeline.times import written_duration
 from mbocp.robot import Robot
 from mbocp.terms import COST_TERMS
 

@@ -12,8 +12,8 @@ from mbocp.problem.file.frame_table import frame_tables, frames_from
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.timeline.times import time_from, written_time
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_time import time_from, written_time
 from mbocp.robot import Robot
 
 if TYPE_CHECKING:

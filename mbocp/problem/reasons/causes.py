@@ -23,7 +23,6 @@ from mbocp.problem.reasons.fall_causes import fall_causes
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.problem.reasons.momentum_causes import momentum_causes
 from mbocp.problem.reasons.place_causes import place_causes
-from mbocp.problem.timeline.phases import node_times
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
@@ -101,15 +100,15 @@ def _of_leg(problem: Problem, leg: _Leg) -> Iterator[Cause]:
 
 def _legs(problem: Problem) -> list[_Leg]:
     """Start, via points with given times, and the goal, as far as they say where joints are."""
-    times, nv = node_times(problem), problem.robot.nv
+    times, nv = problem.timeline.times(), problem.robot.nv
     if problem.duration_range is not None:
         times = times * (problem.duration_range[1] / problem.duration)
     every = np.ones(nv, dtype=np.bool_)
     if problem.start_free is not None or not np.isfinite(times[-1]):
         return []
     places = [("the start", 0.0, problem.q_start, every, problem.v_start)]
-    if len(problem.phases) < 2:
-        for point in problem.waypoints:
+    if not problem.timeline.has_free_times:
+        for point in problem.timeline.waypoints:
             goal = point.via.goal
             rate = np.where(goal.rate_active & (goal.rate == "v"), goal.value, np.nan)
             places.append((f"via {point.name!r}", float(times[point.node]), goal.q, goal.q_active, rate))

@@ -92,7 +92,9 @@ def _flying_root(problem: Problem) -> int | None:
     own = robot.model.joints[roots[0]]
     where = slice(own.idx_v, own.idx_v + own.nv)
     is_pushed = robot.actuation.frame_actuators or robot.actuation.selection[where].any()
-    is_held = robot.nc or robot.forces or robot.drives or problem.switches is not None or problem.phase
+    is_held = (
+        robot.nc or robot.forces or robot.drives or problem.timeline.switches is not None or problem.phase
+    )
     return None if is_pushed or is_held else int(roots[0])
 
 

@@ -63,7 +63,7 @@ class _Kept:
 def momentum_causes(problem: Problem) -> Iterator[Cause]:
     """Momenta that nothing changes, and that the goal asks for all the same."""
     robot, goal = problem.robot, problem.goal
-    changes = problem.switches is not None or problem.phase or robot.drives
+    changes = problem.timeline.switches is not None or problem.phase or robot.drives
     is_given = problem.start_free is None and goal.is_exact and goal.periodic is None
     if changes or not is_given or robot.nu >= robot.nv:
         return

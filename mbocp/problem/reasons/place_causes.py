@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
-from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
@@ -26,8 +26,8 @@ def place_causes(problem: Problem) -> Iterator[Cause]:
     for path in problem.frame_constraints:
         if path.kind == "position" and path.other is None:
             yield from _out_of_reach(problem.robot, path)
-    if len(problem.phases) < 2:
-        for point in problem.waypoints:
+    if not problem.timeline.has_free_times:
+        for point in problem.timeline.waypoints:
             yield from _at_via_point(problem, point)
 
 

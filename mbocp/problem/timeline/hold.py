@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
@@ -129,6 +129,19 @@ class Release:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "spans", checked_spans(f"release {self.constraint!r}", self.spans))
+
+
+class Schedule(NamedTuple):
+    """When constraints act that do not act always, and which steps take no time."""
+
+    holds: tuple[Hold, ...] = ()
+    releases: tuple[Release, ...] = ()
+    impacts: tuple[int, ...] = ()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether what acts is the same in all steps, which all take time."""
+        return not any(self)
 
 
 def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:

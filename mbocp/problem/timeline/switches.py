@@ -1,4 +1,4 @@
-"""When which constraints act: holds, releases and impacts of a problem, row by row and step by step."""
+"""When which constraints act, row by row and step by step, and what holds where they are taken on."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.exceptions import InconsistentStart, ProblemError
+from mbocp.exceptions import ProblemError
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
-from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
-from mbocp.mechanisms.held import independent_rows_held, is_moved
-from mbocp.problem.timeline.hold import Hold, Release, holds_in
+from mbocp.problem.timeline.hold import Schedule
+from mbocp.problem.timeline.via import AtNode
 from mbocp.robot import Label, Robot
+from mbocp.terms import BoundedTerm, ContactConditionTerm
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,10 @@ class SwitchTable:
     Attributes
     ----------
     robot : Robot
+    schedule : Schedule
+        Holds and releases of which it is made, and the impacts.
     held : tuple of HeldFrame
-        In the order of `Problem.holds`.
+        In the order of the holds.
     own : ndarray of bool, shape (N, nc)
         Rows of the robot's own constraints, those that are kept.
     rows : ndarray of bool, shape (N, rows)
@@ -56,6 +58,7 @@ class SwitchTable:
     """
 
     robot: Robot
+    schedule: Schedule
     held: tuple[HeldFrame, ...]
     own: BoolArray
     rows: BoolArray
@@ -163,44 +166,60 @@ class SwitchTable:
         return found
 
 
-def switch_table(
-    robot: Robot,
-    holds: Sequence[Hold],
-    releases: Sequence[Release],
-    impacts: Sequence[int],
-    num_steps: int,
-    start: tuple[Array, Array],
-) -> SwitchTable:
-    """Rows that act in each step; of those that others imply, the first.
+@dataclass(frozen=True, eq=False)
+class ContactCondition(BoundedTerm):
+    """What holds at the node where a constraint is taken on, among the path constraints of a problem.
 
-    Parameters
+    Attributes
     ----------
-    start : tuple of ndarray
-        Configuration and velocity of the start.
-
-    Raises
-    ------
-    ProblemError
-        If a hold holds nothing that moves, or a constraint cannot be released alone.
-    InconsistentStart
-        If what acts from the start does not fit it.
+    begin : Begin
+    term : ContactConditionTerm
     """
-    held = tuple(hold.held(robot) for hold in holds)
-    own, wanted = _own_rows(robot, releases, num_steps), _wanted_rows(holds, held, num_steps)
-    q = start[0]
-    _check_holds_something(robot, holds, held, q)
-    rows, known = np.zeros_like(wanted), dict[bytes, BoolArray]()
-    for step in range(num_steps):
-        key = own[step].tobytes() + b"|" + wanted[step].tobytes()
-        if key not in known:
-            known[key] = independent_rows_held(robot, q, held, own[step], wanted[step])
-        rows[step] = known[key]
-    is_impact = np.zeros(num_steps, dtype=np.bool_)
-    is_impact[list(impacts)] = True
-    begins = (*_begins(holds, held, rows), *_begun_again(robot, releases, num_steps))
-    found = SwitchTable(robot, held, own, rows, is_impact, begins)
-    _check_start(found, *start)
-    return found
+
+    begin: Begin
+    term: ContactConditionTerm
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return f"{self.begin.frame.constraint.name} taken on at node {self.begin.step}"
+
+    @property
+    def span(self) -> AtNode:
+        """When it holds."""
+        return AtNode(self.begin.step)
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Name and unit of each row."""
+        labels = [self.begin.frame.rows[row] for row in self.term.kept]
+        node = self.begin.step
+        places = [Label(f"{x.name} at node {node}", x.unit) for x in labels if self.term.has_place]
+        rates = [Label(f"rate of {x.name} at node {node}", f"{x.unit}/s") for x in labels]
+        return (*places, *(rates if self.term.has_rate else ()))
+
+    @property
+    def lower(self) -> Array:
+        """Lower bounds, shape (rows,): zero."""
+        return frozen_array(np.zeros(self.rows))
+
+    @property
+    def upper(self) -> Array:
+        """Upper bounds, shape (rows,): zero."""
+        return self.lower
+
+
+def contact_conditions(table: SwitchTable | None) -> tuple[ContactCondition, ...]:
+    """Return conditions where spans begin: frames that are to coincide do; without an impact none moves."""
+    if table is None:
+        return ()
+    found = []
+    for begin in table.begins:
+        has_place, has_rate = not begin.frame.is_anchored, not bool(table.is_impact[begin.step])
+        if has_place or has_rate:
+            term = ContactConditionTerm(begin.frame, begin.rows, has_place, has_rate)
+            found.append(ContactCondition(begin, term))
+    return tuple(found)
 
 
 def check_impacts(table: SwitchTable) -> None:
@@ -218,115 +237,17 @@ def check_impacts(table: SwitchTable) -> None:
             )
 
 
-def _own_rows(robot: Robot, releases: Sequence[Release], num_steps: int) -> BoolArray:
-    acts = np.ones((num_steps, robot.nc), dtype=np.bool_)
-    for release in releases:
-        mine = [row for row, name in enumerate(_names_of_own(robot)) if name == release.constraint]
-        for first, last in release.spans:
-            acts[first:last, mine] = False
-        _check_release(robot, release, mine)
-    return acts
-
-
-def _names_of_own(robot: Robot) -> list[str]:
-    """Name of the constraint that each kept row of the robot belongs to."""
-    names = [constraint.name for constraint in robot.constraints for _ in constraint.rows]
-    return [names[row] for row in robot.kept_rows]
-
-
-def _check_release(robot: Robot, release: Release, mine: Sequence[int]) -> None:
-    """Refuse to release what implies rows of others that the robot leaves out."""
-    names = [constraint.name for constraint in robot.constraints for _ in constraint.rows]
-    others = [row for row, name in enumerate(names) if name != release.constraint]
-    kept = [row for row in robot.kept_rows if row in set(others)]
-    jacobian = robot.closure_jacobian(robot.q0)
-    ranks = [np.linalg.matrix_rank(jacobian[rows], tol=1e-6) if rows else 0 for rows in (others, kept)]
-    if ranks[0] != ranks[1]:
-        raise ProblemError(
-            f"release {release.constraint!r}: other constraints of robot {robot.name!r} lean on it: rows of "
-            "theirs are left out because it implies them; close the loop with a hold in its place"
-        )
-
-
-def _wanted_rows(holds: Sequence[Hold], held: Sequence[HeldFrame], num_steps: int) -> BoolArray:
-    steps = range(num_steps)
-    columns = [
-        np.repeat([[holds_in(hold.spans, step)] for step in steps], len(frame.rows), axis=1)
-        for hold, frame in zip(holds, held, strict=True)
-    ]
-    return np.hstack(columns) if columns else np.zeros((num_steps, 0), dtype=np.bool_)
-
-
 def rows_by_frame(held: Sequence[HeldFrame]) -> dict[str, list[list[int]]]:
     """Rows that say the same under other names, row by row of each frame that there is."""
     found: dict[str, list[list[int]]] = {}
-    for frame, where in zip(held, _rows_of(held), strict=True):
+    for frame, where in zip(held, rows_of_frames(held), strict=True):
         rows = found.setdefault(repr(frame.signature), [[] for _ in frame.rows])
         for row, place in zip(rows, range(where.start, where.stop), strict=True):
             row.append(place)
     return found
 
 
-def _rows_of(held: Sequence[HeldFrame]) -> list[slice]:
+def rows_of_frames(held: Sequence[HeldFrame]) -> list[slice]:
+    """Return which rows are those of each frame."""
     ends = np.cumsum([0, *(len(frame.rows) for frame in held)])
     return [slice(int(first), int(last)) for first, last in pairwise(ends)]
-
-
-def _begins(holds: Sequence[Hold], held: Sequence[HeldFrame], rows: BoolArray) -> list[Begin]:
-    found = []
-    for hold, frame, where in zip(holds, held, _rows_of(held), strict=True):
-        for first, _ in hold.spans:
-            acting = tuple(int(row) for row in np.flatnonzero(rows[first, where]))
-            if first > 0 and acting:
-                found.append(Begin(first, frame, acting))
-    return found
-
-
-def _begun_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> list[Begin]:
-    found, kept = [], set(robot.kept_rows)
-    for release in releases:
-        count = 0
-        for constraint in robot.constraints:
-            rows = tuple(i for i in range(len(constraint.rows)) if count + i in kept)
-            count += len(constraint.rows)
-            if constraint.name == release.constraint:
-                again = [last for _, last in release.spans if last < num_steps]
-                found += [Begin(step, HeldFrame(constraint, False), rows) for step in again]
-    return found
-
-
-def _check_holds_something(robot: Robot, holds: Sequence[Hold], held: Sequence[HeldFrame], q: Array) -> None:
-    for hold, frame in zip(holds, held, strict=True):
-        if not is_moved(robot, q, frame):
-            raise ProblemError(
-                f"hold {hold.name!r}: nothing moves frame {hold.frame!r} against {hold.to!r}; hold another "
-                "frame, or leave it out"
-            )
-        from_start = any(first == 0 for first, _ in hold.spans)
-        if from_start and not np.abs(held_jacobians(robot, (frame,), q[None])).max() > CONSISTENCY_TOLERANCE:
-            raise ProblemError(
-                f"hold {hold.name!r}: the start is a singular pose, in which nothing moves frame "
-                f"{hold.frame!r} against {hold.to!r}; begin in another one"
-            )
-
-
-def _check_start(table: SwitchTable, q: Array, v: Array) -> None:
-    """Refuse a start that what acts from there does not allow; an impact asks for positions alone."""
-    acts = table.rows[0]
-    if not acts.any():
-        return
-    residual = table.residuals(q[None], q[None])[0]
-    rate = np.zeros_like(residual) if table.is_impact[0] else table.jacobians(q[None])[0] @ v
-    for values, key, per in ((residual, "start.q", ""), (rate, "start.v", "/s")):
-        worst = int(np.argmax(np.abs(values) * acts))
-        if np.abs(values[worst]) * acts[worst] > CONSISTENCY_TOLERANCE:
-            label = table.labels[worst]
-            advice = (
-                "begin with the frames in one place, or hold them where they are"
-                if key == "start.q"
-                else "begin with a velocity that it allows, or with an impact"
-            )
-            raise InconsistentStart(
-                f"{key}: violates hold {label.name!r}, which acts from the start, by {values[worst]:.3g} "
-                f"{label.unit}{per}; {advice}"
-            )

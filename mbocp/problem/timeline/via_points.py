@@ -17,8 +17,7 @@ from mbocp.problem.goals.drives import check_driven_rate, without_driven_velocit
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds, check_end_limits
-from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via import ViaConstraint, ViaPoint
 from mbocp.robot import Robot
 
 _EXACT = 1e-8  # [m, rad]
@@ -27,7 +26,7 @@ _EXACT = 1e-8  # [m, rad]
 def resolved_points(
     robot: Robot, via: Sequence[ViaPoint], q_start: Array, limits: Bounds
 ) -> tuple[ViaPoint, ...]:
-    """Via points in the order of the motion, each with the configuration nearest to the one before.
+    """Return via points in the order of the motion, each with the configuration nearest to the one before.
 
     Raises
     ------
@@ -51,7 +50,7 @@ def resolved_points(
 def via_constraints(
     robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], num_steps: int
 ) -> tuple[ViaConstraint, ...]:
-    """Path constraints of points whose configurations are known; those of free times say their place.
+    """Return path constraints of points whose configurations are known; those of free times say their place.
 
     Raises
     ------

@@ -64,7 +64,7 @@ def compared(
     return Compared(_intersection(positions, null_space(kept, RANK_TOLERANCE)), velocities)
 
 
-def check_seam(
+def check_cycle(
     table: SwitchTable, free: FreeStart | None, periodic: Periodic | None, ends: tuple[Array, Array]
 ) -> None:
     """Refuse what holds and a free start, or a cycle, do not allow together.
