@@ -272,7 +272,7 @@ def steps_table(asked: float, cases: Sequence[ReferenceCase] = CASES) -> Table:
     known, rows = json.loads(_DATA.read_text(encoding="utf-8")), []
     for case in cases:
         problem = mbocp.load_problem(EXAMPLES / f"{case.file}.toml", case.settings)
-        if problem.has_free_duration or problem.robot.drives:
+        if problem.duration_range is not None or problem.robot.drives:
             continue
         loops = bool(problem.robot.nc)
         schemes = ["lobatto3"] if loops else ["gauss2", *(["gauss3"] if problem.robot.nv <= _SMALL else [])]

@@ -19,6 +19,7 @@ from mbocp.problem import load_problem, parse_problem, problem_to_toml
 from mbocp.terms import path_constraint, running_cost
 from mbocp.view.marks import marks_of, marks_of_result
 from tests.solution.damage import make_old
+from tests.timelines import numbers_of
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -50,7 +51,7 @@ def solved(problem: mbocp.Problem, **how: Any) -> mbocp.Solution:
 
 
 def lengths_by_phase(problem: mbocp.Problem, s: mbocp.Solution) -> list[np.ndarray]:
-    return np.split(np.diff(s.t), [phase.last for phase in problem.phases[:-1]])
+    return np.split(np.diff(s.t), [phase.last for phase in problem.timeline.phases[:-1]])
 
 
 @pytest.mark.parametrize("method", ["monolithic", "ipopt"])
@@ -127,7 +128,7 @@ def test_solvers_agree(scheme: str, duration: Any, cost: dict[str, float]) -> No
         assert other.cost == pytest.approx(own.cost, rel=tolerance)
         assert other.duration == pytest.approx(own.duration, rel=tolerance)
         assert other.via_times["a"] == pytest.approx(own.via_times["a"], rel=10 * tolerance)
-    node = problem.waypoints[0].node
+    node = problem.timeline.waypoints[0].node
     assert own.qs[node] == pytest.approx([0.8, 0.1], abs=1e-9)
     assert own.t[node] == own.via_times["a"]
 
@@ -139,7 +140,7 @@ def test_the_hamiltonian_goes_on_through_a_free_time_and_jumps_at_a_given_one(sc
     def means(duration: Any, time: dict[str, Any], cost: dict[str, float]) -> tuple[float, float]:
         via = [{"name": "a", "q": [0.8, 0.1], **time}]
         problem = pendulum(duration, via, scheme=scheme, cost=cost)
-        s, node = solved(problem, solver="monolithic"), problem.waypoints[0].node
+        s, node = solved(problem, solver="monolithic"), problem.timeline.waypoints[0].node
         return s.control_hamiltonians[:node].mean(), s.control_hamiltonians[node:].mean()
 
     before, after = means(0.5, {"time": "free"}, STEADY)
@@ -254,9 +255,9 @@ def test_results_keep_them(tmp_path: Path) -> None:
     assert np.ptp(np.diff(again.t)) > 1e-3
     (tmp_path / "again.toml").write_text(s.problem_text)
     same = load_problem(tmp_path / "again.toml")
-    assert [p.node for p in same.waypoints] == [p.node for p in problem.waypoints]
-    assert same.phases == problem.phases
-    node = problem.waypoints[0].node
+    assert [p.node for p in same.timeline.waypoints] == [p.node for p in problem.timeline.waypoints]
+    assert numbers_of(same.timeline) == numbers_of(problem.timeline)
+    node = problem.timeline.waypoints[0].node
     there = bead(2.0, [{**via[0], "time": {"guess": s.via_times["gate"]}, "share": node / s.num_steps}])
     for marks in (marks_of(there), marks_of_result(again, problem.robot)):
         assert marks.via[0].share == pytest.approx(s.t[node] / s.t[-1], rel=1e-12)
@@ -350,7 +351,7 @@ def test_a_path_constraint_between_via_points() -> None:
     path = [{**PATH, "from": "in", "until": "out"}]
     problem = bead(2.0, via, path=path)
     s = solved(problem)
-    first, last = (point.node for point in problem.waypoints)
+    first, last = (point.node for point in problem.timeline.waypoints)
     speeds = np.linalg.norm(s.vs, axis=1)
     assert speeds[first : last + 1].max() <= 1.5 + 1e-9
     assert speeds.max() > 1.6
@@ -361,7 +362,7 @@ def test_a_path_constraint_between_via_points() -> None:
     finer = problem.with_(steps=80)
     assert (
         finer.frame_constraints[0].span.nodes(80, 1.0).sum()
-        == finer.waypoints[1].node - finer.waypoints[0].node + 1
+        == finer.timeline.waypoints[1].node - finer.timeline.waypoints[0].node + 1
     )
 
     def speed(k: Any) -> Any:
@@ -420,12 +421,14 @@ def test_the_tool_of_an_arm_goes_through_two_poses_in_the_least_time() -> None:
     s, ipopt = (solved(problem, solver=name) for name in ("monolithic", "ipopt"))
     assert ipopt.duration == pytest.approx(s.duration, rel=1e-6)
     assert list(ipopt.via_times.values()) == pytest.approx(list(s.via_times.values()), rel=1e-5)
-    for point in problem.waypoints:
+    for point in problem.timeline.waypoints:
         (frame,) = point.via.goal.frames
         placed = problem.robot.frame_placement("tool0", s.qs[point.node])
         assert placed.translation == pytest.approx(frame.target.position, abs=1e-8)
         assert np.trace(frame.target.rotation.T @ placed.rotation) == pytest.approx(3.0, abs=1e-12)
-    shares = [{"name": p.name, "share": p.node / 60, "frame": words_of(p)} for p in problem.waypoints]
+    shares = [
+        {"name": p.name, "share": p.node / 60, "frame": words_of(p)} for p in problem.timeline.waypoints
+    ]
     assert solved(problem.with_(via=shares)).duration > s.duration + 0.01
 
 
@@ -442,7 +445,7 @@ def words_of(point: Any) -> dict[str, Any]:
 def test_a_drone_finds_when_to_pass_its_gates() -> None:
     problem = load_problem(ROOT / "examples" / "free_flyer" / "gates.toml")
     s = solved(problem)
-    given = [{"name": p.name, "share": p.node / 120, "frame": p_words(p)} for p in problem.waypoints]
+    given = [{"name": p.name, "share": p.node / 120, "frame": p_words(p)} for p in problem.timeline.waypoints]
     assert s.cost < solved(problem.with_(via=given)).cost - 1.0
     assert list(s.via_times) == ["gate 1", "gate 2", "gate 3"]
 

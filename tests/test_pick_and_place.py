@@ -59,7 +59,7 @@ def test_the_cup_holds_it_on_the_way(problem: Problem, solved: Solution) -> None
 def test_the_arm_comes_from_above_and_rests(problem: Problem, solved: Solution) -> None:
     robot = problem.robot
     for name in ("at the box", "at its place"):
-        node = next(point.node for point in problem.waypoints if point.name == name)
+        node = next(point.node for point in problem.timeline.waypoints if point.name == name)
         assert np.abs(solved.vs[node, :6]).max() < 1e-8
         assert robot.frame_placement("arm/tool0", solved.qs[node]).rotation[2, 2] == pytest.approx(
             -1.0, abs=1e-9
@@ -91,6 +91,6 @@ def test_a_tip_wipes_along_a_table() -> None:
     force = forces_of(problem, solution, "table")[30:80, 0]
     assert force.min() == pytest.approx(20.0, abs=1e-5)  # it presses
     assert force.max() <= 40.0 + 1e-6
-    soft = problem.switches.in_step(solution.qs[30], 30) @ solution.vs[30]  # type: ignore[union-attr]
+    soft = problem.timeline.switches.in_step(solution.qs[30], 30) @ solution.vs[30]  # type: ignore[union-attr]
     assert abs(soft[-1]) < 1e-8  # it lands without a knock
     assert np.abs(problem.robot.closure_along(solution.qs)[0][:, list(problem.robot.kept_rows)]).max() < 1e-9

@@ -14,7 +14,9 @@ from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.step_lengths import StepLengths, begins_phase
 from mbocp.problem import ProblemWarning
-from mbocp.problem.timeline.phases import Mark, node_times, phases_between
+from mbocp.problem.timeline.free_times import TimedNode, phases_between
+from mbocp.problem.timeline.sequence import Horizon
+from mbocp.problem.timeline.times import FreeTime
 from mbocp.terms import running_cost
 from tests.formulation.stages import check_derivatives, near
 from tests.formulation.test_step_lengths import CASES
@@ -157,21 +159,18 @@ def test_bounds_are_those_of_first_steps_and_last_nodes() -> None:
     words = {described(n, row) for n in range(N) for row in range(formulate(problem).layout.ndx)}
     assert f"length in step {BEGINS + 1} of {N}" in words
     assert f"time in step 1 of {N}" in words
-    assert pytest.approx(node_times(problem)[-1]) == T
+    assert pytest.approx(problem.timeline.times()[-1]) == T
 
 
-def test_any_phases_can_be_made_of_marks() -> None:
+def test_any_phases_can_be_made_of_nodes_with_times() -> None:
     """What phases are does not know of via points."""
-    marks = [Mark("lift off", 3, 0.1, 0.8, 0.5), Mark("touch down", 7, 0.6, 1.2, 0.55)]
-    phases = phases_between(marks, 10, 1.5, (1.0, 2.0))
-    assert [(p.first, p.last, p.name) for p in phases] == [
-        (0, 3, "lift off"),
-        (3, 7, "touch down"),
-        (7, 10, ""),
-    ]
+    nodes = [TimedNode(3, FreeTime(0.1, 0.8, 0.5), "lift off"), TimedNode(7, FreeTime(0.6, 1.2, 0.55))]
+    phases = phases_between(nodes, Horizon(10, 1.5, (1.0, 2.0)), (1.0, 2.0))
+    assert [(p.first, p.last, p.steps) for p in phases] == [(0, 3, 3), (3, 7, 4), (7, 10, 3)]
     assert [p.duration for p in phases] == pytest.approx([0.5, 0.1, 0.9])
-    assert [(p.earliest, p.latest) for p in phases] == [(0.1, 0.8), (0.6, 1.2), (1.0, 2.0)]
-    crowded = phases_between([Mark("a", 3, 0.0, 9.0, 0.5), Mark("b", 7, 0.0, 9.0, 0.2)], 10, 1.0, (1.0, 1.0))
+    assert [p.sides for p in phases] == [(1e-3 * steps * 0.1, np.inf) for steps in (3, 4, 3)]
+    nodes = [TimedNode(3, FreeTime(0.0, 9.0, 0.5)), TimedNode(7, FreeTime(0.0, 9.0, 0.2))]
+    crowded = phases_between(nodes, Horizon(10, 1.0, None), (1.0, 1.0))
     ends = np.cumsum([p.duration for p in crowded])
     assert ends[0] == 0.5
     assert 0.5 < ends[1] < ends[2] == 1.0

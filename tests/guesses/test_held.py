@@ -60,7 +60,7 @@ def guess_of(problem: Problem) -> tuple[Array, Array]:
 
 
 def off(problem: Problem, qs: Array, vs: Array) -> float:
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     return switched_violation(table, qs, vs).position
 
@@ -85,7 +85,7 @@ def test_what_is_held_is_held_at_every_node(begin: list[float], via: list[float]
     np.testing.assert_allclose(qs[17, :2], via, atol=1e-9)
     quaternions = qs[:, 5:9]
     assert np.einsum("ni,ni->n", quaternions[1:], quaternions[:-1]).min() > 0.0
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     for step in problem.impacts:
         assert np.abs(table.in_step(qs[step + 1], step) @ vs[step + 1]).max() < 1e-9
@@ -108,7 +108,7 @@ def test_the_hand_goes_where_the_ball_is_wanted() -> None:
     )
     qs, vs = guess_of(problem)
     assert off(problem, qs, vs) < 1e-9
-    there = problem.waypoints[0].node
+    there = problem.timeline.waypoints[0].node
     np.testing.assert_allclose(qs[there, 2:5], place, atol=1e-8)
     np.testing.assert_allclose(qs[-1, 2:5], place, atol=1e-8)  # the goal says nothing of the ball
 

@@ -113,7 +113,7 @@ def test_what_means_something_else_is_not_restored() -> None:
 def later(plan: Solution, problem: Problem, node: int, duration: Any = None) -> Problem:
     """The rest of a plan from a node on, with as many steps as are left."""
     rest = plan.duration - float(plan.t[node])
-    free = {**FREE, "min": 0.01, "guess": rest} if problem.has_free_duration else rest
+    free = {**FREE, "min": 0.01, "guess": rest} if problem.duration_range is not None else rest
     state = {"q": plan.qs[node], "v": plan.vs[node]}
     return problem.with_(start=state, duration=duration or free, steps=problem.num_steps - node)
 

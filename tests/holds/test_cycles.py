@@ -187,7 +187,7 @@ def test_walking_is_periodic_with_an_impact_within() -> None:
         assert s.constraint_violation < 1e-12
         periodic = problem.goal.periodic
         assert periodic is not None
-        table = problem.switches
+        table = problem.timeline.switches
         assert table is not None
         defect = periodic.defect(robot, (s.qs[0], s.vs[0]), (s.qs[-1], s.vs[-1]))
         along = np.linalg.svd(table.jacobians(problem.goal.q[None])[0])[2][2:]
@@ -225,7 +225,7 @@ def test_a_free_start_keeps_what_is_held(scheme: str) -> None:
     """The adjoint of the velocity vanishes along what the hold leaves, and the start is the best one."""
     problem = held_from_the_start(scheme)
     own, other = solved(problem), solved(problem, "ipopt")
-    table, robot = problem.switches, problem.robot
+    table, robot = problem.timeline.switches, problem.robot
     assert table is not None
     J = table.jacobians(own.qs[:1])[0][table.rows[0]]
     assert np.abs(own.vs[0]).max() > 0.1
@@ -248,7 +248,7 @@ def test_a_free_start_is_where_frames_coincide() -> None:
     q = np.array([0.0, 0.0])
     problem = pendulum(steps=10, holds=(wall,), impacts=(), q_start=q, cost={"effort": 1.0})
     free, given = (solved(problem.with_(start={"free": kind})) for kind in ("q", None))
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     assert np.abs(free.qs[0]).max() > 1e-2
     assert np.abs(table.residuals(free.qs[:5], free.qs[:5])).max() < 1e-9

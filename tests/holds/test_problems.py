@@ -23,7 +23,7 @@ SCHEMES = ("se1", "midpoint")
 def test_a_soft_landing_has_no_leap(scheme: str) -> None:
     problem = pendulum(scheme, steps=20, holds=(replace(pendulum().holds[0], spans=((8, 14),)),), impacts=())
     s = mbocp.solve(problem, check=True)
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     rates = np.einsum("nij,nj->ni", table.jacobians(s.qs), s.vs)
     assert np.abs(rates[8]).max() < 1e-9
@@ -43,7 +43,7 @@ def test_frames_that_are_to_coincide_meet_where_their_span_begins() -> None:
             num_steps=steps, holds=(hold,), impacts=impacts, q_start=np.array([0.5, 0.3])
         )
         s = mbocp.solve(problem, check=True)
-        table = problem.switches
+        table = problem.timeline.switches
         assert table is not None
         places = table.residuals(s.qs, s.qs)
         assert np.abs(places[8 : steps - 3]).max() < 1e-9
@@ -79,8 +79,8 @@ def test_a_frame_at_rest_in_a_singular_start_can_be_held_later() -> None:
     at = {"frame": "tip", "kind": "plane", "axis": (0.0, 0.0, 1.0)}
     words = {"q_start": np.zeros(2), "impacts": ()}
     later = pendulum(holds=(Hold(name="height", spans=((4, 8),), **at),), **words)
-    assert later.switches is not None
-    assert later.switches.rows[4:8].all()
+    assert later.timeline.switches is not None
+    assert later.timeline.switches.rows[4:8].all()
     with pytest.raises(ProblemError, match=r"start is a singular pose.*begin in another"):
         pendulum(holds=(Hold(name="height", spans=((0, 8),), **at),), **words)
 
@@ -98,12 +98,12 @@ def test_rows_that_others_imply_are_left_out() -> None:
     """A planar pendulum moves in x and z alone: welding its tip holds two of six rows."""
     weld = Hold(name="weld", frame="tip", spans=((4, 8),))
     problem = pendulum(holds=(weld,))
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     assert table.rows[4:8].sum(axis=1).tolist() == [2, 2, 2, 2]
     assert not table.rows[:4].any()
     two = (weld, Hold(name="again", frame="link2", kind="point", spans=((4, 8),)))
-    again = pendulum(holds=two).switches
+    again = pendulum(holds=two).timeline.switches
     assert again is not None
     assert again.rows[5].sum() == 2  # all that there are
 
@@ -195,7 +195,7 @@ def test_bodies_in_natural_coordinates_do_the_same(make: Any, scheme: str) -> No
     found, other = (mbocp.solve(each, check=True) for each in (problem, bodies))
     assert other.cost == pytest.approx(found.cost, rel=0.02)
     assert other.constraint_violation < 1e-12
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     acts = np.hstack([table.own, table.rows])
     assert not other.lams[:, -acts.shape[1] :][~acts].any()
@@ -204,7 +204,7 @@ def test_bodies_in_natural_coordinates_do_the_same(make: Any, scheme: str) -> No
 def test_impacts_of_bodies_leap_within_what_holds() -> None:
     problem = drone().with_(coordinates="natural", v_start=np.zeros(6))
     s = mbocp.solve(problem, check=True)
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     for step in problem.impacts:
         assert np.abs(s.qs[step] - s.qs[step + 1]).max() < 1e-12

@@ -92,7 +92,7 @@ def test_derivatives_of_conditions_where_frames_meet() -> None:
 def test_impacts_are_those_of_pinocchio(name: str, scheme: str) -> None:
     problem = CASES[name](scheme, **SHORT.get(scheme, {}))
     formulation, xs, ys = stage_by_stage(problem)
-    robot, table = problem.robot, problem.switches
+    robot, table = problem.robot, problem.timeline.switches
     assert table is not None
     for step in problem.impacts:
         (q, v), (q_after, v_after) = split(formulation, xs[step]), split(formulation, xs[step + 1])
@@ -147,7 +147,7 @@ def test_held_steps_are_constrained_dynamics(make) -> None:
         formulation, xs, ys = stage_by_stage(problem)
         step = problem.impacts[0] + 1
         (_, v0), (q, v) = split(formulation, xs[step]), split(formulation, xs[step + 1])
-        table = problem.switches
+        table = problem.timeline.switches
         assert table is not None
         acts = table.rows[step]
         J = table.jacobians(q[None])[0][acts]
@@ -178,7 +178,7 @@ def test_held_steps_are_constrained_dynamics(make) -> None:
 def test_held_frames_stay_where_they_were(make, scheme: str) -> None:
     problem = make(scheme, **SHORT.get(scheme, {}))
     formulation, xs, _ = stage_by_stage(problem)
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     qs = xs[:, formulation.layout.z]
     for step in range(problem.num_steps):
@@ -193,7 +193,7 @@ def test_held_frames_stay_where_they_were(make, scheme: str) -> None:
 def test_what_is_never_held_is_free_to_round_off(scheme: str) -> None:
     more = SHORT.get(scheme, {})
     free = pendulum(scheme, holds=(), impacts=(), num_steps=10, **more)
-    assert free.switches is None
+    assert free.timeline.switches is None
     never = replace(pendulum().holds[0], spans=())
     switched = pendulum(scheme, holds=(never,), impacts=(), num_steps=10, **more)
     (_, plain, _), (_, found, ys) = stage_by_stage(free), stage_by_stage(switched)

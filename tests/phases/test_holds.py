@@ -18,8 +18,6 @@ from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.problem.timeline.hold import Hold, Release
-from mbocp.problem.timeline.named_phase import phase_nodes, phase_spans
-from mbocp.problem.timeline.phases import node_times
 from tests.holds.cases import four_bar, pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -51,10 +49,11 @@ def test_a_hold_that_begins_is_an_impact() -> None:
     problem = hits()
     assert problem.holds == spans().holds
     assert problem.impacts == (4, 8)  # the second: a parting
-    assert (problem.num_steps, problem.num_timed_steps) == (12, 10)
-    assert phase_nodes(problem.phase) == {"fall": (0, 4), "slide": (4, 9), "leave": (9, 12)}
-    assert phase_spans(problem.phase)["slide"] == (5, 9, 1)
-    assert node_times(problem)[[4, 5, 8, 9, 12]] == pytest.approx([0.2, 0.2, 0.35, 0.35, 0.5])
+    assert (problem.num_steps, problem.timeline.num_timed_steps) == (12, 10)
+    nodes = {phase.name: (phase.first, phase.last) for phase in problem.phase}
+    assert nodes == {"fall": (0, 4), "slide": (4, 9), "leave": (9, 12)}
+    assert problem.timeline.places["slide"] == (5, 9, 1)
+    assert problem.timeline.times()[[4, 5, 8, 9, 12]] == pytest.approx([0.2, 0.2, 0.35, 0.35, 0.5])
 
 
 def test_what_two_phases_hold_alike_goes_on() -> None:
@@ -70,7 +69,7 @@ def test_softly_takes_no_step_more() -> None:
     problem = hits({}, {"hold": [{**TIP, "meeting": "soft"}]})
     assert (problem.impacts, problem.num_steps) == ((7,), 11)
     found = mbocp.solve(problem, check=True)
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     assert np.abs(table.jacobians(found.qs[[4]])[0] @ found.vs[4])[1] < 1e-9
 
@@ -134,7 +133,7 @@ def test_velocities_before_an_impact_are_those_of_the_phase_before() -> None:
 
 def test_points_and_paths_of_a_phase_count_from_its_impact() -> None:
     problem = hits({}, {"steps": 4, "via": [{"q": {"joint1": 0.1}, "share": 0.5}]})
-    assert problem.waypoints[0].node == 7
+    assert problem.timeline.waypoints[0].node == 7
     path = {"path": [{"kind": "speed", "frame": "tip", "max": 2.0}]}
     span = hits({}, path).frame_constraints[0].span
     assert (span.since.node, span.until.node) == (5, 9)  # type: ignore[union-attr]

@@ -14,7 +14,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.write import problem_to_toml
-from mbocp.problem.timeline.phases import node_times
+from tests.timelines import numbers_of
 
 UR5 = load_robot("ur5")
 GOAL = {"q": [0.5, -1.0, 1.0, 0.0, 0.5, 0.0], "v": 0}
@@ -35,15 +35,16 @@ def test_phases_say_how_long_all_is() -> None:
     assert problem.num_steps == 12
     assert problem.duration == pytest.approx(0.8)
     assert problem.duration_range == pytest.approx((0.6, 1.2))
-    assert node_times(problem)[[0, 5, 12]] == pytest.approx([0.0, 0.4, 0.8])
+    assert problem.timeline.times()[[0, 5, 12]] == pytest.approx([0.0, 0.4, 0.8])
 
 
 def test_a_total_that_is_given_leaves_no_free_duration() -> None:
     problem = made({"duration": FREE}, {"duration": FREE}, duration=1.0)
     assert problem.duration_range is None
-    assert problem.has_free_lengths
+    assert problem.timeline.has_free_lengths
     assert sum(phase.duration for phase in problem.phase) == pytest.approx(1.0)
-    assert problem.phases[-1].latest == problem.phases[-1].earliest == 1.0
+    end = problem.timeline.junctions[-1]
+    assert end.latest == end.earliest == 1.0
 
 
 @pytest.mark.parametrize(
@@ -152,8 +153,8 @@ def test_what_is_written_reads_back_as_the_same(phases: list[dict[str, Any]], wi
     text = problem_to_toml(problem)
     again = parse_problem(text)
     assert problem_to_toml(again) == text
-    assert again.phases == problem.phases
-    assert np.array_equal(node_times(again), node_times(problem))
+    assert numbers_of(again.timeline) == numbers_of(problem.timeline)
+    assert np.array_equal(again.timeline.times(), problem.timeline.times())
     for letter, sides in problem.limits_along().items():
         assert np.array_equal(sides, again.limits_along()[letter])
 

@@ -96,7 +96,7 @@ def test_all_that_is_held_takes_part(kind: str) -> None:
     problem = thrown(kind=kind)
     s = mbocp.solve(problem, check=True)
     assert slip_of(problem, s, 7) < 1e-9
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     J = held_jacobians(problem.robot, table.held, s.qs[[7]])[0]
     assert np.abs(J @ s.vs[7])[table.rows[6]].max() < 1e-9
@@ -152,8 +152,8 @@ def test_a_loop_that_opens_parts_too() -> None:
 def test_a_part_of_a_phase_counts_steps_that_take_time() -> None:
     via = [{"name": "half", "time": {"phase": "swing", "share": 0.5}, "q": {"arm": [0.2, 0.2]}}]
     end = [{"name": "gone", "time": "swing", "q": {"arm": [0.0, 0.1]}}]
-    assert thrown(finer=2, via=via).waypoints[0].node == 6
-    assert thrown(finer=2, via=end).waypoints[0].node == 13
+    assert thrown(finer=2, via=via).timeline.waypoints[0].node == 6
+    assert thrown(finer=2, via=end).timeline.waypoints[0].node == 13
 
 
 def test_other_numbers_compile_nothing_anew() -> None:

@@ -11,19 +11,20 @@ import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.problem import ProblemWarning, parse_problem, problem_to_toml
 from tests.test_free_times import ANY_TIME, PATH, bead
+from tests.timelines import numbers_of
 
 
 def test_without_a_share_steps_go_by_the_way() -> None:
     via = [{"name": "a", "time": "free", "q": [0.75, 0.0]}, {"name": "b", "time": "free", "q": [2.25, 0.0]}]
     problem = bead(2.0, via)
-    assert [point.node for point in problem.waypoints] == [10, 30]
-    assert [phase.duration for phase in problem.phases] == pytest.approx([0.5, 1.0, 0.5])
+    assert [point.node for point in problem.timeline.waypoints] == [10, 30]
+    assert [phase.duration for phase in problem.timeline.phases] == pytest.approx([0.5, 1.0, 0.5])
     guessed = bead(2.0, [{**via[0], "time": {"guess": 1.2}}, {**via[1], "time": {"min": 1.9}}])
-    assert guessed.waypoints[0].node == 24
-    assert [phase.duration for phase in guessed.phases[:1]] == pytest.approx([1.2])
-    assert guessed.phases[1].earliest == 1.9
+    assert guessed.timeline.waypoints[0].node == 24
+    assert [phase.duration for phase in guessed.timeline.phases[:1]] == pytest.approx([1.2])
+    assert guessed.timeline.junctions[1].earliest == 1.9
     held = bead(2.0, [{"name": "a", "time": "free", "q": [0.0, 0.0]}])  # no way: as a quarter of the mean one
-    assert held.waypoints[0].node == 4
+    assert held.timeline.waypoints[0].node == 4
 
 
 @pytest.mark.parametrize(
@@ -33,21 +34,21 @@ def test_problems_are_written_and_read_back(time: Any) -> None:
     problem = bead(2.0, [{"name": "a", "time": time, "q": [1.5, 0.3]}])
     again = parse_problem(problem_to_toml(problem))
     assert again.via[0].time == problem.via[0].time
-    assert again.phases == problem.phases
+    assert numbers_of(again.timeline) == numbers_of(problem.timeline)
     assert problem_to_toml(again) == problem_to_toml(problem)
 
 
 def test_problems_change_between_free_and_given_times() -> None:
     problem = bead(2.0, [{"name": "a", "time": "free", "q": [1.5, 0.3]}])
-    assert problem.has_free_lengths
-    assert not problem.has_free_duration
-    assert problem.with_(steps=80).waypoints[0].node == 2 * problem.waypoints[0].node
+    assert problem.timeline.has_free_lengths
+    assert problem.duration_range is None
+    assert problem.with_(steps=80).timeline.waypoints[0].node == 2 * problem.timeline.waypoints[0].node
     given = problem.with_(via=[{"name": "a", "time": 1.0, "q": [1.5, 0.3]}])
-    assert (given.phases, given.has_free_lengths) == ((), False)
+    assert (given.timeline.free_phases, given.timeline.has_free_lengths) == ((), False)
     free = problem.with_(duration={"min": 1.0, "max": 4.0, "guess": 2.0})
-    assert free.phases[-1].latest == 4.0
-    assert free.phases[0].name == "a"
-    assert not problem.with_(via=[]).has_free_lengths
+    assert free.timeline.junctions[-1].latest == 4.0
+    assert free.timeline.name_of(free.timeline.phases[0]) == "a"
+    assert not problem.with_(via=[]).timeline.has_free_lengths
 
 
 def at(time: Any, name: str = "a", x: float = 1.5, **words: Any) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def lands(coordinates: str = "joint", **contact: Any) -> Problem:
 def impulse(problem: Problem, solution: Solution) -> Array:
     """Along the normal and two tangents, by the velocities: M (v+ - v-) = J' Lambda [N s]."""
     step = problem.impacts[0]
-    table = problem.switches
+    table = problem.timeline.switches
     assert table is not None
     J = table.jacobians(solution.qs[[step]])[0]
     leap = problem.robot.mass_matrix(solution.qs[step]) @ (solution.vs[step + 1] - solution.vs[step])
@@ -67,7 +67,7 @@ def test_multipliers_of_an_impact_stay_in_cones_and_pyramids(coordinates: str, f
         problem = lands(coordinates, impulses=impulses, **shape)
         (contact,), step = problem.contacts, problem.impacts[0]
         solution, room = mbocp.solve(problem, check=True), 0.01 * contact.scale
-        table = problem.switches
+        table = problem.timeline.switches
         assert table is not None
         own = solution.lams[step : step + 1, -table.rows.shape[1] :] / problem.dt  # bodies' rows come first
         normal, *across = contact.wrenches(own)[0, :3]

@@ -15,7 +15,7 @@ import mbocp
 from mbocp.exceptions import MbocpError, ProblemError, UnknownFrame, UnreachablePose
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, ProblemWarning, ViaPoint, load_problem, parse_problem, problem_to_toml
-from mbocp.problem.timeline.via_constraint import ViaConstraint
+from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import load_robot
 from mbocp.solution import Solution
 from mbocp.terms import Point
@@ -62,7 +62,7 @@ PROBLEMS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("words", PROBLEMS.values(), ids=PROBLEMS)
 def test_it_holds_at_its_node_and_only_there(words: dict[str, Any]) -> None:
     problem = arm([{"time": 0.45, **words}])
-    (constraint,) = problem.waypoints
+    (constraint,) = problem.timeline.waypoints
     assert constraint.node == 9
     solution = solved(problem)
     assert errors(constraint, solution, 9).max() <= 1e-9
@@ -109,7 +109,7 @@ def test_an_arm_of_seven_joints_with_a_hand_turned_by_half_a_turn() -> None:
         cost=STEADY,
         scheme="se1",
     )
-    assert errors(problem.waypoints[0], solved(problem), 8).max() <= 1e-9
+    assert errors(problem.timeline.waypoints[0], solved(problem), 8).max() <= 1e-9
 
 
 @pytest.mark.parametrize("scheme", ["se1", "midpoint", "euler"])
@@ -126,12 +126,12 @@ def test_a_drone_through_an_attitude(scheme: str) -> None:
         cost={"effort": 1.0, "velocity": 1.0},
         scheme=scheme,
     )
-    assert [point.node for point in problem.waypoints] == [8, 20]
+    assert [point.node for point in problem.timeline.waypoints] == [8, 20]
     solution = solved(problem)
     q = solution.qs[20]
     assert q[:3] == pytest.approx(attitude[:3], abs=1e-9)
     assert abs(q[3:] @ attitude[3:]) == pytest.approx(1.0, abs=1e-9)
-    assert errors(problem.waypoints[0], solution, 8).max() <= 1e-9
+    assert errors(problem.timeline.waypoints[0], solution, 8).max() <= 1e-9
 
 
 def test_a_closed_loop_keeps_one_equation_for_its_one_degree_of_freedom() -> None:
@@ -140,7 +140,7 @@ def test_a_closed_loop_keeps_one_equation_for_its_one_degree_of_freedom() -> Non
     q = plain.qs[20] + 0.3 * (plain.qs[21] - plain.qs[20])
     q = problem.robot.assemble(q)
     moved = problem.with_(via=[{"share": 0.4, "q": q.tolist()}])
-    (constraint,) = moved.waypoints
+    (constraint,) = moved.timeline.waypoints
     assert constraint.num_equations == problem.robot.nv - problem.robot.nc
     solution = solved(moved)
     assert solution.qs[20] == pytest.approx(q, abs=1e-8)
@@ -148,7 +148,7 @@ def test_a_closed_loop_keeps_one_equation_for_its_one_degree_of_freedom() -> Non
 
 def test_rows_have_the_derivatives_of_pinocchio() -> None:
     problem = arm([{"share": 0.5, "frame": POSE}])
-    (constraint,), robot = problem.waypoints, problem.robot
+    (constraint,), robot = problem.timeline.waypoints, problem.robot
     q, v = ca.SX.sym("q", 6), ca.SX.sym("v", 6)
     numbers = {name: ca.SX(ca.DM(value)) for name, value in constraint.numbers_in("quaternion").items()}
     h = constraint.term.expression(Point(JointMechanics(robot), q, v), numbers)
@@ -164,7 +164,7 @@ def test_rows_have_the_derivatives_of_pinocchio() -> None:
 def test_other_numbers_need_no_other_functions() -> None:
     def texts(via: list[dict[str, Any]]) -> Any:
         problem = arm(via)
-        return [constraint.structure("quaternion").signature for constraint in problem.waypoints]
+        return [constraint.structure("quaternion").signature for constraint in problem.timeline.waypoints]
 
     first = [{"time": 0.3, "frame": {"name": "tool0", "position": [0.3, 0.35, 0.5]}}]
     other = [{"share": 0.7, "name": "b", "frame": {"name": "tool0", "position": [0.2, 0.45, 0.4]}}]
@@ -208,12 +208,12 @@ def test_problems_are_written_and_read_back() -> None:
     text = problem_to_toml(problem)
     again = parse_problem(text)
     assert [point.share for point in again.via] == [None, 0.5, None]
-    for old, new in zip(problem.waypoints, again.waypoints, strict=True):
+    for old, new in zip(problem.timeline.waypoints, again.timeline.waypoints, strict=True):
         assert (old.node, old.labels) == (new.node, new.labels)
         assert old.upper == pytest.approx(new.upper)
         assert old.via.goal.q == pytest.approx(new.via.goal.q, abs=1e-7)
-    assert problem.with_(via=[]).waypoints == ()
-    assert [p.node for p in problem.with_(steps=40).waypoints] == [12, 20, 28]
+    assert problem.with_(via=[]).timeline.waypoints == ()
+    assert [p.node for p in problem.with_(steps=40).timeline.waypoints] == [12, 20, 28]
 
 
 REFUSED: dict[str, tuple[dict[str, Any], type[MbocpError], str]] = {
@@ -272,13 +272,13 @@ def test_limits_exclude_a_via_point() -> None:
 def test_a_box_that_the_tool_reaches_at_its_rim_is_kept() -> None:
     frame = {"name": "tool0", "position": [1.0, 0.0, 0.2], "position_tolerance": 0.2}
     problem = arm([{"time": 0.5, "frame": frame}])
-    assert errors(problem.waypoints[0], solved(problem), 10).max() <= 1e-9
+    assert errors(problem.timeline.waypoints[0], solved(problem), 10).max() <= 1e-9
 
 
 def test_between_two_nodes_the_nearest_is_taken_and_said() -> None:
     with pytest.warns(ProblemWarning, match=r"via '1': between two nodes.*t = 0.35 s"):
         problem = arm([{"time": 0.36, "q": [0.1] * 6}])
-    assert problem.waypoints[0].node == 7
+    assert problem.timeline.waypoints[0].node == 7
 
 
 def test_a_free_duration_takes_times() -> None:
@@ -288,7 +288,7 @@ def test_a_free_duration_takes_times() -> None:
     problem = Problem.create("ur5", duration, 20, goal=REST, via=via, cost=cost, scheme="se1")
     solution = solved(problem)
     assert solution.via_times["a"] == pytest.approx(0.6, abs=1e-9)
-    assert solution.qs[problem.waypoints[0].node, 0] == pytest.approx(0.3, abs=1e-9)
+    assert solution.qs[problem.timeline.waypoints[0].node, 0] == pytest.approx(0.3, abs=1e-9)
     assert abs(solution.duration - problem.duration) > 0.05
 
 
@@ -301,6 +301,6 @@ def test_pure_values_check_themselves() -> None:
 def test_natural_coordinates_keep_poses_and_refuse_joints() -> None:
     words: dict[str, Any] = {"steps": 12, "coordinates": "natural"}
     problem = arm([{"share": 0.5, "frame": {**POSE, "position_tolerance": 0.01}}], **words)
-    assert errors(problem.waypoints[0], solved(problem), 6).max() <= 1e-9
+    assert errors(problem.timeline.waypoints[0], solved(problem), 6).max() <= 1e-9
     with pytest.raises(ProblemError, match="via '1': natural coordinates have no joint"):
         arm([{"share": 0.5, "q": [0.1] * 6}], **words)

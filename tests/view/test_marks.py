@@ -43,7 +43,11 @@ def test_results_say_as_much_as_their_problems(file: str, tmp_path: Path) -> Non
     solved = mbocp.solve(problem.with_(solver={"max_iterations": 1}))
     saved = mbocp.Solution.load(solved.save(tmp_path / "result.h5"))
     found, expected = marks_of_result(saved, problem.robot), marks_of(problem)
-    passed = [saved.t[point.node] / saved.t[-1] for point in problem.waypoints for _ in point.via.goal.poses]
+    passed = [
+        saved.t[point.node] / saved.t[-1]
+        for point in problem.timeline.waypoints
+        for _ in point.via.goal.poses
+    ]
     assert [mark.share for mark in found.via] == pytest.approx(passed)
     for mine, other in zip(found.via, expected.via, strict=True):
         assert mine.goal.target.position == pytest.approx(other.goal.target.position)

@@ -182,7 +182,7 @@ def _spread(phases: Sequence[Phase], total: float) -> tuple[Phase, ...]:
     missing = total - guesses.sum()
     if abs(missing) <= _ROUND_OFF * total:
         return tuple(phases)
-    ends = np.array([phase.sides[missing > 0.0] for phase in phases])
+    ends = np.array([phase.sides[int(missing > 0.0)] for phase in phases])
     whole = (ends - guesses).sum()
     share = min(missing / whole, 1.0) if whole else 0.0
     found = guesses + share * (ends - guesses)
