@@ -13,7 +13,6 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, joined
 from mbocp.formulation.features.passage import Passage
-from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import spacings
@@ -85,7 +84,7 @@ def with_memory(
     """
     if not at.nr:
         return xs
-    is_impact = impacts_of(problem)
+    is_impact = problem.timeline.is_impact
     still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
     motion = read_motion(problem, features, at, still, xs, us)
     forces = None if lams is None else np.where(is_impact[:, None], lams / problem.dt, lams)

@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import filled_lengths, impacts_of, repeated
+from mbocp.formulation.features.switches import filled_lengths, repeated
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
 from mbocp.guesses.held import carried, carried_rate
@@ -117,7 +117,7 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
     robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, problem.timeline.lengths())
-    is_impact, T = impacts_of(problem), problem.timeline.num_timed_steps
+    is_impact, T = problem.timeline.is_impact, problem.timeline.num_timed_steps
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
     times = guessed_times(problem)
@@ -151,7 +151,7 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
 
 def _after(problem: Problem, qs: Array, steps: Array, n: int) -> Array:
     """Velocity after an impact: that of the steps which follow, at their beginning, along what is held."""
-    timed = [k for k in range(n + 1, len(steps)) if not impacts_of(problem)[k]][:2]
+    timed = [k for k in range(n + 1, len(steps)) if not problem.timeline.is_impact[k]][:2]
     if not timed:
         return carried_rate(problem, qs[n + 1], steps[n], n)
     ahead = steps[timed[0]] + (steps[timed[0]] - steps[timed[-1]]) / 2.0

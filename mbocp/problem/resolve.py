@@ -42,7 +42,7 @@ from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rates import check_rates
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.acting import check_schedule, switch_table
+from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Hold, Release, Schedule
 from mbocp.problem.timeline.phase import Phase
@@ -62,7 +62,6 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.together import (
     check_guess,
     check_has_actuators,
-    check_leaps,
     check_method,
     check_weights,
 )
@@ -224,7 +223,7 @@ def _acting(
     if not schedule.is_empty:
         check_schedule(robot, scheme, coordinates, num_steps, schedule)
         table = switch_table(robot, schedule, num_steps, (q_start, v_start))
-        check_leaps(table, coordinates)
+        check_landings(table, coordinates)
     return table, with_contacts(path_of_frames, robot, scheme, table)
 
 

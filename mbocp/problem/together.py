@@ -12,7 +12,6 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.switches import SwitchTable, check_impacts
 from mbocp.robot import Robot
 from mbocp.solvers.options import BOUNDED_METHODS
 
@@ -42,17 +41,6 @@ def check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
     guess.check_dimensions(robot.nq, robot.nu)
     if guess.kind == "joint" and not COORDINATES[coordinates].takes_joint_guess:
         raise ProblemError('guess.kind: "joint" is for coordinates = "natural"; take another, or "auto"')
-
-
-def check_leaps(switches: SwitchTable, coordinates: str) -> None:
-    """Refuse holds that begin without an impact where coordinates have no soft landing.
-
-    Raises
-    ------
-    ProblemError
-    """
-    if not COORDINATES[coordinates].lands_softly:
-        check_impacts(switches)
 
 
 def check_weights(cost: Cost, goal: Goal, *, is_free: bool, has_more: bool) -> None:

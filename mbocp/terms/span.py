@@ -178,16 +178,8 @@ class Span:
         InvalidValue
             If one is no number of seconds from the start, no share, or the second is before the first.
         """
-        for name, end in (("from", self.since), ("until", self.until)):
-            if isinstance(end, Share):
-                if not (is_number(end.value) and 0.0 <= end.value <= 1.0):
-                    expected = "a part of the horizon, 0 <= share <= 1"
-                    raise InvalidValue(f"{key}: {name}", shown(end.value), expected)
-            elif isinstance(end, AtVia):
-                if end.share is not None and not 0.0 <= end.share <= 1.0:
-                    raise InvalidValue(f"{key}: {name}", end.share, "a part of the phase, 0 <= share <= 1")
-            elif end is not None and not (is_number(end) and np.isfinite(end) and end >= 0.0):
-                raise InvalidValue(f"{key}: {name}", shown(end), "a time from the start on [s], at least 0")
+        for name, end in zip(SPAN, (self.since, self.until), strict=True):
+            _check_end(end, f"{key}: {name}")
         since, until = self.since, self.until
         if isinstance(since, float | int) and isinstance(until, float | int) and until < since:
             raise InvalidValue(f"{key}: until", until, f"a time not before from = {since:g} [s]")
@@ -206,21 +198,8 @@ class Span:
         ------
         InvalidValue, ProblemError
         """
-        duration, ends = num_steps * dt, (("from", self.since), ("until", self.until))
-        for name, end in ends:
-            if num_lengths and is_number(end) and end != 0.0:
-                raise ProblemError(
-                    f"{key}: {name}: a time of given steps, and lengths of steps are free or differ; name a "
-                    "via point or a phase"
-                    + (", or give { share = number }" if num_lengths == 1 else ", which may be of free time")
-                )
-            if num_lengths > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
-                raise ProblemError(
-                    f"{key}: {name}: a share of equal steps, and lengths of steps are free or differ; name a "
-                    "via point or a phase"
-                )
-            if is_number(end) and not num_lengths and end > duration + _GRAIN * dt:
-                raise InvalidValue(f"{key}: {name}", end, f"a time within the horizon of {duration:g} s")
+        for name, end in zip(SPAN, (self.since, self.until), strict=True):
+            _check_end_within(end, f"{key}: {name}", num_steps, dt, num_lengths)
         if not self.nodes(num_steps, dt).any():
             since, until = (_words(end) for end in (self.since or 0.0, self.until))
             apart = "" if num_lengths else f"; nodes are {dt:g} s apart"
@@ -228,6 +207,38 @@ class Span:
                 f"{key}: no node after the start is between from = {since} and until = {until}{apart}: take "
                 "times farther apart, or those of a node"
             )
+
+
+def _check_end(end: End, key: str) -> None:
+    """Refuse what is no share, and no time from the start on."""
+    if isinstance(end, Share):
+        if not (is_number(end.value) and 0.0 <= end.value <= 1.0):
+            raise InvalidValue(key, shown(end.value), "a part of the horizon, 0 <= share <= 1")
+    elif isinstance(end, AtVia):
+        if end.share is not None and not 0.0 <= end.share <= 1.0:
+            raise InvalidValue(key, end.share, "a part of the phase, 0 <= share <= 1")
+    elif end is not None and not (is_number(end) and np.isfinite(end) and end >= 0.0):
+        raise InvalidValue(key, shown(end), "a time from the start on [s], at least 0")
+
+
+def _check_end_within(end: End, key: str, num_steps: int, dt: float, num_lengths: int) -> None:
+    """Refuse a time, or a share, that says no node: outside the horizon, or of steps that are not known."""
+    if num_lengths > 1 and isinstance(end, Share) and 0.0 < end.value < 1.0:
+        raise ProblemError(
+            f"{key}: a share of equal steps, and lengths of steps are free or differ; name a via point or a "
+            "phase"
+        )
+    if not is_number(end) or end == 0.0:
+        return
+    if num_lengths:
+        more = ", or give { share = number }" if num_lengths == 1 else ", which may be of free time"
+        raise ProblemError(
+            f"{key}: a time of given steps, and lengths of steps are free or differ; name a via point or a "
+            f"phase{more}"
+        )
+    duration = num_steps * dt
+    if end > duration + _GRAIN * dt:
+        raise InvalidValue(key, end, f"a time within the horizon of {duration:g} s")
 
 
 def _place(end: End, num_steps: int, dt: float) -> float | None:

@@ -6,13 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.switches import evaluation_times
 from mbocp.formulation.steps import StepSymbols
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
+    from mbocp.problem.timeline.timeline import Timeline
 
 _TIME = "t"  # [s]
 
@@ -39,4 +41,13 @@ class Moment(Feature):
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Times of the steps, or the guess of them."""
-        return {_TIME: evaluation_times(problem, self.tau)[:, None]}
+        return {_TIME: _times(problem.timeline, self.tau)[:, None]}
+
+
+def _times(timeline: Timeline, tau: float) -> Array:
+    """Times in the steps at a share of each [s], or the guess of them, shape (N,)."""
+    if timeline.has_unequal_lengths:
+        return timeline.times()[:-1] + tau * timeline.lengths()
+    goes = (~timeline.is_impact).astype(np.float64)
+    found: Array = timeline.dt * (np.cumsum(goes) - goes + tau * goes)
+    return found

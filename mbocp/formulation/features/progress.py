@@ -23,7 +23,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.passage import Passage
-from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
@@ -112,7 +111,7 @@ def advances(problem: Problem) -> Array:
         on_path = constraint.span.nodes(problem.num_steps, problem.dt)
         if not constraint.span.has_start:
             on_path = on_path & np.append(False, on_path[:-1])  # the step to its first node leads to the path
-        on_path = on_path & ~impacts_of(problem)
+        on_path = on_path & ~problem.timeline.is_impact
         columns.append(on_path / max(int(on_path.sum()), 1))
     return np.column_stack(columns) if columns else np.zeros((problem.num_steps, 0))
 

@@ -28,7 +28,6 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.switches import impacts_of
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
@@ -168,7 +167,7 @@ class StepLengths(Feature):
     def states_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
         """Lengths of the motion's phases, taken into their bounds, and times."""
         h = _phase_lengths(problem, motion.dts)
-        goes = ~impacts_of(problem)
+        goes = ~problem.timeline.is_impact
         times = np.append(0.0, np.cumsum(goes * h[1:]) / problem.timeline.num_timed_steps)
         return {"h": h[:, None], **({"t": times[:, None]} if self.has_clock else {})}
 
@@ -192,7 +191,7 @@ def lengths_of_states(problem: Problem, at: StateLayout, xs: Array) -> Array:
     """Return step lengths [s] that states (N + 1, nx) say, shape (N,)."""
     if "h" not in at.states:
         return problem.timeline.lengths()
-    return np.where(impacts_of(problem), 0.0, problem.dt * xs[1:, at.states["h"]][:, 0])
+    return np.where(problem.timeline.is_impact, 0.0, problem.dt * xs[1:, at.states["h"]][:, 0])
 
 
 def length_controls(problem: Problem, dts: Array) -> Array:

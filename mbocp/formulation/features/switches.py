@@ -87,38 +87,22 @@ class Switches(Feature):
         }
 
 
-def impacts_of(problem: Problem) -> BoolArray:
-    """Which steps take no time, shape (N,)."""
-    if problem.timeline.switches is None:
-        return np.zeros(problem.num_steps, dtype=np.bool_)
-    return problem.timeline.switches.is_impact
-
-
 def has_step_before(problem: Problem) -> Array:
     """1 in steps that follow one that takes time, shape (N,)."""
-    timed = ~impacts_of(problem)
+    timed = ~problem.timeline.is_impact
     found: Array = (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
-    return found
-
-
-def evaluation_times(problem: Problem, tau: float) -> Array:
-    """Times at which steps are evaluated [s], or the guess of them, shape (N,)."""
-    if problem.timeline.has_unequal_lengths:
-        return problem.timeline.times()[:-1] + tau * problem.timeline.lengths()
-    goes = (~impacts_of(problem)).astype(np.float64)
-    found: Array = problem.dt * (np.cumsum(goes) - goes + tau * goes)
     return found
 
 
 def filled_lengths(problem: Problem, dts: Array) -> Array:
     """Lengths of steps [s], with the mean one in the place of those of impacts."""
-    found: Array = np.where(impacts_of(problem), problem.dt, dts)
+    found: Array = np.where(problem.timeline.is_impact, problem.dt, dts)
     return found
 
 
 def filled_impulses(problem: Problem, dts: Array) -> Array:
     """What multipliers are multiplied by to be impulses, shape (N, 1): lengths [s], and 1 in impacts."""
-    found: Array = np.where(impacts_of(problem), 1.0, dts)[:, None]
+    found: Array = np.where(problem.timeline.is_impact, 1.0, dts)[:, None]
     return found
 
 

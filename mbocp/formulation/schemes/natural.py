@@ -16,7 +16,6 @@ from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
     filled_lengths,
-    impacts_of,
     repeated,
     switched_violation,
     ties_at_end,
@@ -143,7 +142,7 @@ class NaturalFormulation:
         zs = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
             lengths = filled_lengths(self.problem, motion.dts)[:, None]
-            rates = repeated(np.diff(zs, axis=0) / lengths, impacts_of(self.problem))
+            rates = repeated(np.diff(zs, axis=0) / lengths, self.problem.timeline.is_impact)
             ws = np.vstack([programme.x_start[at.s], rates])
         else:
             ws = self.space.rates(motion.qs, motion.vs)
@@ -161,7 +160,7 @@ class NaturalFormulation:
         zs, ws = xs[:, at.z], xs[:, at.s]
         states = (self.space.configurations(zs), self.space.velocities(zs, ws))
         motion = read_motion(self.problem, features, at, states, xs, iterate.us)
-        return replace(motion, us=repeated(motion.us, impacts_of(self.problem)))
+        return replace(motion, us=repeated(motion.us, self.problem.timeline.is_impact))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
@@ -187,7 +186,9 @@ class NaturalFormulation:
         along = before * duals.states[:-1, : at.nw] + (1.0 - before) * rows[:, : at.nw]
         inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
         values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
-        return repeated(values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), impacts_of(self.problem))
+        return repeated(
+            values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), self.problem.timeline.is_impact
+        )
 
     def control_momenta(
         self, iterate: Iterate, motion: Motion, duals: Duals

@@ -79,44 +79,58 @@ class Periodic:
         ------
         UnknownJoint, UnknownFrame, ProblemError
         """
-        swapped = [name for pair in self.swap for name in pair]
-        parts = [name for sums in self.combine.values() for name in sums]
-        uses = (
-            ("swap", swapped),
-            ("mirror", self.mirror),
-            ("combine", (*self.combine, *parts)),
-            ("moved", self.moved),
-        )
-        for key, names in uses:
+        for key, names in self._uses().items():
             for name in names:
                 self._check_single(robot, name, key)
         for name in self.apart:
             if name not in robot.joint_names:
                 raise robot.unknown_joint(name, robot.joint_names)
-        for key, named in (("swap", swapped), ("mirror", self.mirror), ("except", self.apart)):
-            if len(set(named)) < len(named):
-                twice = next(name for name in named if list(named).count(name) > 1)
-                raise ProblemError(f"{_KEY}.{key}: {twice!r} is there twice; name it once")
+        self._check_twice()
+        self._check_kinds(robot)
+        self._check_together()
+        if self.impact:
+            self._check_impact(robot)
+
+    def _uses(self) -> dict[str, tuple[str, ...]]:
+        """Joints of one number by the key that names them."""
+        parts = [part for sums in self.combine.values() for part in sums]
+        return {
+            "swap": tuple(name for pair in self.swap for name in pair),
+            "mirror": self.mirror,
+            "combine": (*self.combine, *parts),
+            "moved": tuple(self.moved),
+        }
+
+    def _check_twice(self) -> None:
+        uses = self._uses()
+        for key, names in (("swap", uses["swap"]), ("mirror", self.mirror), ("except", self.apart)):
+            twice = [name for name in names if names.count(name) > 1]
+            if twice:
+                raise ProblemError(f"{_KEY}.{key}: {twice[0]!r} is there twice; name it once")
+
+    def _check_kinds(self, robot: Robot) -> None:
+        """Refuse joints of different units that take each other's values."""
         pairs = [*self.swap, *((name, part) for name, sums in self.combine.items() for part in sums)]
         for a, b in pairs:
             if _unit(robot, a) != _unit(robot, b):
                 raise ProblemError(f"{_KEY}: {a!r} and {b!r} are joints of different kinds; take two alike")
+
+    def _check_together(self) -> None:
+        """Refuse keys that say different things of one joint, and factors that are no numbers."""
+        uses = self._uses()
         for name in self.combine:
-            if name in swapped or name in self.mirror:
+            if name in (*uses["swap"], *self.mirror):
                 raise ProblemError(f"{_KEY}: {name!r} is in `combine` and in `swap` or `mirror`; take one")
-        numbers = [*self.moved.items(), *(pair for sums in self.combine.values() for pair in sums.items())]
-        for name, value in numbers:
+        for name, value in (pair for sums in (self.moved, *self.combine.values()) for pair in sums.items()):
             if not (is_number(value) and np.isfinite(value)):
                 raise ProblemError(f"{_KEY}: {name!r} has {value!r}, expected a number")
         for name in self.moved:
             if name in self.apart:
                 raise ProblemError(f"{_KEY}: {name!r} is in `moved` and in `except`; leave out one")
-        if self.impact and self.impact not in robot.frame_names:
-            raise UnknownFrame(self.impact, robot.name, robot.frame_names)
-        if self.impact:
-            self._check_impact(robot)
 
     def _check_impact(self, robot: Robot) -> None:
+        if self.impact not in robot.frame_names:
+            raise UnknownFrame(self.impact, robot.name, robot.frame_names)
         axes = impact_axes(robot, self.impact)
         J = point_jacobian(robot, self.impact, robot.q0)[list(axes)]
         if not axes or np.linalg.matrix_rank(J, tol=RANK_TOLERANCE) < len(axes):

@@ -205,3 +205,18 @@ def _check_impacts(impacts: Sequence[int], num_steps: int) -> None:
             raise InvalidValue("impacts", step, f"a step within the horizon of {num_steps}")
     if len(impacts) >= num_steps:
         raise ProblemError("impacts: no step is left that takes time; take more steps")
+
+
+def check_landings(table: SwitchTable, coordinates: str) -> None:
+    """Refuse what begins without an impact where coordinates have no soft landing.
+
+    Raises
+    ------
+    ProblemError
+    """
+    soft = [begin for begin in table.begins if not table.is_impact[begin.step]]
+    if soft and not COORDINATES[coordinates].lands_softly:
+        raise ProblemError(
+            f"hold {soft[0].frame.constraint.name!r}: natural coordinates have no soft landing; let it "
+            'begin with an impact, or take coordinates = "joint"'
+        )

@@ -11,7 +11,6 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.exceptions import ProblemError
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.via import AtNode
@@ -220,21 +219,6 @@ def contact_conditions(table: SwitchTable | None) -> tuple[ContactCondition, ...
             term = ContactConditionTerm(begin.frame, begin.rows, has_place, has_rate)
             found.append(ContactCondition(begin, term))
     return tuple(found)
-
-
-def check_impacts(table: SwitchTable) -> None:
-    """Refuse what begins without an impact, where coordinates have no velocities of joints.
-
-    Raises
-    ------
-    ProblemError
-    """
-    for begin in table.begins:
-        if not table.is_impact[begin.step]:
-            raise ProblemError(
-                f"hold {begin.frame.constraint.name!r}: natural coordinates have no soft landing; let it "
-                'begin with an impact, or take coordinates = "joint"'
-            )
 
 
 def rows_by_frame(held: Sequence[HeldFrame]) -> dict[str, list[list[int]]]:

@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.problem.timeline.free_times import phases_between, timed_nodes
 from mbocp.problem.timeline.hold import Schedule
@@ -102,6 +102,13 @@ class Timeline:
     def impacts(self) -> tuple[int, ...]:
         """Steps of no duration, counted from 0, in which velocities leap."""
         return tuple(junction.node for junction in self.junctions if junction.leaps)
+
+    @property
+    def is_impact(self) -> BoolArray:
+        """Which steps take no time, shape (N,)."""
+        found = np.zeros(self.num_steps, dtype=np.bool_)
+        found[list(self.impacts)] = True
+        return found
 
     @property
     def schedule(self) -> Schedule:
