@@ -6,7 +6,6 @@ gives them; the others follow, and most are fields of `Problem`. The order is th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -19,8 +18,6 @@ from mbocp.problem.completion import (
     PathObject,
     checked_terms,
     listed_path,
-    ordered_via,
-    placed_via,
     with_contacts,
 )
 from mbocp.problem.coordinate_checks import check_coordinates
@@ -56,9 +53,10 @@ from mbocp.problem.timeline.phase_values import (
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
 from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_takes_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
-from mbocp.problem.timeline.timeline import Timeline, timeline_of
+from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.timeline.via_points import ordered_via, placed_via
 from mbocp.problem.together import (
     check_guess,
     check_has_actuators,
@@ -88,13 +86,14 @@ def _steps(
     said_terms: tuple[OwnTerm, ...],
     duration: float,
     duration_range: _Range,
-) -> tuple[int, Array | None, float | None, tuple[int, ...]]:
+) -> tuple[Horizon, int, Array | None, float | None, tuple[int, ...]]:
     steps = check_integer("horizon.steps", said_num_steps, minimum=1)
     accuracy = check_accuracy(said_accuracy)
     if accuracy is not None and said_lengths is None and not said_phase:
         steps = AskedNodes(duration, duration_range, (), said_via, said_path, said_terms).first_count()
     impacts = tuple(sorted({int(step) for step in said_impacts}))
-    return steps, check_lengths(said_lengths, steps, duration), accuracy, impacts
+    lengths = check_lengths(said_lengths, steps, duration)
+    return Horizon(steps, duration, duration_range), steps, lengths, accuracy, impacts
 
 
 def _scheme(
@@ -161,18 +160,15 @@ def _phase(
     said_phase: tuple[Phase, ...],
     limits: Bounds,
     said_cost: Cost,
-    num_steps: int,
-    duration: float,
-    duration_range: _Range,
+    horizon: Horizon,
     schedule: Schedule,
 ) -> tuple[tuple[Phase, ...], tuple[float, float]]:
     """Spread the duration over the phases; bounds of the sum that those of phases do not imply."""
     if not said_phase:
-        timed = num_steps - len(schedule.impacts)
-        whole = Phase(steps=timed, duration=duration, duration_range=duration_range, last=num_steps)
-        return (whole,), (0.0, math.inf)
-    phases, bounds = spread_phases(said_phase, Horizon(num_steps, duration, duration_range))
-    return fitted_phases(robot, phases, limits, said_cost), bounds
+        N, T, bounds = horizon
+        return (Phase(steps=N - len(schedule.impacts), duration=T, duration_range=bounds, last=N),), ANY_TIME
+    phases, bounds_of_sum = spread_phases(said_phase, horizon)
+    return fitted_phases(robot, phases, limits, said_cost), bounds_of_sum
 
 
 def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, Bounds, Bounds]:
@@ -231,16 +227,11 @@ def _via(
     robot: Robot,
     said_via: tuple[ViaPoint, ...],
     phase: tuple[Phase, ...],
-    num_steps: int,
-    duration: float,
-    duration_range: _Range,
+    horizon: Horizon,
     q_start: Array,
     limits: Bounds,
 ) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
-    """Via points in the order of the motion, with configurations; their nodes, as far as known."""
-    horizon = Horizon(num_steps, duration, duration_range)
-    via, nodes = ordered_via(robot, said_via, phase, horizon, q_start, limits)
-    return via, tuple(nodes)
+    return ordered_via(robot, said_via, phase, horizon, q_start, limits)
 
 
 def free_at_end(robot: Robot, switches: SwitchTable | None, q: Array) -> Array:
@@ -285,30 +276,19 @@ def _timeline(
     nodes_of_via: tuple[int | None, ...],
     q_start: Array,
     goal_at_pose: Goal,
-    num_steps: int,
-    duration: float,
-    duration_range: _Range,
+    horizon: Horizon,
     lengths: Array | None,
-    schedule: Schedule,
     phase: tuple[Phase, ...],
     bounds_of_sum: tuple[float, float],
     switches: SwitchTable | None,
     path_with_contacts: tuple[PathObject, ...],
 ) -> tuple[Timeline, tuple[PathObject, ...]]:
     """Find nodes of via points, and times that are free; what holds at junctions comes last in the path."""
-    waypoints = placed_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, num_steps)
-    timeline = timeline_of(
-        phase,
-        waypoints,
-        switches,
-        Horizon(num_steps, duration, duration_range),
-        impacts=schedule.impacts,
-        bounds_of_sum=bounds_of_sum,
-        given_lengths=lengths,
-    )
+    waypoints = placed_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, horizon.steps)
+    conditions: tuple[Condition, ...] = (*waypoints, *contact_conditions(switches))
+    timeline = timeline_of(phase, conditions, switches, horizon, bounds_of_sum, lengths)
     places = timeline.places
-    spans = (constraint.at_via(places) for constraint in path_with_contacts)
-    return timeline, (*spans, *waypoints, *contact_conditions(switches))
+    return timeline, (*(constraint.at_via(places) for constraint in path_with_contacts), *conditions)
 
 
 def _obstacles(
@@ -440,7 +420,7 @@ def _check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
 
 RESOLVE = (
     Step.of(_duration, "duration", "duration_range"),
-    Step.of(_steps, "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
+    Step.of(_steps, "horizon", "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
     Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
     Step.of(_check_scheme),
     Step.of(_limits, "limits"),

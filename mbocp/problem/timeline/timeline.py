@@ -21,12 +21,12 @@ from mbocp.problem.timeline.free_times import phases_between, timed_nodes
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import Horizon, are_alike, places_of
-from mbocp.problem.timeline.switches import ContactCondition, SwitchTable, contact_conditions
+from mbocp.problem.timeline.switches import ContactCondition, SwitchTable
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.terms.span import Place
 
 Condition: TypeAlias = ViaConstraint | ContactCondition
-_ANY_TIME = 0.0, math.inf
+ANY_TIME = 0.0, math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,26 +204,22 @@ class Timeline:
 
 def timeline_of(
     phases: Sequence[Phase],
-    waypoints: Sequence[ViaConstraint],
+    conditions: Sequence[Condition],
     switches: SwitchTable | None,
     horizon: Horizon,
-    *,
-    impacts: Sequence[int],
     bounds_of_sum: tuple[float, float],
     given_lengths: Array | None = None,
 ) -> Timeline:
-    """Make the timeline of phases and via points; times that are found divide what has no names.
+    """Make the timeline of phases and conditions; via points of free times divide a phase without a name.
 
     Parameters
     ----------
     phases : sequence of Phase
         Those that tables say, or one for all.
-    waypoints : sequence of ViaConstraint
-        In the order of the motion.
+    conditions : sequence of ViaConstraint and ContactCondition
+        Via points are in the order of the motion.
     switches : SwitchTable or None
     horizon : Horizon
-    impacts : sequence of int
-        Steps of no duration.
     bounds_of_sum : tuple of float
         Least and greatest duration of the whole [s], where phases with names do not say it; else 0 and
         infinite.
@@ -235,22 +231,28 @@ def timeline_of(
     ProblemError
         If bounds or guesses of the times contradict their order.
     """
-    duration, bounds = horizon.duration, horizon.duration_range
-    ends = {phase.last: bounds_of_sum if phase.last == horizon.steps else _ANY_TIME for phase in phases}
+    impacts = switches.schedule.impacts if switches is not None else ()
+    times = {**{phase.last: ANY_TIME for phase in phases}, horizon.steps: bounds_of_sum}
     if not phases[0].name:
-        timed = timed_nodes(waypoints, horizon)
-        whole = bounds or (duration, duration)
-        phases = phases_between(timed, horizon, whole, impacts) if timed else phases
-        ends = {**{one.node: (one.time.earliest, one.time.latest) for one in timed}, horizon.steps: whole}
-    conditions: tuple[Condition, ...] = (*waypoints, *contact_conditions(switches))
-    nodes = sorted({*(one.span.node for one in conditions), *impacts, *ends})
-    junctions = (
-        Junction(
-            node,
-            tuple(one for one in conditions if one.span.node == node),
-            node in impacts,
-            *ends.get(node, _ANY_TIME),
-        )
-        for node in nodes
+        phases, times = _divided(phases, conditions, horizon, impacts)
+    by_node: dict[int, list[Condition]] = {node: [] for node in (*impacts, *times)}
+    for one in conditions:
+        by_node.setdefault(one.span.node, []).append(one)
+    junctions = tuple(
+        Junction(node, tuple(found), node in impacts, *times.get(node, ANY_TIME))
+        for node, found in sorted(by_node.items())
     )
-    return Timeline(duration, bounds, tuple(phases), tuple(junctions), given_lengths, switches)
+    return Timeline(
+        horizon.duration, horizon.duration_range, tuple(phases), junctions, given_lengths, switches
+    )
+
+
+def _divided(
+    phases: Sequence[Phase], conditions: Sequence[Condition], horizon: Horizon, impacts: Sequence[int]
+) -> tuple[Sequence[Phase], dict[int, tuple[float, float]]]:
+    """Divide the only phase at via points of free times; return bounds of times by node, too [s]."""
+    whole = horizon.duration_range or (horizon.duration, horizon.duration)
+    timed = timed_nodes([one for one in conditions if isinstance(one, ViaConstraint)], horizon)
+    times = {one.node: (one.time.earliest, one.time.latest) for one in timed}
+    found = phases_between(timed, horizon, whole, impacts) if timed else phases
+    return found, {**times, horizon.steps: whole}

@@ -1,4 +1,4 @@
-"""From via points to path constraints: configurations that are there."""
+"""From via points as they are said to path constraints: their order, configurations and nodes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,48 @@ from mbocp.problem.goals.drives import check_driven_rate, without_driven_velocit
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds, check_end_limits
+from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.timeline.sequence import Horizon
 from mbocp.problem.timeline.via import ViaConstraint, ViaPoint
+from mbocp.problem.timeline.via_nodes import placed, via_nodes, via_order
+from mbocp.problem.warn import warn_singular
 from mbocp.robot import Robot
 
 _EXACT = 1e-8  # [m, rad]
 
 
-def resolved_points(
+def ordered_via(
+    robot: Robot,
+    via: Sequence[ViaPoint],
+    phases: Sequence[Phase],
+    horizon: Horizon,
+    q_start: Array,
+    limits: Bounds,
+) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
+    """Return via points in the order of the motion, with configurations; their nodes, as far as known."""
+    nodes = via_nodes(via, horizon, phases)
+    order = via_order(via, nodes)
+    found = _resolved_points(robot, [via[i] for i in order], q_start, limits)
+    for point in found:
+        warn_singular(robot, point.goal.q, f"via {point.name!r}")
+    return found, tuple(nodes[i] for i in order)
+
+
+def placed_via(
+    robot: Robot,
+    via: Sequence[ViaPoint],
+    nodes: Sequence[int | None],
+    q_start: Array,
+    goal: Goal,
+    num_steps: int,
+) -> tuple[ViaConstraint, ...]:
+    """Return via points as path constraints at their nodes; those of free times are spread along the way."""
+    is_asked = goal.says_where or not via
+    at = placed(robot, via, nodes, q_start, goal.q if is_asked else via[-1].goal.q, num_steps)
+    return _via_constraints(robot, via, at, num_steps)
+
+
+def _resolved_points(
     robot: Robot, via: Sequence[ViaPoint], q_start: Array, limits: Bounds
 ) -> tuple[ViaPoint, ...]:
     """Return via points in the order of the motion, each with the configuration nearest to the one before.
@@ -47,7 +82,7 @@ def resolved_points(
     return tuple(found)
 
 
-def via_constraints(
+def _via_constraints(
     robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], num_steps: int
 ) -> tuple[ViaConstraint, ...]:
     """Return path constraints of points whose configurations are known; those of free times say their place.
