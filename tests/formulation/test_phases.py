@@ -165,12 +165,12 @@ def test_bounds_are_those_of_first_steps_and_last_nodes() -> None:
 def test_any_phases_can_be_made_of_nodes_with_times() -> None:
     """What phases are does not know of via points."""
     nodes = [TimedNode(3, FreeTime(0.1, 0.8, 0.5), "lift off"), TimedNode(7, FreeTime(0.6, 1.2, 0.55))]
-    phases = phases_between(nodes, Horizon(10, 1.5, (1.0, 2.0)), (1.0, 2.0))
+    phases = phases_between(nodes, Horizon(10, 1.5, (1.0, 2.0)))
     assert [(p.first, p.last, p.steps) for p in phases] == [(0, 3, 3), (3, 7, 4), (7, 10, 3)]
     assert [p.duration for p in phases] == pytest.approx([0.5, 0.1, 0.9])
     assert [p.sides for p in phases] == [(1e-3 * steps * 0.1, np.inf) for steps in (3, 4, 3)]
     nodes = [TimedNode(3, FreeTime(0.0, 9.0, 0.5)), TimedNode(7, FreeTime(0.0, 9.0, 0.2))]
-    crowded = phases_between(nodes, Horizon(10, 1.0, None), (1.0, 1.0))
+    crowded = phases_between(nodes, Horizon(10, 1.0, None))
     ends = np.cumsum([p.duration for p in crowded])
     assert ends[0] == 0.5
     assert 0.5 < ends[1] < ends[2] == 1.0

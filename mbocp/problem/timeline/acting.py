@@ -19,7 +19,7 @@ from mbocp.robot import Robot
 
 
 def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[Array, Array]) -> SwitchTable:
-    """Rows that act in each step; of those that others imply, the first.
+    """Find the rows that act in each step; of those that others imply, the first.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _own_rows(robot: Robot, releases: Sequence[Release], num_steps: int) -> Bool
 
 
 def _names_of_own(robot: Robot) -> list[str]:
-    """Name of the constraint that each kept row of the robot belongs to."""
+    """Return the name of the constraint that each kept row of the robot belongs to."""
     names = [constraint.name for constraint in robot.constraints for _ in constraint.rows]
     return [names[row] for row in robot.kept_rows]
 

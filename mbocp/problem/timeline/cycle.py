@@ -44,7 +44,7 @@ class Compared(NamedTuple):
 def compared(
     table: SwitchTable, free: FreeStart | None, periodic: Periodic, ends: tuple[Array, Array]
 ) -> Compared:
-    """Directions that a cycle compares.
+    """Return the directions that a cycle compares.
 
     Parameters
     ----------

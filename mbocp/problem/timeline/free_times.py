@@ -74,7 +74,7 @@ def _free_time(point: ViaPoint, duration: float) -> FreeTime:
 
 
 def phases_between(
-    nodes: Sequence[TimedNode], horizon: Horizon, bounds: tuple[float, float], impacts: Sequence[int] = ()
+    nodes: Sequence[TimedNode], horizon: Horizon, impacts: Sequence[int] = ()
 ) -> tuple[Phase, ...]:
     """Return phases from the start over nodes with times that are found to the end.
 
@@ -83,8 +83,6 @@ def phases_between(
     nodes : sequence of TimedNode
         In their order.
     horizon : Horizon
-    bounds : tuple of float
-        Least and greatest duration of the whole [s]; equal where it is given.
     impacts : sequence of int
         Steps of no duration.
 
@@ -93,7 +91,7 @@ def phases_between(
     ProblemError
         If bounds or guesses of the times contradict their order.
     """
-    timed = horizon.steps - len(impacts)
+    timed, bounds = horizon.steps - len(impacts), horizon.sides
     stops = [*nodes, TimedNode(horizon.steps, FreeTime(*bounds, horizon.duration), has_guess=True)]
     pairs = list(pairwise([0, *(stop.node for stop in stops)]))
     steps = [last - first - sum(first <= step < last for step in impacts) for first, last in pairs]

@@ -145,7 +145,7 @@ class Schedule(NamedTuple):
 
 
 def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
-    """Spans of steps that are not empty and follow each other with steps between them.
+    """Return spans of steps that are not empty and follow each other with steps between them.
 
     Raises
     ------
@@ -164,5 +164,5 @@ def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
 
 
 def holds_in(spans: Spans, step: int) -> bool:
-    """Whether a step is in one of the spans."""
+    """Return whether a step is in one of the spans."""
     return any(first <= step < last for first, last in spans)

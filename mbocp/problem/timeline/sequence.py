@@ -34,6 +34,11 @@ class Horizon(NamedTuple):
     duration: float
     duration_range: tuple[float, float] | None
 
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Least and greatest duration [s]."""
+        return self.duration_range or (self.duration, self.duration)
+
 
 T = TypeVar("T")
 
@@ -162,18 +167,23 @@ def spread_phases(phases: Sequence[Phase], total: Horizon) -> tuple[tuple[Phase,
             f"horizon.steps: got {total.steps}, but the phases have {own.steps} in all; leave it out, or "
             "change the steps of a phase"
         )
-    low, high = own.duration_range or (own.duration, own.duration)
-    least, most = total.duration_range or (total.duration, total.duration)
+    return _spread(phases, total.duration), _bounds_of_sum(own, total)
+
+
+def _bounds_of_sum(own: Horizon, total: Horizon) -> tuple[float, float]:
+    """Return bounds of the horizon that those of phases do not imply."""
+    (low, high), (least, most) = own.sides, total.sides
     room = _ROUND_OFF * high
     if least > high + room or most < low - room or (own.duration_range is None and least < most):
-        asked = f"{least:g} s" if least == most else f"{least:g} to {most:g} s"
-        has = f"{low:g} s" if low == high else f"{low:g} to {high:g} s"
         raise ProblemError(
-            f"horizon.duration: got {asked}, but the phases take {has} in all; leave it out, or change the "
-            "duration of a phase"
+            f"horizon.duration: got {_words(least, most)}, but the phases take {_words(low, high)} in all; "
+            "leave it out, or change the duration of a phase"
         )
-    bounds = least if least > low + room else 0.0, most if most < high - room else np.inf
-    return _spread(phases, total.duration), bounds
+    return least if least > low + room else 0.0, most if most < high - room else np.inf
+
+
+def _words(low: float, high: float) -> str:
+    return f"{low:g} s" if low == high else f"{low:g} to {high:g} s"
 
 
 def _spread(phases: Sequence[Phase], total: float) -> tuple[Phase, ...]:

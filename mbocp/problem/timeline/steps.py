@@ -230,23 +230,27 @@ def check_takes_steps(
     ------
     ProblemError
     """
-    if accuracy is None and lengths is None:
-        return
-    key = "horizon.accuracy" if accuracy is not None else "horizon.lengths"
-    if accuracy is not None and lengths is not None:
-        raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
-    if accuracy is not None and is_switched and not asked.phases:
-        raise ProblemError(
-            f"{key}: does not go with holds, releases and impacts that are given by numbers of steps; say "
-            "them in phases, as in [[phase.hold]], whose steps are found, or give horizon.steps in its place"
-        )
-    refused: list[tuple[object, str]] = [(has_targets, "a target for each step")]
-    refused += _refused_by_lengths(asked, coordinates, is_switched=is_switched) if lengths is not None else []
-    for is_there, words in refused:
+    targets: list[tuple[object, str]] = [(has_targets, "a target for each step")]
+    if accuracy is not None:
+        key = "horizon.accuracy"
+        if lengths is not None:
+            raise ProblemError(f"{key}: horizon.lengths gives the steps; leave one of them out")
+        if is_switched and not asked.phases:
+            raise ProblemError(
+                f"{key}: does not go with holds, releases and impacts that are given by numbers of steps; "
+                "say them in phases, as in [[phase.hold]], whose steps are found, or give horizon.steps in "
+                "its place"
+            )
+        _refuse(key, targets)
+        asked.base_counts()
+    elif lengths is not None:
+        _refuse("horizon.lengths", targets + _refused_by_lengths(asked, coordinates, is_switched=is_switched))
+
+
+def _refuse(key: str, found: Sequence[tuple[object, str]]) -> None:
+    for is_there, words in found:
         if is_there:
             raise ProblemError(f"{key}: does not go with {words}; give horizon.steps in its place")
-    if accuracy is not None:
-        asked.base_counts()
 
 
 def _refused_by_lengths(

@@ -222,7 +222,7 @@ def contact_conditions(table: SwitchTable | None) -> tuple[ContactCondition, ...
 
 
 def rows_by_frame(held: Sequence[HeldFrame]) -> dict[str, list[list[int]]]:
-    """Rows that say the same under other names, row by row of each frame that there is."""
+    """Return rows that say the same under other names, row by row of each frame that there is."""
     found: dict[str, list[list[int]]] = {}
     for frame, where in zip(held, rows_of_frames(held), strict=True):
         rows = found.setdefault(repr(frame.signature), [[] for _ in frame.rows])

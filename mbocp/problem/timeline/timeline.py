@@ -251,8 +251,7 @@ def _divided(
     phases: Sequence[Phase], conditions: Sequence[Condition], horizon: Horizon, impacts: Sequence[int]
 ) -> tuple[Sequence[Phase], dict[int, tuple[float, float]]]:
     """Divide the only phase at via points of free times; return bounds of times by node, too [s]."""
-    whole = horizon.duration_range or (horizon.duration, horizon.duration)
     timed = timed_nodes([one for one in conditions if isinstance(one, ViaConstraint)], horizon)
     times = {one.node: (one.time.earliest, one.time.latest) for one in timed}
-    found = phases_between(timed, horizon, whole, impacts) if timed else phases
-    return found, {**times, horizon.steps: whole}
+    found = phases_between(timed, horizon, impacts) if timed else phases
+    return found, {**times, horizon.steps: horizon.sides}

@@ -205,23 +205,25 @@ def placed(
     ProblemError
         If there are fewer steps than points.
     """
-    if not via:
-        return ()
     stops = [0, *nodes, num_steps]
-    qs = [q_start, *(point.goal.q for point in via), q_end]
-    ways = np.array([np.linalg.norm(robot.difference(a, b)) for a, b in pairwise(qs)])
-    ways = np.maximum(ways, _LEAST_LEG * ways.mean()) if ways.any() else np.ones(len(ways))
-    for i in range(1, len(stops) - 1):
+    ways = _ways(robot, [q_start, *(point.goal.q for point in via), q_end])
+    for i, point in enumerate(via, start=1):
         if stops[i] is not None:
             continue
         before, until = stops[i - 1] or 0, next(k for k in range(i, len(stops)) if stops[k] is not None)
         last = stops[until] or 0
         share = ways[i - 1] / ways[i - 1 : until].sum()
-        node = round(before + share * (last - before))
-        stops[i] = max(before + 1, min(node, last - (until - i)))
-        if not before < (stops[i] or 0) < last:
+        node = max(before + 1, min(round(before + share * (last - before)), last - (until - i)))
+        if not before < node < last:
             raise ProblemError(
-                f"via {via[i - 1].name!r}: there is no node for it between those before and after it; take "
-                "more steps"
+                f"via {point.name!r}: there is no node for it between those before and after it; take more "
+                "steps"
             )
+        stops[i] = node
     return tuple(node or 0 for node in stops[1:-1])
+
+
+def _ways(robot: Robot, qs: Sequence[Array]) -> Array:
+    """Return lengths of the legs from one configuration to the next."""
+    found = np.array([np.linalg.norm(robot.difference(a, b)) for a, b in pairwise(qs)])
+    return np.maximum(found, _LEAST_LEG * found.mean()) if found.any() else np.ones(len(found))

@@ -53,8 +53,10 @@ def placed_via(
     num_steps: int,
 ) -> tuple[ViaConstraint, ...]:
     """Return via points as path constraints at their nodes; those of free times are spread along the way."""
-    is_asked = goal.says_where or not via
-    at = placed(robot, via, nodes, q_start, goal.q if is_asked else via[-1].goal.q, num_steps)
+    if not via:
+        return ()
+    q_end = goal.q if goal.says_where else via[-1].goal.q
+    at = placed(robot, via, nodes, q_start, q_end, num_steps)
     return _via_constraints(robot, via, at, num_steps)
 
 
