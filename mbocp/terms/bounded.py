@@ -13,7 +13,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
-from mbocp.terms.span import Place
+from mbocp.terms.span import Place, Span
 
 SidesInSteps: TypeAlias = tuple[slice | IntArray, Array, Array]
 
@@ -32,7 +32,7 @@ class BoundedTerm:
             """What it is called."""
 
         @property
-        def span(self) -> Any:
+        def span(self) -> Span:
             """When it holds."""
 
         @property

@@ -11,31 +11,13 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
-
-
-@dataclass(frozen=True)
-class AtEnd:
-    """The last node as the time when something holds, whatever the duration, see `mbocp.terms.Span`."""
-
-    has_start = False
-
-    def has_end(self, num_steps: int, dt: float) -> bool:
-        """Whether the last node belongs to it."""
-        return True
-
-    def nodes(self, num_steps: int, dt: float) -> BoolArray:
-        """Which of the nodes 1..N belong to it, shape (N,)."""
-        found: BoolArray = np.arange(1, num_steps + 1) == num_steps
-        return found
-
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_lengths: int) -> None:
-        """Every horizon has an end."""
+from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True)
@@ -88,7 +70,7 @@ class FrameTolerance(BoundedTerm):
     robot: Robot
     tolerance: Array  # (rows,) [m, rad]
 
-    span = AtEnd()
+    span = Span.at_end()
 
     @cached_property
     def term(self) -> ToleranceTerm:

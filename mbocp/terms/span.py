@@ -126,6 +126,16 @@ class Span:
         return bool(self.nodes(num_steps, dt)[-1])
 
     @classmethod
+    def at_node(cls, node: int) -> Span:
+        """Return one node alone."""
+        return cls(AtVia("", node), AtVia("", node))
+
+    @classmethod
+    def at_end(cls) -> Span:
+        """Return the last node alone, whatever the duration."""
+        return cls(since=Share(1.0))
+
+    @classmethod
     def read(cls, table: Table) -> Span:
         """From a table that has its keys."""
         return cls(*(getattr(table, key) for key in SPAN))

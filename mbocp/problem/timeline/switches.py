@@ -13,9 +13,8 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule
-from mbocp.problem.timeline.via import AtNode
 from mbocp.robot import Label, Robot
-from mbocp.terms import BoundedTerm, ContactConditionTerm
+from mbocp.terms import BoundedTerm, ContactConditionTerm, Span
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,20 +180,24 @@ class ContactCondition(BoundedTerm):
     @property
     def name(self) -> str:
         """What it is called."""
-        return f"{self.begin.frame.constraint.name} taken on at node {self.begin.step}"
+        return f"{self.begin.frame.constraint.name} taken on at node {self.node}"
 
     @property
-    def span(self) -> AtNode:
+    def node(self) -> int:
+        """Where it holds."""
+        return self.begin.step
+
+    @property
+    def span(self) -> Span:
         """When it holds."""
-        return AtNode(self.begin.step)
+        return Span.at_node(self.node)
 
     @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
         labels = [self.begin.frame.rows[row] for row in self.term.kept]
-        node = self.begin.step
-        places = [Label(f"{x.name} at node {node}", x.unit) for x in labels if self.term.has_place]
-        rates = [Label(f"rate of {x.name} at node {node}", f"{x.unit}/s") for x in labels]
+        places = [Label(f"{x.name} at node {self.node}", x.unit) for x in labels if self.term.has_place]
+        rates = [Label(f"rate of {x.name} at node {self.node}", f"{x.unit}/s") for x in labels]
         return (*places, *(rates if self.term.has_rate else ()))
 
     @property

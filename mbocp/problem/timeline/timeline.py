@@ -103,11 +103,12 @@ class Timeline:
         """Steps of no duration, counted from 0, in which velocities leap."""
         return tuple(junction.node for junction in self.junctions if junction.leaps)
 
-    @property
+    @cached_property
     def is_impact(self) -> BoolArray:
         """Which steps take no time, shape (N,)."""
         found = np.zeros(self.num_steps, dtype=np.bool_)
         found[list(self.impacts)] = True
+        found.setflags(write=False)
         return found
 
     @property
@@ -237,7 +238,7 @@ def timeline_of(
         phases, times = _divided(phases, conditions, horizon, impacts)
     by_node: dict[int, list[Condition]] = {node: [] for node in (*impacts, *times)}
     for one in conditions:
-        by_node.setdefault(one.span.node, []).append(one)
+        by_node.setdefault(one.node, []).append(one)
     junctions = tuple(
         Junction(node, tuple(found), node in impacts, *times.get(node, ANY_TIME))
         for node, found in sorted(by_node.items())

@@ -23,7 +23,7 @@ from mbocp.problem.goals.frames import pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import FreeTime, InPhase
 from mbocp.robot import Label, Robot
-from mbocp.terms import BoundedTerm, FrameGoal, FrameShape, ViaFrameShape, ViaTerm
+from mbocp.terms import BoundedTerm, FrameGoal, FrameShape, Span, ViaFrameShape, ViaTerm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,27 +73,6 @@ class ViaPoint:
         return isinstance(self.time, FreeTime)
 
 
-@dataclass(frozen=True)
-class AtNode:
-    """A moment, as `mbocp.terms.Span` is a part of the horizon."""
-
-    node: int
-
-    has_start = False
-
-    def has_end(self, num_steps: int, dt: float) -> bool:
-        """Whether the last node is meant, which it never is."""
-        return False
-
-    def nodes(self, num_steps: int, dt: float) -> BoolArray:
-        """Which of the nodes 1..N is meant, shape (N,)."""
-        found: BoolArray = np.arange(1, num_steps + 1) == self.node
-        return found
-
-    def check_horizon(self, key: str, num_steps: int, dt: float, *, num_lengths: int) -> None:
-        """Nothing: the node was chosen for the horizon."""
-
-
 @dataclass(frozen=True, eq=False)
 class ViaConstraint(BoundedTerm):
     """A via point among the path constraints of a problem, see `mbocp.problem.PathConstraint`.
@@ -117,9 +96,9 @@ class ViaConstraint(BoundedTerm):
         return self.via.name
 
     @property
-    def span(self) -> AtNode:
+    def span(self) -> Span:
         """When it holds."""
-        return AtNode(self.node)
+        return Span.at_node(self.node)
 
     @cached_property
     def _shapes(self) -> tuple[ViaFrameShape, ...]:
