@@ -9,7 +9,6 @@ from typing import Literal, TypeAlias
 
 from mbocp._arrays import Array
 from mbocp.integrators import ControlKind
-from mbocp.problem.completion import PathObject
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.consistency import check_end_conditions
@@ -42,9 +41,9 @@ from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import OwnTerm
+from mbocp.terms import BoundedTerm, OwnTerm
 
-Inequality: TypeAlias = PathObject | RateLimit
+Inequality: TypeAlias = BoundedTerm | RateLimit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,7 +168,7 @@ class ProblemData:
     limits: Bounds
     obstacle: tuple[Obstacle, ...]
     self_collision: SelfCollision | bool | None
-    path: tuple[PathObject, ...]
+    path: tuple[BoundedTerm, ...]
     terms: tuple[OwnTerm, ...]
     q_start: Array
     v_start: Array

@@ -14,12 +14,6 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_choice, check_integer
-from mbocp.problem.completion import (
-    PathObject,
-    checked_terms,
-    listed_path,
-    with_contacts,
-)
 from mbocp.problem.coordinate_checks import check_coordinates
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
@@ -36,6 +30,11 @@ from mbocp.problem.obstacles.clear_goal import clear_configuration
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clearance_of
 from mbocp.problem.path import PathConstraint, check_path
+from mbocp.problem.path_list import (
+    checked_terms,
+    listed_path,
+    with_contacts,
+)
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rates import check_rates
 from mbocp.problem.solver import SolverOptions
@@ -66,7 +65,7 @@ from mbocp.problem.together import (
 from mbocp.problem.warn import warn_alternating
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import OwnTerm
+from mbocp.terms import BoundedTerm, OwnTerm
 
 _Range = tuple[float, float] | None
 
@@ -82,7 +81,7 @@ def _steps(
     said_impacts: Iterable[int],
     said_phase: tuple[Phase, ...],
     said_via: tuple[ViaPoint, ...],
-    said_path: tuple[PathObject, ...],
+    said_path: tuple[BoundedTerm, ...],
     said_terms: tuple[OwnTerm, ...],
     duration: float,
     duration_range: _Range,
@@ -102,7 +101,7 @@ def _scheme(
     coordinates: str,
     controls: str,
     said_goal: Goal,
-    said_path: tuple[PathObject, ...],
+    said_path: tuple[BoundedTerm, ...],
     said_phase: tuple[Phase, ...],
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
@@ -191,8 +190,8 @@ def _check_natural(
 
 
 def _terms(
-    said_terms: tuple[OwnTerm, ...], said_path: tuple[PathObject, ...], said_goal: Goal, robot: Robot
-) -> tuple[tuple[OwnTerm, ...], tuple[PathObject, ...]]:
+    said_terms: tuple[OwnTerm, ...], said_path: tuple[BoundedTerm, ...], said_goal: Goal, robot: Robot
+) -> tuple[tuple[OwnTerm, ...], tuple[BoundedTerm, ...]]:
     terms = checked_terms(said_terms, robot)
     return terms, listed_path(said_path, terms, said_goal, robot)
 
@@ -212,8 +211,8 @@ def _acting(
     schedule: Schedule,
     q_start: Array,
     v_start: Array,
-    path_of_frames: tuple[PathObject, ...],
-) -> tuple[SwitchTable | None, tuple[PathObject, ...]]:
+    path_of_frames: tuple[BoundedTerm, ...],
+) -> tuple[SwitchTable | None, tuple[BoundedTerm, ...]]:
     """Find which rows of constraints act in which steps, and whose forces are bounded."""
     table = None
     if not schedule.is_empty:
@@ -281,8 +280,8 @@ def _timeline(
     phase: tuple[Phase, ...],
     bounds_of_sum: tuple[float, float],
     switches: SwitchTable | None,
-    path_with_contacts: tuple[PathObject, ...],
-) -> tuple[Timeline, tuple[PathObject, ...]]:
+    path_with_contacts: tuple[BoundedTerm, ...],
+) -> tuple[Timeline, tuple[BoundedTerm, ...]]:
     """Find nodes of via points, and times that are free; what holds at junctions comes last in the path."""
     waypoints = placed_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, horizon.steps)
     conditions: tuple[Condition, ...] = (*waypoints, *contact_conditions(switches))
@@ -299,8 +298,8 @@ def _obstacles(
     limits_at_end: Bounds,
     q_start: Array,
     goal_at_pose: Goal,
-    path_with_junctions: tuple[PathObject, ...],
-) -> tuple[tuple[Obstacle, ...], SelfCollision | None, Clearance | None, tuple[PathObject, ...], Goal]:
+    path_with_junctions: tuple[BoundedTerm, ...],
+) -> tuple[tuple[Obstacle, ...], SelfCollision | None, Clearance | None, tuple[BoundedTerm, ...], Goal]:
     """Pairs of spheres and what they keep away from, as the last path constraint."""
     said = said_self_collision
     own = said if isinstance(said, SelfCollision) else SelfCollision() if said else None
@@ -337,7 +336,7 @@ def _check_steps(
     timeline: Timeline,
     accuracy: float | None,
     coordinates: str,
-    path: tuple[PathObject, ...],
+    path: tuple[BoundedTerm, ...],
     terms: tuple[OwnTerm, ...],
     said_cost: Cost,
 ) -> None:
@@ -384,7 +383,7 @@ def _check_inequalities(
     v_start: Array,
     goal: Goal,
     timeline: Timeline,
-    path: tuple[PathObject, ...],
+    path: tuple[BoundedTerm, ...],
 ) -> None:
     """Refuse limits and path constraints that cannot hold."""
     check_rates(robot, limits)
@@ -400,7 +399,7 @@ def _check_inequalities(
 def _check_method(
     solver: SolverOptions,
     widest: Bounds,
-    path: tuple[PathObject, ...],
+    path: tuple[BoundedTerm, ...],
     timeline: Timeline,
     clearance: Clearance | None,
     start_free: FreeStart | None,

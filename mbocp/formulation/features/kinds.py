@@ -11,9 +11,8 @@ from mbocp.formulation.features.moment import Moment
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.progress import Progress
 from mbocp.formulation.features.reactions import Reactions
-from mbocp.formulation.features.step_lengths import StepLengths
+from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches
-from mbocp.formulation.features.unequal_lengths import UnequalLengths
 from mbocp.formulation.features.varying_weights import VaryingWeights
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-r"""Steps of free length: the length is part of the state, and one more control sets it.
+r"""Lengths of steps: found, as part of the state that one more control sets, or given.
 
 With h the step length in units of the mean one that was guessed, and a stage parameter e that is 1 in the
 first step of a phase and 0 elsewhere,
@@ -28,14 +28,17 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.switches import filled_lengths
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
+from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
 from mbocp.robot import Label
 
 _BEGINS_PHASE = "begins_phase"  # the stage parameter e
 _STEP_SHARE = "step_share"  # the parameter 1/N
+_STRETCH, _SPACING = "stretch", "spacing"  # given length, and way between middles, by the mean length
 
 
 @dataclass(frozen=True)
@@ -178,6 +181,39 @@ class StepLengths(Feature):
     def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
         """Lengths of the steps."""
         return replace(motion, dts=lengths_of_states(problem, at, xs))
+
+
+@dataclass(frozen=True)
+class UnequalLengths(Feature):
+    """Each step takes its own length, so that states hold none."""
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> UnequalLengths | None:
+        """Return it where a problem says so."""
+        return cls() if problem.timeline.has_unequal_lengths else None
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """Length, and time from the middle of the step before."""
+        return {_STRETCH: 1, _SPACING: 1}
+
+    @property
+    def stage_key(self) -> Mapping[str, Any]:
+        """That there are such parameters."""
+        return {"has_unequal_lengths": True}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Take the lengths as they are given."""
+        dt = at.given["dt"]
+        return replace(at, dt=at.given[_STRETCH] * dt, spacing=at.given[_SPACING] * dt)
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Lengths by the mean one."""
+        lengths = filled_lengths(problem, problem.timeline.lengths())
+        return {
+            _STRETCH: (lengths / problem.dt)[:, None],
+            _SPACING: (spacings(lengths) / problem.dt)[:, None],
+        }
 
 
 def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:

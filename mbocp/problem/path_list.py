@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TypeAlias
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem.contact_bounds import ContactBounds, contact_bounds
@@ -13,8 +12,6 @@ from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.terms import BoundedTerm, OwnPathConstraint, OwnTerm, frame_tolerances
-
-PathObject: TypeAlias = BoundedTerm
 
 
 def checked_terms(terms: Iterable[OwnTerm], robot: Robot) -> tuple[OwnTerm, ...]:
@@ -34,8 +31,8 @@ def checked_terms(terms: Iterable[OwnTerm], robot: Robot) -> tuple[OwnTerm, ...]
 
 
 def listed_path(
-    path: Sequence[PathObject], terms: Sequence[OwnTerm], goal: Goal, robot: Robot
-) -> tuple[PathObject, ...]:
+    path: Sequence[BoundedTerm], terms: Sequence[OwnTerm], goal: Goal, robot: Robot
+) -> tuple[BoundedTerm, ...]:
     """Return path constraints of frames and forces, then one's own, then the goal's tolerances."""
     frames = (constraint for constraint in path if isinstance(constraint, PathConstraint))
     asked = (contact for contact in path if isinstance(contact, ContactForce | ContactBounds))
@@ -44,8 +41,8 @@ def listed_path(
 
 
 def with_contacts(
-    path: Sequence[PathObject], robot: Robot, scheme: str, switches: SwitchTable | None
-) -> tuple[PathObject, ...]:
+    path: Sequence[BoundedTerm], robot: Robot, scheme: str, switches: SwitchTable | None
+) -> tuple[BoundedTerm, ...]:
     """Return path constraints whose bounds of forces know the rows of constraints that they bound."""
     asked = [one for one in path if isinstance(one, ContactForce | ContactBounds)]
     found = iter(contact_bounds(asked, robot, scheme, switches))
