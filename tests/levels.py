@@ -24,11 +24,13 @@ _PLACES = {
         damping explaining guesses holds mimic pairs phases solution strangers study cli/check cli/end
         cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
         formulation/memory formulation/moved_start formulation/operations formulation/sources
-        formulation/step_lengths formulation/steps formulation/turning problem/clear_goal
-        problem/default_cost problem/frame_goals problem/goal_sets problem/mesh_obstacles problem/via
-        programme/composed programme/keys programme/later receding/horizon solvers/equations
-        solvers/homotopy solvers/limits solvers/time_limit solvers/units terms/acceleration terms/contact
-        terms/distances terms/end_acceleration terms/hulls terms/kept view/replay
+        formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
+        problem/causes problem/clear_goal problem/default_cost problem/frame_goals problem/goal_sets
+        problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances problem/place_causes
+        problem/via programme/composed programme/keys programme/later receding/horizon robot/large_robots
+        solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
+        terms/acceleration terms/contact terms/distances terms/end_acceleration terms/hulls terms/kept
+        view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

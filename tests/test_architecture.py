@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -90,7 +91,7 @@ def imported(tree: ast.AST, for_types: bool = True) -> Iterator[tuple[int, str]]
 
 def layers_used(path: Path) -> Iterator[tuple[int, str]]:
     """Line and layer of each import of mbocp; of mbocp itself only `__version__` belongs to no layer."""
-    for line, name in imported(ast.parse(path.read_text())):
+    for line, name in imports_of(path):
         package, *rest = name.split(".")
         if package == "mbocp" and rest and rest[0] != "__version__":
             yield line, rest[0]
@@ -132,8 +133,12 @@ def test_no_circles_of_imports():
 
 
 def imported_modules(path: Path, modules: set[str], for_types: bool = True) -> set[str]:
-    names = imported(ast.parse(path.read_text()), for_types)
-    return {found for _, name in names for found in within(name, modules)}
+    return {found for _, name in imports_of(path, for_types) for found in within(name, modules)}
+
+
+@cache
+def imports_of(path: Path, for_types: bool = True) -> tuple[tuple[int, str], ...]:
+    return tuple(imported(ast.parse(path.read_text()), for_types))
 
 
 def within(name: str, modules: set[str]) -> Iterator[str]:
