@@ -28,6 +28,8 @@ from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Status
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 SWING = {
     "robot": {"name": "double_pendulum", "damping": False},
     "coordinates": "natural",

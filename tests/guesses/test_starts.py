@@ -23,6 +23,8 @@ from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import Strategy
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 
 
