@@ -8,16 +8,15 @@ the same is solved again from where it is. Other ways, where one comes to nothin
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.guesses.around import around, has_no_way, near_the_way
-from mbocp.job import Attempt, Job
+from mbocp.guesses.attempts import attempt
+from mbocp.job import Attempt, Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.obstacles.reserves import (
@@ -26,111 +25,89 @@ from mbocp.problem.obstacles.reserves import (
     with_room,
     with_rows_and_room,
 )
+from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
-from mbocp.solution.rest import Rest
 from mbocp.solvers import Phase, Status
-from mbocp.solvers.strategies.patience import Patience
 
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
 _NO_WAY = "a search has found no way around the obstacles: there may be none"
-_STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)
 _WITH_WAYS = ("auto", "way")  # guesses beside which there are others
 _METHODS = ("auto", "monolithic")  # those that can end there
 
 
-def solve_clear(job: Job) -> Solution:
-    """Solve a problem, so that the motion touches nothing, if that can be had.
+@dataclass(frozen=True)
+class ClearOfObstacles:
+    """Solve from one guess, so that the motion touches nothing, if that can be had."""
 
-    Where a warm start leads to no solution soon, the problem's own guess comes next.
+    def run(self, job: Job) -> Solution:
+        """Solve with the rows and the room that the motion asks for."""
+        near, before = _near(job), list[Attempt]()
+        if job.start is None and job.problem.solver.starts == 1 and _may_be_rough(near.problem):
+            near = _find_rows(near, before)
+        if before and before[-1].is_converged:
+            near = replace(near, start=before[-1].carried)
+        found = attempt(near)
+        is_over = found.is_converged or job.patience.is_over
+        if before and near.start is not None and not is_over:
+            before.append(found)
+            found = attempt(replace(near, start=None))
+        solution = _count(before, job.read(found))
+        return _Clearing(job, near.problem, found, _with_room_told(solution, near.problem)).run()
+
+
+@dataclass(frozen=True)
+class OtherWays:
+    """Solve; where that comes to nothing, try other ways around obstacles, side by side.
+
+    Attributes
+    ----------
+    once : Strategy
+        For each way.
     """
-    solution = _solve_in_turn(job)
-    if solution.is_stationary or not job.patience.words:
-        return solution
-    status = job.patience.status_of(solution.status)
-    return retold(solution, status=status, advice=f"{solution.advice}; {job.patience.words}")
+
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve on the problem's own way, or on the first other one that leads to a solution."""
+        solution = self.once.run(job)
+        if solution.converged or solution.status.is_stopped or job.patience.is_over:
+            return solution
+        if has_no_way(job.problem):
+            return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
+        return self._try_others(job, solution) if _may_be_on_the_wrong_side(job.problem) else solution
+
+    def _try_others(self, job: Job, known: Solution) -> Solution:
+        """Return the solution on the first other way that leads to one, or the known one."""
+        problem = job.problem
+        begun, threads = time.perf_counter(), problem.solver.num_threads
+        has_ours = problem.guess.kind == "way" and around(problem) is not None  # None: the line is clear
+        seeds = range(0 if has_ours else 1, 1 + _OTHER_WAYS)
+        solver = replace(problem.solver, threads=threads // len(seeds) or 1)
+
+        def work(place: int, watch: Watch) -> Solution | None:
+            other = _on_way(problem, seeds[place], solver)
+            if other is None or job.is_late or job.patience.is_over:
+                return None
+            return self.once.run(replace(job, problem=other, callback=watch))
+
+        row = SideBySide(work, len(seeds), job.callback, ends=_ends_search, is_interrupted=_is_interrupted)
+        tried = [found for found in row.run(threads).values() if found is not None]
+        spent = time.perf_counter() - begun
+        for number, again in enumerate(tried, start=2):
+            if again.converged:
+                before = retold(known, wall_time_s=known.wall_time_s + spent - again.wall_time_s)
+                words = f"way {number} around obstacles, inverse dynamics"
+                return retold(_follow(before, again, "other ways"), guess_used=words)
+        return retold(known, wall_time_s=known.wall_time_s + spent)
 
 
-def _solve_in_turn(job: Job) -> Solution:
-    """From the warm start, briefly; from the problem's guess; from the warm start, at length."""
-    if job.start is None:
-        return _from_guess(job)
-    if not _has_a_guess_left(job.problem):
-        return _solved(job, job.problem, job.start)
-    solution = _solved(job, job.problem, job.start, is_brief=True)
-    if _is_final(solution, job.patience):
-        return solution
-    again = _from_guess(job)
-    if not _is_final(again, job.patience):
-        again = _later(again, _solved(job, job.problem, job.start), "from the guess")
-    return _later(solution, again, "from the warm start")
-
-
-def _is_final(solution: Solution, patience: Patience) -> bool:
-    """Whether nothing else is to be tried after a solution."""
-    return solution.is_stationary or solution.status in _STOPPED or patience.is_over
-
-
-def _has_a_guess_left(problem: Problem) -> bool:
-    """Whether a problem may be solved from its own guess, too, after a warm start."""
-    solver = problem.solver
-    return solver.starts == 1 and not problem.goals and solver.max_iterations is None
-
-
-def _later(first: Solution, second: Solution, name: str) -> Solution:
-    """The better of two solutions, with what both took and how the first ended."""
-    is_first = not second.is_stationary and first.residual < second.residual
-    better, other = (first, second) if is_first else (second, first)
-    taken, spent = other.iterations, other.wall_time_s
-    words = f"; {name}: {first.status} after {first.iterations} iterations"
-    return retold(
-        better,
-        advice=better.advice + ("" if is_first else words),
-        iterations=better.iterations + taken,
-        phases=(Phase(name, taken, spent), *better.phases),
-        history=(*first.history, *second.history),
-        wall_time_s=better.wall_time_s + spent,
-    )
-
-
-def _from_guess(job: Job) -> Solution:
-    """Solution from the problem's own guess; if that leads to none, from other ways around obstacles."""
-    solution = _solved(job, job.problem, None)
-    if solution.converged or solution.status in _STOPPED or job.patience.is_over:
-        return solution
-    if has_no_way(job.problem):
-        return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
-    return _by_other_ways(job, solution) if _may_be_on_the_wrong_side(job.problem) else solution
-
-
-def _by_other_ways(job: Job, known: Solution) -> Solution:
-    """Solution on the first other way that leads to one, or the known one; ways side by side."""
-    problem = job.problem
-    has_ours = problem.guess.kind == "way" and around(problem) is not None  # None: the line is clear
-    seeds = range(0 if has_ours else 1, 1 + _OTHER_WAYS)
-
-    def work(place: int, watch: Watch) -> Solution | None:
-        other = _on_way(problem, seeds[place], replace(problem.solver, threads=threads // len(seeds) or 1))
-        if other is None or job.is_late or job.patience.is_over:
-            return None
-        return _solved(replace(job, callback=watch), other, None)
-
-    def ends(found: Solution | None) -> bool:
-        return found is None or found.converged or found.status in _STOPPED
-
-    begun, threads = time.perf_counter(), problem.solver.num_threads
-    row = SideBySide(work, len(seeds), job.callback, ends=ends, is_interrupted=_is_interrupted)
-    tried = [found for found in row.run(threads).values() if found is not None]
-    spent = time.perf_counter() - begun
-    for number, again in enumerate(tried, start=2):
-        if again.converged:
-            before = retold(known, wall_time_s=known.wall_time_s + spent - again.wall_time_s)
-            words = f"way {number} around obstacles, inverse dynamics"
-            return _found_from(before, again, "other ways", guess_used=words)
-    return retold(known, wall_time_s=known.wall_time_s + spent)
+def _ends_search(found: Solution | None) -> bool:
+    """Whether no way after this one is asked for."""
+    return found is None or found.converged or found.status.is_stopped
 
 
 def _is_interrupted(found: Solution | None) -> bool:
@@ -139,8 +116,8 @@ def _is_interrupted(found: Solution | None) -> bool:
 
 def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     """Whether a solve that has come to nothing may come to something on another way."""
-    has_ways = problem.clearance is not None and not problem.goals and problem.guess.kind in _WITH_WAYS
-    return has_ways and problem.solver.starts == 1 and problem.solver.max_iterations is None
+    solver = problem.solver
+    return problem.guess.kind in _WITH_WAYS and solver.starts == 1 and solver.max_iterations is None
 
 
 def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | None:
@@ -152,31 +129,16 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
     return replace(problem, guess=Guess(kind="way", q=corners), solver=solver)
 
 
-def _solved(job: Job, problem: Problem, start: Solution | Rest | None, *, is_brief: bool = False) -> Solution:
-    """Solution from one guess, with the rows and the room that it asks for."""
-    attempt = partial(job.attempt, is_brief=is_brief)
-    near = _near(problem, start)
-    before: list[Attempt] = []
-    if start is None and near.solver.starts == 1 and _may_be_rough(near):
-        near = _roughly(job, near, before)
-    begin = before[-1].carried if before and before[-1].is_converged else start
-    found = attempt(near, begin)
-    if before and begin is not None and not (found.is_converged or job.patience.is_over):
-        before.append(found)
-        found = attempt(near, None)
-    solution = _after(before, job.read(found))
-    return solution if problem.goals else _cleared(job, near, solution, found, attempt)
-
-
-def _near(problem: Problem, warm_start: Solution | Rest | None) -> Problem:
-    """The problem with the rows and the room of a warm start, or with rows for what comes near its way."""
-    if warm_start is None:
-        return near_the_way(problem)
-    carried, clearance = warm_start.iterate, problem.clearance
+def _near(job: Job) -> Job:
+    """The job with the rows and the room of its warm start, or with rows for what comes near its way."""
+    problem, start = job.problem, job.start
+    if start is None or isinstance(start, Carried):
+        return replace(job, problem=near_the_way(problem))
+    carried, clearance = start.iterate, problem.clearance
     is_known = carried is not None and clearance is not None and carried.room.size == clearance.num_pairs
-    if carried is None or not is_known or problem.goals:
-        return near_the_way(problem, warm_start.qs)
-    return with_room(problem, carried.room, warm_start.qs)
+    if carried is None or not is_known:
+        return replace(job, problem=near_the_way(problem, start.qs))
+    return replace(job, problem=with_room(problem, carried.room, start.qs))
 
 
 def _may_be_rough(near: Problem) -> bool:
@@ -186,25 +148,25 @@ def _may_be_rough(near: Problem) -> bool:
     return rows is not None and rows.chosen is not None and is_left_to_us and solver.max_iterations is None
 
 
-def _roughly(job: Job, near: Problem, before: list[Attempt]) -> Problem:
-    """The problem with the rows that rough solutions ask for; these are added to `before`.
+def _find_rows(near: Job, before: list[Attempt]) -> Job:
+    """The job with the rows that rough solutions ask for; these are added to `before`.
 
     Each begins at the guess: what is deep in something has come there on a way that is no good any more.
     """
     for _ in range(_ROUNDS):
-        before.append(job.attempt(near, None, _ROUGH))
-        if not before[-1].is_converged or job.is_late:
+        before.append(attempt(replace(near, rough=_ROUGH)))
+        if not before[-1].is_converged or near.is_late:
             break
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
-        missing = missing_pairs(near, motion.qs)
-        rows = rows_of(near)
+        missing = missing_pairs(near.problem, motion.qs)
+        rows = rows_of(near.problem)
         if not missing or rows is None or rows.chosen is None:
-            return with_first_reserve(near, motion.qs)
-        near = with_pairs(near, {*rows.chosen, *missing})
+            return replace(near, problem=with_first_reserve(near.problem, motion.qs))
+        near = replace(near, problem=with_pairs(near.problem, {*rows.chosen, *missing}))
     return near
 
 
-def _after(before: list[Attempt], solution: Solution) -> Solution:
+def _count(before: list[Attempt], solution: Solution) -> Solution:
     """A solution that counts what came before."""
     if not before:
         return solution
@@ -219,54 +181,79 @@ def _after(before: list[Attempt], solution: Solution) -> Solution:
     )
 
 
-def _cleared(
-    job: Job, near: Problem, solution: Solution, found: Attempt, attempt: Callable[..., Attempt]
-) -> Solution:
-    """The solution, or one with rows and room at the nodes for what it touches, there or between them."""
-    solution = retold(solution, advice=solution.advice + _of_room(near))
-    for _ in range(_ROUNDS):
-        if not solution.is_stationary or job.is_late:
-            break
-        lacks, touching = 0.0, ""
-        if is_there(solution, "clearance"):  # else nothing is nearer than it may be
-            lacks = -solution.clearance if solution.clearance < -BOUND_TOLERANCE else 0.0
-            touching = solution.clearance_between
-        wider = with_rows_and_room(near, solution.t, solution.qs, lacks, touching)
+@dataclass(eq=False)
+class _Clearing:
+    """Solves again, with rows and room at the nodes for what the motion touches, there or between them.
+
+    Attributes
+    ----------
+    job : Job
+    near : Problem
+        With the rows and the room that it has by now.
+    found : Attempt
+        The last one that counts.
+    solution : Solution
+        Of that.
+    """
+
+    job: Job
+    near: Problem
+    found: Attempt
+    solution: Solution
+
+    def run(self) -> Solution:
+        """Return a solution that touches nothing, or the last one before that could not be had."""
+        for _ in range(_ROUNDS):
+            if not self.solution.is_stationary or self.job.is_late or not self._improve():
+                break
+        return self.solution
+
+    def _improve(self) -> bool:
+        """Solve with more rows or more room; return whether that was asked for, and a gain."""
+        lacks, touching = self._lacking()
+        wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, lacks, touching)
         if wider is None:
-            break
+            return False
         larger, has_more_rows = wider
         is_deep = has_more_rows and lacks > _DEEP
-        tried = attempt(larger, None if is_deep else found.carried)
-        again = job.read(tried)
-        is_lost = has_more_rows and not again.is_stationary
-        if is_lost and not is_deep:  # from the guess, with all that is known
-            tried = attempt(larger, None)
-            again = job.read(tried)
-        if not has_more_rows and not (again.is_stationary and again.clearance > solution.clearance):
-            break
-        near, found, name = larger, tried, "fewer rows" if has_more_rows else "smaller margins"
-        solution = _found_from(solution, again, name, _of_room(near))
-    return solution
+        tried, again = self._solve(larger, None if is_deep else self.found.carried)
+        if has_more_rows and not again.is_stationary and not is_deep:
+            tried, again = self._solve(larger, None)  # from the guess, with all that is known
+        if not has_more_rows and not (again.is_stationary and again.clearance > self.solution.clearance):
+            return False
+        self.near, self.found = larger, tried
+        again = _follow(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
+        self.solution = _with_room_told(again, larger)
+        return True
+
+    def _lacking(self) -> tuple[float, str]:
+        """How deep the solution is in something [m], and in what."""
+        if not is_there(self.solution, "clearance"):  # then nothing is nearer than it may be
+            return 0.0, ""
+        clearance = self.solution.clearance
+        return (-clearance if clearance < -BOUND_TOLERANCE else 0.0), self.solution.clearance_between
+
+    def _solve(self, problem: Problem, start: Warm) -> tuple[Attempt, Solution]:
+        tried = attempt(replace(self.job, problem=problem, start=start))
+        return tried, self.job.read(tried)
 
 
-def _found_from(
-    before: Solution, again: Solution, name: str, words: str = "", guess_used: str | None = None
-) -> Solution:
+def _follow(before: Solution, again: Solution, name: str) -> Solution:
     """A solution that was found after another; what both took."""
     spent = before.wall_time_s
     return retold(
         again,
-        advice=again.advice + words,
-        guess_used=before.guess_used if guess_used is None else guess_used,
+        guess_used=before.guess_used,
         starts=before.starts,
         phases=(Phase(name, 0, spent), *again.phases),
         wall_time_s=spent + again.wall_time_s,
     )
 
 
-def _of_room(problem: Problem) -> str:
-    """What is said of room beyond the margins."""
+def _with_room_told(solution: Solution, problem: Problem) -> Solution:
+    """The solution; its advice says how much room there is beyond the margins."""
     raised = 1e3 * largest_reserve(problem)
-    return (
-        f"; margins at nodes were raised by {raised:.3g} mm in all to be clear between them" if raised else ""
-    )
+    if not raised:
+        return solution
+    words = f"margins at nodes were raised by {raised:.3g} mm in all to be clear between them"
+    return retold(solution, advice=f"{solution.advice}; {words}")

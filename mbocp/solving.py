@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from mbocp.accuracy.of_solution import follows_fast, with_accuracy
-from mbocp.clearing import solve_clear
 from mbocp.exceptions import NotConverged
-from mbocp.job import Callback, Job
+from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
-from mbocp.solution.rest import Rest
+from mbocp.solvers.records import Callback
+from mbocp.strategies import strategy_for
 
 
 def solve(
@@ -75,21 +75,12 @@ def solve(
     if solver is not None:
         problem = problem.with_(solver=replace(problem.solver, method=solver))
     accuracy = follows_fast(problem) if accuracy is None else accuracy
-    has_gains = gains or accuracy
-    job = Job.of(problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=has_gains)
-    solution = solve_clear(job) if problem.accuracy is None else _refine(job)
+    job = Job.of(
+        problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=gains or accuracy
+    )
+    solution = strategy_for(job).run(job)
     if accuracy and problem.accuracy is None:
         solution = with_accuracy(problem, solution, job.deadline)
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution
-
-
-def _refine(job: Job) -> Solution:
-    """Solve with one number of steps after another, until the accuracy of the problem is reached."""
-    from mbocp.accuracy.refining import refined
-
-    def work(problem: Problem, start: Solution | Rest | None) -> Solution:
-        return solve_clear(job.with_steps_of(problem, start))
-
-    return refined(job.problem, job.start, work, job.deadline)

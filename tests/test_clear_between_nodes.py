@@ -152,14 +152,14 @@ def test_other_ways_are_tried_where_the_first_comes_to_nothing(around_a_post, mo
             seeds.append(seed)
         return way if seed else None
 
-    def touching(job, near, *arguments):
-        found = solved(job, near, *arguments)
-        is_first = near.guess.q is None
+    def touching(self, job):
+        found = solved(self, job)
+        is_first = job.problem.guess.q is None
         return replace(found, status=Status.UNDER_RESOLVED) if is_first else found
 
-    solved = clearing._solved
+    solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
-    monkeypatch.setattr("mbocp.clearing._solved", touching)
+    monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", touching)
     solution = mbocp.solve(problem)
     assert seeds == [1]
     assert solution.converged
@@ -178,17 +178,18 @@ def test_the_first_way_that_leads_somewhere_is_taken_whoever_ends_first(good, ar
         bump = np.array([0.1 * seed, 0.0, 0.0])
         return None if not seed else lambda q, s: line(q, s) + np.sin(np.pi * s)[:, None] * bump
 
-    def touching(job, near, *arguments):
+    def touching(self, job):
+        near = job.problem
         given, middle = near.guess.q, straight(near)(near.q_start, np.array([30 / 59]))[0]
         seed = 0 if given is None else round(10.0 * float(given[29][0] - middle[0]))
         if seed == good:
             sleep(0.05)
-        found = solved(job, near, *arguments)
+        found = solved(self, job)
         return found if seed >= good else replace(found, status=Status.UNDER_RESOLVED)
 
-    solved = clearing._solved
+    solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
-    monkeypatch.setattr("mbocp.clearing._solved", touching)
+    monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", touching)
     alone, *others = (
         mbocp.solve(around_a_post(30).with_(solver={"method": "monolithic", "threads": n})) for n in (1, 2, 3)
     )
@@ -207,14 +208,14 @@ def test_other_ways_are_tried_where_a_given_one_comes_to_nothing(around_a_post, 
         seeds.append(seed)
         return around(problem, seed)
 
-    def touching(job, near, *arguments):
-        found = solved(job, near, *arguments)
-        is_given = len(near.guess.q) == len(middle)
+    def touching(self, job):
+        found = solved(self, job)
+        is_given = len(job.problem.guess.q) == len(middle)
         return replace(found, status=Status.UNDER_RESOLVED) if is_given else found
 
-    solved = clearing._solved
+    solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
-    monkeypatch.setattr("mbocp.clearing._solved", touching)
+    monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", touching)
     solution = mbocp.solve(given)
     assert set(seeds) == {0}
     assert solution.converged

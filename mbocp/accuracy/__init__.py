@@ -9,8 +9,7 @@ from mbocp._exports import names_of
 if TYPE_CHECKING:
     from mbocp.accuracy.errors import accuracy_of
     from mbocp.accuracy.of_solution import follows_fast, with_accuracy
-    from mbocp.accuracy.refining import refined
 
-__all__ = ["accuracy_of", "follows_fast", "refined", "with_accuracy"]
+__all__ = ["accuracy_of", "follows_fast", "with_accuracy"]
 
 __getattr__ = names_of(__name__, __file__)

@@ -11,126 +11,148 @@ compiled.
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable
-from dataclasses import replace
-from typing import TypeAlias
+from dataclasses import dataclass, field, replace
 
 from mbocp.accuracy.meshes import MOST_STEPS, Mesh, first_mesh
 from mbocp.accuracy.of_solution import with_accuracy
 from mbocp.accuracy.rounds import Round, asked_of, is_rough
-from mbocp.accuracy.trimming import trimmed
-from mbocp.problem import Problem
+from mbocp.accuracy.trimming import trim
+from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
-from mbocp.solution.rest import Rest
 from mbocp.solvers import Status
-
-Work: TypeAlias = Callable[[Problem, Solution | Rest | None], Solution]
 
 _ROUNDS = 8
 _MORE = 4  # times as many steps where the first do not lead to a motion
 _CHECKS, _CHECKS_ROUGH = 1, 2  # solves with fewer steps, by which orders are seen
 
 
-def refined(
-    problem: Problem, warm_start: Solution | Rest | None, work: Work, deadline: float = math.inf
-) -> Solution:
-    """Solution with as many steps as the accuracy of a problem asks for.
+@dataclass(frozen=True)
+class Refining:
+    """Solve with as many steps as the accuracy of a problem asks for.
 
-    Parameters
+    Attributes
     ----------
-    problem : Problem
-        With `accuracy`.
-    warm_start : Solution or Rest, optional
-    work : callable
-        Solves a problem, from a solution or from the problem's guess.
-    deadline : float
-        Time of `time.perf_counter` after which no round begins.
+    once : Strategy
+        For each number of steps.
+    """
 
-    Returns
-    -------
-    Solution
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve with one number of steps after another.
+
         `Solution.accuracy` has what was asked for and what was reached. Where it was not reached within the
         rounds, the time or the most steps, the status is `under_resolved`.
+        """
+        begun, search = time.perf_counter(), _Search(job, self.once)
+        search.run()
+        if not search.rounds and search.failed is not None:
+            return search.failed
+        solution = search.solution()
+        more, spent = search.taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
+        phases = (Phase("coarser steps", more, spent), *solution.phases)
+        wall_time_s = solution.wall_time_s + spent
+        return retold(solution, iterations=search.taken, phases=phases, wall_time_s=wall_time_s)
+
+
+@dataclass(eq=False)
+class _Search:
+    """Rounds of solves, coarse to fine.
+
+    Attributes
+    ----------
+    job : Job
+        Of the problem with its accuracy.
+    once : Strategy
+    taken : int
+        Iterations of all solves.
+    rounds : list of Round
+        Those whose steps lead to a motion.
+    failed : Solution, optional
+        What ended the search, or came to nothing last.
     """
-    begun, rounds, failed, taken = time.perf_counter(), list[Round](), None, 0
-    mesh, before = first_mesh(problem), warm_start
-    for _ in range(_ROUNDS):
-        pair = _pair(problem, mesh, before, work)
-        taken += sum(solution.iterations for solution in pair)
-        if pair[-1].is_stationary:
-            found = Round.of(problem, mesh.halved().of(problem), pair, deadline=deadline)
-            checks = _coarser(problem, mesh, found.solution, work) if found.is_enough else []
-            taken += sum(solution.iterations for solution in checks)
-            rounds.append(found.seen_with(checks, rounds[-1] if rounds else None))
-            if rounds[-1].is_enough:
-                rounds[-1], more = trimmed(rounds[-1], mesh, work, deadline)
-                taken += more
+
+    job: Job
+    once: Strategy
+    taken: int = 0
+    rounds: list[Round] = field(default_factory=list)
+    failed: Solution | None = None
+
+    def run(self) -> None:
+        """Go from round to round, until one is enough or there are no more."""
+        mesh, start = first_mesh(self.job.problem), self.job.start
+        for _ in range(_ROUNDS):
+            pair = self._pair(mesh, start)
+            following = self._judge(mesh, pair) if pair[-1].is_stationary else self._widen(mesh, pair[-1])
+            if following is None:
                 break
-            if checks and checks[-1].status in (Status.INTERRUPTED, Status.TIME_LIMIT):
-                failed = checks[-1]
+            mesh, start = following
+            if 2 * mesh.num_steps > MOST_STEPS or self.job.is_late:
                 break
-            mesh, before = rounds[-1].next_mesh(mesh), found.solution
-        else:
-            failed = pair[-1]
-            if rounds or failed.status in (Status.INTERRUPTED, Status.TIME_LIMIT):
+
+    def solution(self) -> Solution:
+        """Return the last solution with what is known of it."""
+        last, asked = self.rounds[-1], asked_of(self.job.problem)
+        solution = with_accuracy(last.solved, last.solution, self.job.deadline)
+        accuracy = replace(
+            solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(self.rounds)
+        )
+        solution = retold(solution, accuracy=accuracy, guess_used=self.rounds[0].guess_used)
+        if last.is_enough:
+            return solution
+        status, why = Status.UNDER_RESOLVED, "there are no more rounds, steps or time"
+        if self.failed is not None:
+            why = f"with finer ones: {self.failed.advice}"
+            status = self.failed.status if self.failed.status is Status.INTERRUPTED else status
+        words = (
+            f"horizon.accuracy = {asked:g} is not reached: with {solution.num_steps} steps one is wrong by "
+            f"{last.errors.largest.max():.2g} at most, the cost by {last.cost_error:.2g} of it; {why}"
+        )
+        return retold(solution, status=status, advice=f"{words}; {solution.advice}")
+
+    def _solve(self, mesh: Mesh, start: Warm) -> Solution:
+        found = self.once.run(self.job.with_steps_of(mesh.of(self.job.problem), start))
+        self.taken += found.iterations
+        return found
+
+    def _pair(self, mesh: Mesh, start: Warm) -> list[Solution]:
+        """Solve with steps and with their halves; the first alone if it fails."""
+        pair = [self._solve(mesh, start)]
+        if pair[0].is_stationary:
+            pair.append(self._solve(mesh.halved(), pair[0]))
+        return pair
+
+    def _judge(self, mesh: Mesh, pair: list[Solution]) -> tuple[Mesh, Warm] | None:
+        """Add a round; return the steps of the next one and where it begins, or None where it is the last."""
+        problem, deadline = self.job.problem, self.job.deadline
+        found = Round.of(problem, mesh.halved().of(problem), pair, deadline=deadline)
+        checks = self._coarser(mesh, found.solution) if found.is_enough else []
+        last = found.seen_with(checks, self.rounds[-1] if self.rounds else None)
+        if last.is_enough:
+            last = trim(last, mesh, self._solve, deadline)
+        self.rounds.append(last)
+        if last.is_enough:
+            return None
+        if checks and checks[-1].status.is_stopped:
+            self.failed = checks[-1]
+            return None
+        return last.next_mesh(mesh), found.solution
+
+    def _widen(self, mesh: Mesh, failed: Solution) -> tuple[Mesh, Warm] | None:
+        """More steps from the guess, where the first do not lead to a motion; None: it is over."""
+        self.failed = failed
+        if self.rounds or failed.status.is_stopped:
+            return None
+        return mesh.even(_MORE), None
+
+    def _coarser(self, mesh: Mesh, fine: Solution) -> list[Solution]:
+        """Solutions with fewer steps, by which orders are seen, fine to coarse."""
+        found = list[Solution]()
+        for _ in range(_CHECKS_ROUGH if is_rough(self.job.problem) else _CHECKS):
+            mesh = mesh.coarser()
+            found.append(self._solve(mesh, fine))
+            if not found[-1].is_stationary:
                 break
-            mesh, before = mesh.even(_MORE), None
-        if 2 * mesh.num_steps > MOST_STEPS or time.perf_counter() > deadline:
-            break
-    if not rounds and failed is not None:
-        return failed
-    solution = _told(problem, rounds, failed, deadline)
-    more, spent = taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
-    phases = (Phase("coarser steps", more, spent), *solution.phases)
-    wall_time_s = solution.wall_time_s + spent
-    return retold(solution, iterations=taken, phases=phases, wall_time_s=wall_time_s)
-
-
-def _coarser(problem: Problem, mesh: Mesh, fine: Solution, work: Work) -> list[Solution]:
-    """Solutions with fewer steps, by which orders are seen, fine to coarse."""
-    found = list[Solution]()
-    for _ in range(_CHECKS_ROUGH if is_rough(problem) else _CHECKS):
-        mesh = mesh.coarser()
-        found.append(work(mesh.of(problem), fine))
-        if not found[-1].is_stationary:
-            break
-    return found
-
-
-def _pair(problem: Problem, mesh: Mesh, before: Solution | Rest | None, work: Work) -> list[Solution]:
-    """Solutions with steps and with their halves; the first alone if it fails."""
-    pair: list[Solution] = []
-    for steps in (mesh, mesh.halved()):
-        stepped = steps.of(problem)
-        found = work(stepped, before)
-        pair.append(found)
-        before = found
-        if not found.is_stationary:
-            break
-    return pair
-
-
-def _told(problem: Problem, rounds: list[Round], failed: Solution | None, deadline: float) -> Solution:
-    """The last solution with what is known of it."""
-    last, asked = rounds[-1], asked_of(problem)
-    solution = with_accuracy(last.solved, last.solution, deadline)
-    accuracy = replace(solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(rounds))
-    solution = retold(solution, accuracy=accuracy, guess_used=rounds[0].guess_used)
-    if last.is_enough:
-        return solution
-    why = (
-        f"with finer ones: {failed.advice}"
-        if failed is not None
-        else "there are no more rounds, steps or time"
-    )
-    status = (
-        failed.status if failed is not None and failed.status is Status.INTERRUPTED else Status.UNDER_RESOLVED
-    )
-    words = (
-        f"horizon.accuracy = {asked:g} is not reached: with {solution.num_steps} steps one is wrong by "
-        f"{last.errors.largest.max():.2g} at most, the cost by {last.cost_error:.2g} of it; {why}"
-    )
-    return retold(solution, status=status, advice=f"{words}; {solution.advice}")
+        return found

@@ -18,11 +18,10 @@ import numpy as np
 
 from mbocp.accuracy.meshes import Mesh
 from mbocp.accuracy.rounds import Round, asked_of, step_errors_of
-from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solvers.strategies.cost_unit import is_no_cost
 
-_Work: TypeAlias = Callable[[Problem, Solution | None], Solution]
+_Solve: TypeAlias = Callable[[Mesh, Solution], Solution]
 
 _TRIES = 3
 _AIM_STEP, _AIM_COST = 0.9, 0.99  # of what is asked
@@ -30,8 +29,8 @@ _WORTH, _WORTH_MORE = 0.99, 0.95  # of the steps: fewer, or the first solve and 
 _MOST_CHANGE = 2.0  # of what is aimed at, from one try to the next
 
 
-def trimmed(found: Round, mesh: Mesh, work: _Work, deadline: float) -> tuple[Round, int]:
-    """A round that has what was asked for with fewer steps, or the same; and the iterations that took.
+def trim(found: Round, mesh: Mesh, solve: _Solve, deadline: float) -> Round:
+    """Look for fewer steps that have what was asked for, too; return their round, or the one that is known.
 
     Parameters
     ----------
@@ -39,12 +38,12 @@ def trimmed(found: Round, mesh: Mesh, work: _Work, deadline: float) -> tuple[Rou
         With what was asked for.
     mesh : Mesh
         Its coarser steps.
-    work : callable
-        Solves a problem, from a solution.
+    solve : callable
+        Solves with other steps, from a solution.
     deadline : float
         Time of `time.perf_counter` after which no solve begins.
     """
-    asked, best, taken, worth = asked_of(found.problem), found, 0, _WORTH
+    asked, best, worth = asked_of(found.problem), found, _WORTH
     most, before = _most(found), None
     step, cost = _AIM_STEP * asked, _AIM_COST * most
     for _ in range(_TRIES):
@@ -52,17 +51,16 @@ def trimmed(found: Round, mesh: Mesh, work: _Work, deadline: float) -> tuple[Rou
         is_late = time.perf_counter() > deadline
         if is_late or fewer == before or fewer.num_steps > worth * len(best.solution.us):
             break
-        solution = work(fewer.of(found.problem), best.solution)
-        taken += solution.iterations
+        solution = solve(fewer, best.solution)
         if not solution.is_stationary:
             break
-        one, before = _judged(found, fewer, solution, deadline), fewer
+        one, before = _judge(found, fewer, solution, deadline), fewer
         if one.is_enough:
             best, worth = one, _WORTH_MORE
         away, local = abs(solution.cost - found.limit.value), float(one.errors.largest.max())
-        cost *= _corrected(_AIM_COST * most, away)
-        step *= _corrected(_AIM_STEP * asked, local)
-    return best, taken
+        cost *= _correct(_AIM_COST * most, away)
+        step *= _correct(_AIM_STEP * asked, local)
+    return best
 
 
 def _most(found: Round) -> float:
@@ -71,7 +69,7 @@ def _most(found: Round) -> float:
     return math.inf if is_no_cost(cost) else asked_of(found.problem) * abs(cost) - found.limit.unsure
 
 
-def _judged(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Round:
+def _judge(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Round:
     """A solution with other steps, its cost against what those of the round tend to."""
     solved = mesh.of(found.problem)
     return replace(
@@ -84,7 +82,7 @@ def _judged(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Ro
     )
 
 
-def _corrected(aim: float, came_to: float) -> float:
+def _correct(aim: float, came_to: float) -> float:
     """Factor for what is aimed at next, where the last aim came to something else."""
     ratio = aim / came_to if came_to > 0.0 else _MOST_CHANGE
     return float(np.clip(ratio, 1.0 / _MOST_CHANGE, _MOST_CHANGE))

@@ -9,6 +9,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
+from mbocp.solvers.reachability import dependent_end_rows
 
 
 def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
@@ -39,6 +40,29 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     from mbocp.formulation.fewer_ends import without_end_rows
 
     return without_end_rows(found, without, deadline=deadline)
+
+
+def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[Formulation, str]:
+    """Formulate a problem without end conditions that the dynamics meet by themselves, and name these.
+
+    Raises
+    ------
+    MbocpError
+        As `formulate` does.
+    """
+    whole = formulate(problem, deadline=deadline)
+    if not whole.end_rows_may_depend or problem.goal.redundant == "keep":
+        return whole, ""
+    projections = whole.end_rows.of_joints
+    dependent = dependent_end_rows(whole.programme, projections)
+    rows = tuple(row for row in dependent if row < len(projections))  # conditions of one's own stay
+    if not rows:
+        return whole, ""
+    from mbocp.formulation.fewer_ends import without_end_rows
+
+    names = ", ".join(whole.programme.describe_row(-1, row) for row in rows)
+    fewer = without_end_rows(whole, rows, deadline=deadline)
+    return fewer, f"; left out, since the dynamics imply it: {names}"
 
 
 def _formulate(problem: Problem, deadline: float) -> Formulation:

@@ -9,10 +9,7 @@ converges in a few iterations is left as it is.
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,6 +18,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.screening import Screening, can_screen
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.deadline import deadline_after, time_until
 from mbocp.solvers.strategies.phases import how_it_ended
 
 GIVEN_SOLUTIONS = ("warm start", "solution")  # guesses with a minimum of their own, which is wanted
@@ -29,7 +27,6 @@ _SHARES_OF_FURTHER = (1e-3,)  # so small that other guesses lead to other optima
 _FEW = 15  # iterations: what takes no more has been near its minimum from the start
 _MOST = 60  # iterations with one weight; where more are needed, there is nothing to follow
 _ROUGH = 1e-5  # tolerance on the way: its points are where the next weight begins
-_FINAL = (Status.INTERRUPTED, Status.TIME_LIMIT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,83 +69,123 @@ def better_of_eased(
         limited, the programme cannot be eased, or the solve was easy. Where neither end is resolved by the
         steps, the advice names a weight whose optimum is, if one of those on the way has been.
     """
-    is_left_to_us = settings.options.method == "auto" and settings.options.max_iterations is None
     easing = formulation.programme.easing
-    if easing is None or not is_left_to_us or plain.result.status in _FINAL:
+    if easing is None or not _may_ease(formulation, settings, plain):
         return plain
-    if plain.iterations <= _FEW and status_of(formulation, plain) is Status.CONVERGED:
-        return plain
-    deadline = math.inf if settings.time_limit is None else time.perf_counter() + settings.time_limit
-    runs: list[_Run] = []
-    best, trials, is_interrupted = plain, None, False
+    descent = _Descent(formulation, settings, start, plain, easing, number)
     try:
-        after = replace(start, first=start.first + plain.iterations)
-        _follow(runs, _SHARES_OF_FURTHER if number else _SHARES, settings, after, easing)
-        best = _chosen(formulation, plain, runs)
-        if can_screen(formulation) and not (runs and runs[-1].outcome.result.status in _FINAL):
-            after = replace(after, first=after.first + sum(run.outcome.iterations for run in runs))
-            left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
-            trials = Screening(formulation, replace(settings, time_limit=left), after, number)
-            best = _told(trials.best(best), best, plain)
+        descent.fade()
+        descent.screen()
     except KeyboardInterrupt:
-        is_interrupted = True
-    solves = [plain, *(run.outcome for run in runs), *(trials.runs if trials else ())]
-    is_interrupted |= solves[-1].result.status is Status.INTERRUPTED
-    result = best.result.interrupted() if is_interrupted else best.result
-    if status_of(formulation, best) is Status.UNDER_RESOLVED:
-        result = replace(result, advice=result.advice + _resolved_weight(formulation, easing, runs))
-    history = tuple(record for outcome in solves for record in outcome.result.history)
-    phases = tuple(phase for outcome in solves for phase in outcome.phases)
-    return Outcome(replace(result, history=history), phases, best.solver)
+        descent.is_interrupted = True
+    return descent.end()
 
 
-def _follow(
-    runs: list[_Run], shares: Sequence[float], settings: SolverSettings, start: Start, easing: Array
-) -> None:
-    """Run after run with fading weights, at last without, each from the end of the one before."""
-    deadline = math.inf if settings.time_limit is None else time.perf_counter() + settings.time_limit
-    options = replace(settings.options, method="monolithic")
-    rough = replace(options, tolerance=max(options.tolerance, _ROUGH), max_iterations=_MOST)
-    first, iterate = start.first, start.iterate
-    for share in (*shares, 0.0):
-        programme = replace(start.programme, theta=frozen_array(start.programme.theta + share * easing))
-        words = f"velocity weighed {share:g} of auto" if share else "eased"
-        left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
-        outcome = run_strategy(
-            replace(settings, options=rough if share else options, time_limit=left),
-            Start(programme, iterate, start.callback, first, f" ({words}){start.label}"),
-        )
-        runs.append(_Run(share, outcome))
-        if not runs[-1].is_solved:
+def _may_ease(formulation: Formulation, settings: SolverSettings, plain: Outcome) -> bool:
+    """Whether the method is left to mbocp, and the plain solve has neither been stopped nor been easy."""
+    is_left_to_us = settings.options.method == "auto" and settings.options.max_iterations is None
+    if not is_left_to_us or plain.result.status.is_stopped:
+        return False
+    return plain.iterations > _FEW or status_of(formulation, plain) is not Status.CONVERGED
+
+
+@dataclass(eq=False)
+class _Descent:
+    """Further solves from one guess, and the best outcome so far.
+
+    Attributes
+    ----------
+    formulation, settings, start, plain, number
+        As `better_of_eased` has them.
+    easing : ndarray, shape (ntheta,)
+        What the full weight on velocities adds to the parameters of the stages.
+    runs : list of _Run
+        Solves with weights, and without in the end.
+    screening : Screening, optional
+        Trials with few steps.
+    best : Outcome
+    is_interrupted : bool
+        Whether somebody pressed Ctrl-C between solves.
+    """
+
+    formulation: Formulation
+    settings: SolverSettings
+    start: Start
+    plain: Outcome
+    easing: Array
+    number: int
+    runs: list[_Run] = field(default_factory=list)
+    screening: Screening | None = None
+    best: Outcome = field(init=False)
+    is_interrupted: bool = False
+
+    def __post_init__(self) -> None:
+        self.best, self._deadline = self.plain, deadline_after(self.settings.time_limit)
+
+    def fade(self) -> None:
+        """Run after run with fading weights, at last without, each from the end of the one before."""
+        options = replace(self.settings.options, method="monolithic")
+        rough = replace(options, tolerance=max(options.tolerance, _ROUGH), max_iterations=_MOST)
+        programme, iterate = self.start.programme, self.start.iterate
+        for share in (*(_SHARES_OF_FURTHER if self.number else _SHARES), 0.0):
+            weighed = replace(programme, theta=frozen_array(programme.theta + share * self.easing))
+            words = f"velocity weighed {share:g} of auto" if share else "eased"
+            label = f" ({words}){self.start.label}"
+            limited = replace(
+                self.settings, options=rough if share else options, time_limit=time_until(self._deadline)
+            )
+            outcome = run_strategy(limited, Start(weighed, iterate, self.start.callback, self._first, label))
+            self.runs.append(_Run(share, outcome))
+            if not self.runs[-1].is_solved:
+                return
+            iterate = outcome.result.iterate
+        self._take(outcome)
+
+    def screen(self) -> None:
+        """Try other ways with few steps, and take the best."""
+        if not can_screen(self.formulation) or self.runs[-1].outcome.result.status.is_stopped:
             return
-        first, iterate = first + outcome.iterations, outcome.result.iterate
+        limited = replace(self.settings, time_limit=time_until(self._deadline))
+        after = replace(self.start, first=self._first)
+        self.screening = Screening(self.formulation, limited, after, self.number)
+        best = self.screening.best(self.best)
+        if best is not self.best:
+            self.best = self._with_words(best, "reached by one of the ways tried with fewer steps")
 
+    def end(self) -> Outcome:
+        """Return the best outcome with the iterations of all."""
+        further = self.screening.runs if self.screening else ()
+        solves = [self.plain, *(run.outcome for run in self.runs), *further]
+        is_interrupted = self.is_interrupted or solves[-1].result.status is Status.INTERRUPTED
+        result = self.best.result.interrupted() if is_interrupted else self.best.result
+        if status_of(self.formulation, self.best) is Status.UNDER_RESOLVED:
+            result = replace(result, advice=result.advice + self._resolved_weight())
+        history = tuple(record for outcome in solves for record in outcome.result.history)
+        phases = tuple(phase for outcome in solves for phase in outcome.phases)
+        return Outcome(replace(result, history=history), phases, self.best.solver)
 
-def _chosen(formulation: Formulation, plain: Outcome, runs: Sequence[_Run]) -> Outcome:
-    """The plain outcome, or the last run's where it got to the problem itself and is better."""
-    if not runs or runs[-1].share or not runs[-1].is_solved:
-        return plain
-    end = runs[-1].outcome
-    if not is_preferred(formulation, with_end(formulation, end), (formulation, with_end(formulation, plain))):
-        return plain
-    without = f"{how_it_ended(plain.result)}, cost {plain.result.record.cost:.6g}"
-    told = f"reached while a weight on velocities faded (straight from the guess: {without})"
-    return replace(end, result=replace(end.result, advice=f"{end.result.advice}; {told}"))
+    @property
+    def _first(self) -> int:
+        """Iterations before the next run."""
+        taken = sum(run.outcome.iterations for run in self.runs)
+        return self.start.first + self.plain.iterations + taken
 
+    def _take(self, eased: Outcome) -> None:
+        """Take the end of the last run, of the problem itself, if it is better than the plain one."""
+        known = (self.formulation, with_end(self.formulation, self.plain))
+        if is_preferred(self.formulation, with_end(self.formulation, eased), known):
+            self.best = self._with_words(eased, "reached while a weight on velocities faded")
 
-def _told(best: Outcome, before: Outcome, plain: Outcome) -> Outcome:
-    """The best outcome, with words where other ways led to it."""
-    if best is before:
-        return best
-    without = f"{how_it_ended(plain.result)}, cost {plain.result.record.cost:.6g}"
-    told = f"reached by one of the ways tried with fewer steps (straight from the guess: {without})"
-    return replace(best, result=replace(best.result, advice=f"{best.result.advice}; {told}"))
+    def _with_words(self, best: Outcome, words: str) -> Outcome:
+        """Say how an outcome was reached, and what comes straight from the guess."""
+        plain = self.plain.result
+        without = f"(straight from the guess: {how_it_ended(plain)}, cost {plain.record.cost:.6g})"
+        return replace(best, result=replace(best.result, advice=f"{best.result.advice}; {words} {without}"))
 
-
-def _resolved_weight(formulation: Formulation, easing: Array, runs: Sequence[_Run]) -> str:
-    """Words for the smallest weight whose optimum the steps resolve, if one is known."""
-    for run in reversed(runs):
-        if run.share and run.is_solved and status_of(formulation, run.outcome) is Status.CONVERGED:
-            weight = run.share * float(np.max(easing))
-            return f"; with cost.velocity = {weight:.3g} the steps resolve the optimum"
-    return ""
+    def _resolved_weight(self) -> str:
+        """Words for the smallest weight whose optimum the steps resolve, if one is known."""
+        for run in reversed(self.runs):
+            if run.share and run.is_solved and status_of(self.formulation, run.outcome) is Status.CONVERGED:
+                weight = run.share * float(np.max(self.easing))
+                return f"; with cost.velocity = {weight:.3g} the steps resolve the optimum"
+        return ""

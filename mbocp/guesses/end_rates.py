@@ -50,7 +50,7 @@ def with_rates_at_end(
             break
         carried = Carried.of(shown.result.iterate, moved.programme)
         known, shown = moved, _join(shown, again(moved, _fit(carried, moved)))
-    return formulation, replace(outcome, result=replace(outcome.result, history=shown.result.history))
+    return formulation, outcome.with_history(shown.result.history)
 
 
 def _with_end_at(formulation: Formulation, q: Array) -> Formulation:
@@ -66,5 +66,4 @@ def _fit(carried: Carried, formulation: Formulation) -> Carried:
 
 def _join(before: Outcome, after: Outcome) -> Outcome:
     """An outcome with the records of the one before it."""
-    history = (*before.result.history, *after.result.history)
-    return replace(after, result=replace(after.result, history=history))
+    return after.with_history((*before.result.history, *after.result.history))

@@ -8,7 +8,6 @@ the straight line.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -23,6 +22,7 @@ from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.ways import middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.deadline import deadline_after, time_until
 
 _FEWER = 4  # steps of a trial: this part of them
 _LEAST = 15  # steps of a trial; half as many turn joints too far in each
@@ -76,11 +76,9 @@ class Screening:
     start: Start
     number: int
     runs: list[Outcome] = field(default_factory=list)
-    _deadline: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.settings.time_limit is not None:
-            self._deadline = time.perf_counter() + self.settings.time_limit
+        self._deadline = deadline_after(self.settings.time_limit)
 
     def best(self, known: Outcome) -> Outcome:
         """The best of what the trials lead to and of what is known."""
@@ -139,14 +137,13 @@ class Screening:
             programme = replace(programme, theta=weighed)
             rough = max(options.tolerance, _ROUGH)
             options = replace(options, tolerance=rough, max_iterations=_MOST)
-        left = None if math.isinf(self._deadline) else max(0.0, self._deadline - time.perf_counter())
         first = self.start.first + sum(outcome.iterations for outcome in self.runs)
         label = f" ({words}){self.start.label}"
         outcome = run_strategy(
             replace(
                 self.settings,
                 options=options,
-                time_limit=left,
+                time_limit=time_until(self._deadline),
                 control_weight=formulation.programme.control_weight,
             ),
             Start(programme, iterate, self.start.callback, first, label),

@@ -7,38 +7,33 @@ does not depend on who solves it.
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
-from mbocp.guesses.attempts import interrupted
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
-from mbocp.guesses.starts import StartGuess, Warm, further_kinds, start_guesses
+from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
+from mbocp.job import Job
 from mbocp.solution.records import StartRecord
-from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.records import timed
+from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.deadline import time_until
+from mbocp.solvers.records import Callback, timed
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import Strategy
 
 _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
 
-_Callback: TypeAlias = Callable[[IterationRecord], object]
-
 
 def solve_from_starts(
-    members: Sequence[tuple[int | None, Formulation]],
-    warm_start: Warm,
-    callback: _Callback | None,
+    job: Job,
+    goals: Sequence[tuple[int | None, Formulation]],
     phases: list[Phase],
-    deadline: float,
     workers: int | None = None,
 ) -> tuple[Formulation, Outcome, str, tuple[StartRecord, ...]]:
     """Run the solver from `solver.starts` guesses to each goal; the best outcome, its guess, all in short.
@@ -47,50 +42,57 @@ def solve_from_starts(
 
     Parameters
     ----------
-    members : sequence of (int or None, Formulation)
+    job : Job
+    goals : sequence of (int or None, Formulation)
         Place of a goal among several, and the problem with it; None where there is one goal.
+    phases : list of Phase
+        Guesses and phases of the best outcome are added to it.
+    workers : int, optional
+        Processes that share the work; None: as many as there are processors for.
     """
     with timed(phases, "guess"):
         tasks = [
             _Task(formulation, guess, place)
-            for place, formulation in members
-            for guess in start_guesses(formulation, warm_start, deadline)
+            for place, formulation in goals
+            for guess in start_guesses(formulation, job.start, job.deadline)
         ]
-    clock = time.perf_counter()
-    threads = members[0][1].problem.solver.num_threads
+    clock, threads = time.perf_counter(), job.problem.solver.num_threads
     tasks = [replace(task, threads=max(1, threads // len(tasks))) for task in tasks]
-    batch = _Batch(tasks, callback, deadline)
+    batch = _Batch(tasks, job.callback, job.deadline)
     if threads > 1:
         batch.run_in_threads(threads)
     else:
-        batch.run(_helpers() if workers is None else workers - 1)
+        batch.run(_count_helpers() if workers is None else workers - 1)
     batch.ease(threads)
-    tried = [tasks[i] for i in sorted(batch.outcomes)]
-    ends = [
-        with_end(task.formulation, batch.outcomes[i]) for i, task in enumerate(tasks) if i in batch.outcomes
-    ]
-    for place, formulation in members:
-        mine = [(task, end) for task, end in zip(tried, ends, strict=True) if task.goal == place]
-        if any(end.result.status is Status.CONVERGED for _, end in mine):
-            continue
-        for guess in further_kinds(formulation, [task.guess for task, _ in mine]):
-            if batch.is_over:
-                break
-            task = _Task(formulation, guess, place)
-            end = with_end(formulation, batch.solve(task, len(tried), callback))
-            tried, ends = [*tried, task], [*ends, end]
-            if end.result.status is Status.CONVERGED:
-                break
-    best = _best(tried, ends)
-    outcome = interrupted(ends[best]) if batch.is_interrupted else ends[best]
+    tried = [(tasks[i], with_end(tasks[i].formulation, batch.outcomes[i])) for i in sorted(batch.outcomes)]
+    for place, formulation in goals:
+        _try_further_kinds(batch, tried, place, formulation)
+    best, outcome = _best(tried)
+    outcome = outcome.interrupted() if batch.is_interrupted else outcome
     seconds = time.perf_counter() - clock - sum(phase.wall_time_s for phase in outcome.phases)
     phases += (*outcome.phases, Phase("other starts", 0, max(0.0, seconds)))
-    records = tuple(_record(task, end) for task, end in zip(tried, ends, strict=True))
-    return tried[best].formulation, outcome, tried[best].words, records
+    return best.formulation, outcome, best.words, tuple(_record(*one) for one in tried)
 
 
-def _helpers() -> int:
-    """Processes that may help: none where this one is a worker among others."""
+def _try_further_kinds(
+    batch: _Batch, tried: list[tuple[_Task, Outcome]], goal: int | None, formulation: Formulation
+) -> None:
+    """Add what the kinds of guess that are left for a goal lead to, until one converges."""
+    mine = [(task, end) for task, end in tried if task.goal == goal]
+    if any(end.result.status is Status.CONVERGED for _, end in mine):
+        return
+    for guess in further_kinds(formulation, [task.guess for task, _ in mine]):
+        if batch.is_over:
+            return
+        task = _Task(formulation, guess, goal)
+        end = with_end(formulation, batch.solve(task, len(tried), batch.callback))
+        tried.append((task, end))
+        if end.result.status is Status.CONVERGED:
+            return
+
+
+def _count_helpers() -> int:
+    """Count the processes that may help: none where this one is a worker among others."""
     return available_threads() - 1
 
 
@@ -117,8 +119,7 @@ class _Task:
             has_inequalities=problem.is_bounded,
             threads=self.threads,
         )
-        left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
-        return replace(settings, time_limit=left)
+        return replace(settings, time_limit=time_until(deadline))
 
 
 @dataclass(eq=False)
@@ -126,7 +127,7 @@ class _Batch:
     """Starts that are solved side by side."""
 
     tasks: Sequence[_Task]
-    callback: _Callback | None
+    callback: Callback | None
     deadline: float
     outcomes: dict[int, Outcome] = field(default_factory=dict)
     is_interrupted: bool = False
@@ -171,7 +172,7 @@ class _Batch:
 
         self._side_by_side(work, range(len(self.tasks)), threads)
 
-    def solve(self, task: _Task, number: int, callback: _Callback | None) -> Outcome:
+    def solve(self, task: _Task, number: int, callback: Callback | None) -> Outcome:
         """Outcome of one start, in this process."""
         start = Start(task.formulation.programme, task.guess.iterate, callback, label=_label(number))
         outcome = run_strategy(task.settings(self.deadline), start)
@@ -255,13 +256,13 @@ def _label(number: int) -> str:
     return f" (start {number + 1})" if number else ""
 
 
-def _best(tasks: Sequence[_Task], ends: Sequence[Outcome]) -> int:
-    """Which outcome is the best: the cheapest that converged, motions that the steps resolve first."""
-    best = 0
-    for i, end in enumerate(ends[1:], start=1):
-        known = tasks[best].formulation, ends[best]
-        best = i if is_preferred(tasks[i].formulation, end, known) else best
-    return best
+def _best(tried: Sequence[tuple[_Task, Outcome]]) -> tuple[_Task, Outcome]:
+    """The cheapest that converged, motions that the steps resolve first."""
+    best, outcome = tried[0]
+    for task, end in tried[1:]:
+        if is_preferred(task.formulation, end, (best.formulation, outcome)):
+            best, outcome = task, end
+    return best, outcome
 
 
 def _record(task: _Task, end: Outcome) -> StartRecord:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count, islice
-from typing import TypeAlias
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from mbocp.guesses.kinds import guess_candidates, kinds_in_turn, none_made
 from mbocp.guesses.line import driven_line, line
 from mbocp.guesses.make import make_guess
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
+from mbocp.job import Warm
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
@@ -29,7 +29,6 @@ _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start 
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
-Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
 _Maker = Callable[[float], tuple[Iterate, str]]  # of a deadline
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
+from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.updates import ParameterUpdates
-from mbocp.guesses.attempts import solve_from_guesses
-from mbocp.job import formulated
+from mbocp.guesses.in_turn import solve_from_guesses
+from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
@@ -25,8 +26,9 @@ from mbocp.receding.status import HorizonStatus
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
-from mbocp.solvers import Phase, Status
+from mbocp.solvers import Status
 from mbocp.solvers.receding import RecedingSettings, receding_horizon
+from mbocp.solvers.strategies.patience import Patience
 
 _MICROSECOND = 1e-6  # [s]
 _MAX_ITERATIONS = 1_000_000  # of one step: more are a mistake, and take minutes
@@ -113,7 +115,7 @@ class RecedingHorizon:
         self.problem = problem_from(problem)
         check_can_recede(self.problem)
         self._iterations = _checked(iterations)
-        self._formulation, _ = formulated(self.problem, math.inf)
+        self._formulation, _ = formulate_with_independent_ends(self.problem, math.inf)
         check_functions(self._formulation)
         iterate = _solved(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)
@@ -329,8 +331,8 @@ def _solved(formulation: Formulation, warm_start: Solution | None) -> Iterate:
     SolverError
         If the solver does not converge.
     """
-    phases: list[Phase] = []
-    outcome, _ = solve_from_guesses(formulation, warm_start, None, phases, math.inf)
+    job = Job(formulation.problem, formulation.problem, warm_start, math.inf, Patience())
+    outcome, _ = solve_from_guesses(job, formulation, phases=[])
     result = outcome.result
     if result.status is not Status.CONVERGED:
         raise SolverError(

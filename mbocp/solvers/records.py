@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeAlias
 
 
 class Status(str, Enum):
@@ -34,6 +35,11 @@ class Status(str, Enum):
     def is_stationary(self) -> bool:
         """Whether the optimality conditions hold to the tolerance."""
         return self in (Status.CONVERGED, Status.UNDER_RESOLVED, Status.OTHER_ROOT)
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the user ended it, at once or ahead."""
+        return self in (Status.INTERRUPTED, Status.TIME_LIMIT)
 
 
 @dataclass(frozen=True)
@@ -105,3 +111,6 @@ class IterationRecord:
     def is_guess(self) -> bool:
         """Whether it describes where a run began, before any step."""
         return math.isnan(self.step_length)
+
+
+Callback: TypeAlias = Callable[[IterationRecord], object]

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 
 import mbocp
 import mbocp.guesses.end_rates
-from mbocp import job
 from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
@@ -23,7 +22,7 @@ from mbocp.formulation.end_reached import RatesMissed, end_missed, rates_missed
 from mbocp.formulation.features.switches import ties_at_end
 from mbocp.formulation.fewer_ends import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
-from mbocp.guesses import starts
+from mbocp.guesses import attempts, starts
 from mbocp.problem import Problem
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.solution import Status
@@ -196,9 +195,13 @@ def test_a_motion_that_is_not_at_rest_has_not_converged(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Whatever the cause: here a row of the end condition was lost."""
-    whole = job.formulated
-    monkeypatch.setattr(job, "formulated", lambda *given: (without_end_rows(whole(*given)[0], [3]), ""))
-    monkeypatch.setattr(job, "with_rates_at_end", lambda *given: given[:2])
+    whole = attempts.formulate_with_independent_ends
+    monkeypatch.setattr(
+        attempts,
+        "formulate_with_independent_ends",
+        lambda *given: (without_end_rows(whole(*given)[0], [3]), ""),
+    )
+    monkeypatch.setattr(attempts, "with_rates_at_end", lambda *given: given[:2])
     problem = swing(coordinates="joint", goal={"q": [1.0, 0.0], "v": [0.0, 0.0]}, cost={"velocity": 0.1})
     s = mbocp.solve(problem)
     assert s.status is Status.OTHER_ROOT
@@ -222,7 +225,7 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(mbocp.guesses.end_rates, "rates_missed", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
-    monkeypatch.setattr(job, "formulated", lambda *given: (blind, ""))
+    monkeypatch.setattr(attempts, "formulate_with_independent_ends", lambda *given: (blind, ""))
     s = mbocp.solve(problem)
     assert settings["rounds"] == 2
     assert s.converged, s.advice

@@ -17,6 +17,7 @@ from mbocp.formulation import formulate
 from mbocp.guesses import several
 from mbocp.guesses.starts import guesses_in_turn, start_guesses
 from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
+from mbocp.job import Job
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import compilation
 from mbocp.solvers import SolverSettings, Status
@@ -41,7 +42,7 @@ def pendulum(**solver: object) -> mbocp.Problem:
 
 
 def from_starts(problem: mbocp.Problem, **options: object) -> tuple:
-    return several.solve_from_starts([(None, formulate(problem))], None, None, [], np.inf, **options)[1:]
+    return several.solve_from_starts(Job.of(problem), [(None, formulate(problem))], [], **options)[1:]
 
 
 def test_the_best_of_all_starts_is_the_solution():
@@ -157,7 +158,7 @@ def test_numbers_that_cannot_be_are_refused(key, value):
 
 
 def test_ctrl_c_in_a_later_start_returns_the_best_so_far(monkeypatch):
-    monkeypatch.setattr(several, "_helpers", lambda: 0)
+    monkeypatch.setattr(several, "_count_helpers", lambda: 0)
 
     def callback(record: mbocp.solution.IterationRecord) -> None:
         if "start 3" in record.phase:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -71,6 +71,14 @@ class Outcome:
     def iterations(self) -> int:
         """Of all phases."""
         return sum(phase.iterations for phase in self.phases)
+
+    def with_history(self, history: Iterable[IterationRecord]) -> Outcome:
+        """Return the same with the records of other runs, too."""
+        return replace(self, result=replace(self.result, history=tuple(history)))
+
+    def interrupted(self) -> Outcome:
+        """Return the same, after which somebody pressed Ctrl-C."""
+        return replace(self, result=self.result.interrupted())
 
 
 class Phases:

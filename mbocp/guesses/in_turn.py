@@ -1,0 +1,155 @@
+"""Solving from one guess after the other, until one of them leads to a solution."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from itertools import chain
+
+from mbocp.exceptions import CompilationTimeout, ProblemError
+from mbocp.formulation import Formulation
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
+from mbocp.guesses.kinds import none_made
+from mbocp.guesses.ranking import is_better, with_end
+from mbocp.guesses.starts import guesses_in_turn, last_guesses
+from mbocp.job import Job
+from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.deadline import time_until
+from mbocp.solvers.newton_method.polish import can_be_polished
+from mbocp.solvers.records import timed
+
+_BRIEF = 40  # iterations from a warm start, before other guesses: most take less than half of them
+
+
+def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) -> tuple[Outcome, str]:
+    """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails.
+
+    Parameters
+    ----------
+    job : Job
+        Where it is to be solved roughly, the first guess is the only one.
+    formulation : Formulation
+        Of its problem, or of that with one of several goals.
+    phases : list of Phase
+        Guesses and phases of the solver are added to it.
+
+    Returns
+    -------
+    outcome : Outcome
+        With the records from all guesses.
+    words : str
+        For the guess that led to it.
+    """
+    settings, tried = _settings(job, formulation), _Tried()
+    in_turn = guesses_in_turn(formulation, job.start)
+    last = (guess for guess in last_guesses(formulation, job.start) if tried.best is None)
+    for number, (kind, make) in enumerate(chain(in_turn, last)):
+        try:
+            with timed(phases, "guess"):
+                iterate, words = make(job.deadline)
+        except ProblemError as error:
+            tried.failed[kind] = error  # no reason to give up on the others
+            continue
+        except (CompilationTimeout, KeyboardInterrupt) as end:
+            tried.stop(end)
+            break
+        label = f" (guess: {kind})" if number else ""
+        start = Start(formulation.programme, iterate, job.callback, tried.iterations, label, job.patience)
+        limited = replace(settings, is_doubtful=tried.is_infeasible)
+        is_own = number == 0 and kind not in GIVEN_SOLUTIONS
+        outcome = _descend(job, formulation, limited, start, may_ease=is_own)
+        phases += outcome.phases
+        if job.rough:
+            return outcome, words
+        status = tried.add(with_end(formulation, outcome), words)
+        if job.patience.is_over or status is Status.CONVERGED or status.is_stopped:
+            break
+    return tried.end()
+
+
+def _settings(job: Job, formulation: Formulation) -> SolverSettings:
+    problem, programme = formulation.problem, formulation.programme
+    threads, is_bounded = problem.solver.num_threads, problem.is_bounded
+    settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
+    if job.is_brief and settings.options.method == "auto" and can_be_polished(programme):
+        brief = replace(settings.options, method="monolithic", max_iterations=_BRIEF)
+        settings = replace(settings, options=brief)
+    return replace(settings, rough=job.rough)
+
+
+def _descend(
+    job: Job, formulation: Formulation, settings: SolverSettings, start: Start, *, may_ease: bool
+) -> Outcome:
+    """Run the solver from a guess; then, where effort alone costs, look for a cheaper motion."""
+    settings = replace(settings, time_limit=time_until(job.deadline))
+    outcome, patience = run_strategy(settings, start), job.patience
+    has_failed = outcome.result.status is not Status.CONVERGED
+    if job.rough or not may_ease or (has_failed and patience.is_over):
+        return outcome
+    begun = time.perf_counter()
+    until = min(job.deadline, begun + patience.left) if has_failed else job.deadline
+    outcome = better_of_eased(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
+    patience.spend(time.perf_counter() - begun)
+    return outcome
+
+
+@dataclass(eq=False)
+class _Tried:
+    """What the guesses so far have led to.
+
+    Attributes
+    ----------
+    best : tuple of (Outcome, str), optional
+        The best outcome, and words for its guess.
+    history : list of IterationRecord
+    failed : dict
+        Why guesses of these kinds could not be made.
+    """
+
+    best: tuple[Outcome, str] | None = None
+    history: list[IterationRecord] = field(default_factory=list)
+    failed: dict[str, ProblemError] = field(default_factory=dict)
+
+    @property
+    def iterations(self) -> int:
+        return sum(not record.is_guess for record in self.history)
+
+    @property
+    def is_infeasible(self) -> bool:
+        """Whether a solver says that nothing solves the problem."""
+        return self.best is not None and self.best[0].result.status is Status.INFEASIBLE
+
+    def add(self, outcome: Outcome, words: str) -> Status:
+        """Take account of one more guess; return its status."""
+        result = outcome.result
+        self.history += result.history
+        if self.best is None or result.status is Status.CONVERGED or is_better(result, self.best[0].result):
+            self.best = (outcome, words)
+        elif result.status is Status.INTERRUPTED:
+            self._interrupt()
+        return result.status
+
+    def stop(self, error: CompilationTimeout | KeyboardInterrupt) -> None:
+        """End without a further guess; raise the error if there is nothing to return yet."""
+        if self.best is None:
+            raise error
+        if isinstance(error, KeyboardInterrupt):
+            self._interrupt()
+
+    def end(self) -> tuple[Outcome, str]:
+        """Return the best outcome with the records from all guesses, and words for its guess.
+
+        Raises
+        ------
+        ProblemError
+            If no guess could be made.
+        """
+        if self.best is None:
+            raise none_made(self.failed)
+        outcome, words = self.best
+        words += "".join(f"; {kind!r} could not be made" for kind in self.failed)
+        return outcome.with_history(self.history), words
+
+    def _interrupt(self) -> None:
+        if self.best is not None:
+            self.best = (self.best[0].interrupted(), self.best[1])

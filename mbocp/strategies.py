@@ -1,0 +1,107 @@
+"""How a job is done: the choice of a strategy, and those that know nothing of obstacles or accuracy.
+
+Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
+
+    Refining          one number of steps after another, until the accuracy is reached
+      WarmStart       from the warm start briefly, from the guess, from the warm start at length
+        OtherWays     on one way around obstacles, or else on others
+          ClearOfObstacles or OneSolve
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from mbocp.clearing import ClearOfObstacles, OtherWays
+from mbocp.guesses.attempts import attempt
+from mbocp.job import Job, Strategy
+from mbocp.problem import Problem
+from mbocp.solution import Solution
+from mbocp.solution.later import retold
+from mbocp.solvers import Phase
+
+
+def strategy_for(job: Job) -> Strategy:
+    """Choose how a job is done."""
+    problem = job.problem
+    # Of several goals each has rows of its own, and what one motion comes near says nothing of the others.
+    has_rows = problem.clearance is not None and not problem.goals
+    once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
+    strategy = WarmStart(once, OtherWays(once) if has_rows else once)
+    if problem.accuracy is None:
+        return strategy
+    from mbocp.accuracy.refining import Refining
+
+    return Refining(strategy)
+
+
+@dataclass(frozen=True)
+class OneSolve:
+    """Formulate, guess, solve, read."""
+
+    def run(self, job: Job) -> Solution:
+        """Solve once."""
+        return job.read(attempt(job))
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """Solve from a warm start, and where that leads to no solution soon, from the problem's own guess.
+
+    Attributes
+    ----------
+    from_start, from_guess : Strategy
+        Without and with further ways where the first comes to nothing.
+    """
+
+    from_start: Strategy
+    from_guess: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve, and say why nothing else was tried."""
+        solution = self._run_in_turn(job)
+        if solution.is_stationary or not job.patience.words:
+            return solution
+        status = job.patience.status_of(solution.status)
+        return retold(solution, status=status, advice=f"{solution.advice}; {job.patience.words}")
+
+    def _run_in_turn(self, job: Job) -> Solution:
+        """Solve from the warm start, briefly; from the guess; from the warm start, at length."""
+        if job.start is None:
+            return self.from_guess.run(job)
+        if not _has_a_guess_left(job.problem):
+            return self.from_start.run(job)
+        solution = self.from_start.run(replace(job, is_brief=True))
+        if _is_final(solution, job):
+            return solution
+        again = self.from_guess.run(replace(job, start=None))
+        if not _is_final(again, job):
+            again = _add(again, self.from_start.run(job), "from the guess")
+        return _add(solution, again, "from the warm start")
+
+
+def _is_final(solution: Solution, job: Job) -> bool:
+    """Whether nothing else is to be tried after a solution."""
+    return solution.is_stationary or solution.status.is_stopped or job.patience.is_over
+
+
+def _has_a_guess_left(problem: Problem) -> bool:
+    """Whether a problem may be solved from its own guess, too, after a warm start."""
+    solver = problem.solver
+    return solver.starts == 1 and not problem.goals and solver.max_iterations is None
+
+
+def _add(first: Solution, second: Solution, name: str) -> Solution:
+    """The better of two solutions, with what both took and how the first ended."""
+    is_first = not second.is_stationary and first.residual < second.residual
+    better, other = (first, second) if is_first else (second, first)
+    taken, spent = other.iterations, other.wall_time_s
+    words = f"; {name}: {first.status} after {first.iterations} iterations"
+    return retold(
+        better,
+        advice=better.advice + ("" if is_first else words),
+        iterations=better.iterations + taken,
+        phases=(Phase(name, taken, spent), *better.phases),
+        history=(*first.history, *second.history),
+        wall_time_s=better.wall_time_s + spent,
+    )
