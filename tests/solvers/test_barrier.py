@@ -17,7 +17,7 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.newton_method.limits import fixed, raised, update_barrier
+from mbocp.solvers.newton_method.limits import fix_barrier, raise_barrier, update_barrier
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -161,7 +161,8 @@ def test_the_barrier_falls_and_ends_below_the_tolerance() -> None:
 def test_a_barrier_that_is_fixed_at_the_guess_is_the_first_one_and_only_falls(setting: str) -> None:
     """A run without free parameters is as if there had never been any."""
     _, solver, begin = begun(setting)
-    state = fixed(begin._replace(centring=update_barrier(begin, solver.tolerance).centring), solver.tolerance)
+    updated = update_barrier(begin, solver.tolerance)
+    state = fix_barrier(begin._replace(centring=updated.centring), solver.tolerance)
     assert state.barrier == begin.barrier
     assert state.filter == begin.filter
     assert not state.may_stop
@@ -343,13 +344,13 @@ def test_limits_that_outweigh_a_small_cost_by_round_off_end_with_a_larger_barrie
 def test_a_barrier_is_raised_to_the_tolerance_at_most(arm: Path) -> None:
     _, _, state = begun(LIMITS)
     most = 1e-9 * max(1.0, abs(state.evaluation.cost))
-    assert raised(state, 1e-9) is state  # a first barrier is larger
+    assert raise_barrier(state, 1e-9) is state  # a first barrier is larger
     low = state._replace(barrier=1e-12)
-    once = raised(low, 1e-9)
+    once = raise_barrier(low, 1e-9)
     assert once.barrier == once.least_barrier == pytest.approx(1e-11)
-    last = raised(low._replace(barrier=0.5 * most), 1e-9)
+    last = raise_barrier(low._replace(barrier=0.5 * most), 1e-9)
     assert last.barrier == most
-    assert raised(last, 1e-9) is last
-    assert raised(state._replace(barrier=0.0), 1e-9).least_barrier == 0.0
+    assert raise_barrier(last, 1e-9) is last
+    assert raise_barrier(state._replace(barrier=0.0), 1e-9).least_barrier == 0.0
     settled = once._replace(evaluation=once.native.weigh(once.barrier))
     assert update_barrier(settled, 1e-9).barrier >= once.least_barrier

@@ -33,7 +33,7 @@ def test_the_more_a_step_gains_the_smaller_the_parameter(mean: float, one: float
 def gone(residuals: list[float]) -> Centring:
     centring = Centring(first=1.0)
     for residual in residuals:
-        centring = centring.after(residual, 1e-3 * residual, is_newtons=False)
+        centring = centring.update(residual, 1e-3 * residual, is_newtons=False)
     return centring
 
 
@@ -42,8 +42,8 @@ def test_parameters_are_fixed_exactly_where_residuals_do_not_fall(residuals: lis
     centring = gone(sorted(residuals, reverse=True))
     top = max(centring.residuals)
     assert centring.is_free
-    assert centring.after(0.5 * top, 1e-3, is_newtons=False).is_free
-    assert not centring.after(top, 1e-3, is_newtons=False).is_free
+    assert centring.update(0.5 * top, 1e-3, is_newtons=False).is_free
+    assert not centring.update(top, 1e-3, is_newtons=False).is_free
 
 
 @given(POSITIVE, st.floats(101.0, 1e6))
@@ -59,18 +59,18 @@ def test_a_fixed_parameter_is_none_of_the_small_ones(residuals: list[float], mea
 
 
 def test_parameters_are_free_once_more_where_newtons_steps_are_better_than_all_before() -> None:
-    centring = gone([8.0, 4.0]).fixed()
+    centring = gone([8.0, 4.0]).fix()
     assert not centring.is_free
-    assert not centring.after(1.0, 1e-3, is_newtons=False).is_free
-    assert not centring.after(4.0, 1e-3, is_newtons=True).is_free
-    again = centring.after(3.9, 1e-3, is_newtons=True)
+    assert not centring.update(1.0, 1e-3, is_newtons=False).is_free
+    assert not centring.update(4.0, 1e-3, is_newtons=True).is_free
+    again = centring.update(3.9, 1e-3, is_newtons=True)
     assert again.is_free
-    assert not again.fixed().after(1e-9, 1e-3, is_newtons=True).is_free
+    assert not again.fix().update(1e-9, 1e-3, is_newtons=True).is_free
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e6))
 def test_a_cleared_filter_has_the_bounds_of_the_first_violation(first: float, later: float) -> None:
     """What an old objective forbade is gone; the violation may not rise again and again."""
     filter_ = Filter.start(first)
-    cleared = Filter(((later, 0.0),), filter_.most_violation, filter_.least_violation).cleared()
+    cleared = Filter(((later, 0.0),), filter_.most_violation, filter_.least_violation).without_corners()
     assert cleared == filter_

@@ -15,7 +15,7 @@ from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
 from mbocp.solvers import SolverSettings, Start, run_strategy
-from mbocp.solvers.newton_method.limits import resumed
+from mbocp.solvers.newton_method.limits import resume
 from mbocp.solvers.newton_method.polish import Judged
 from mbocp.solvers.newton_method.round_off import has_a_say
 from mbocp.solvers.nlp.interior_point import InteriorPoint
@@ -113,7 +113,7 @@ def test_a_solution_is_judged_as_its_own_solver_judged_it() -> None:
 
 def test_a_polish_begins_inside_with_products_that_are_the_barrier_or_more() -> None:
     programme, result = result_of(load())
-    state = resumed(programme, result.iterate, TOLERANCE, is_centred=True)
+    state = resume(programme, result.iterate, TOLERANCE, is_centred=True)
     native, b = state.native, programme.bounds
     assert state.evaluation.finite
     assert 0.0 < state.barrier < TOLERANCE
@@ -126,7 +126,7 @@ def test_a_polish_begins_inside_with_products_that_are_the_barrier_or_more() -> 
 
 def test_a_residual_beside_which_the_cost_does_not_count_is_none_that_holds() -> None:
     programme, result = result_of(load())
-    native = resumed(programme, result.iterate, TOLERANCE, is_centred=False).native
+    native = resume(programme, result.iterate, TOLERANCE, is_centred=False).native
     before = native.evaluate()
     assert has_a_say(native, before)
     assert native.evaluate().residual == before.residual

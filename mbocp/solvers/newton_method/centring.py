@@ -53,7 +53,7 @@ class Centring:
     barriers: tuple[float, ...] = ()
     num_fixed: int = 0
 
-    def after(self, residual: float, barrier: float, *, is_newtons: bool) -> Centring:
+    def update(self, residual: float, barrier: float, *, is_newtons: bool) -> Centring:
         """What a residual, reached with a barrier parameter, says of the parameters to come.
 
         `is_newtons`: with a full step without a shift.
@@ -62,12 +62,12 @@ class Centring:
             residuals, barriers = (*self.residuals, residual), (*self.barriers, barrier)
             return replace(self, residuals=residuals[-_MEMORY:], barriers=barriers[-_MEMORY:])
         if self.is_free:
-            return self.fixed()
+            return self.fix()
         if is_newtons and self.num_fixed <= _RETURNS and residual < min(self.residuals):
             return replace(self, is_free=True, residuals=(residual,), barriers=(barrier,))
         return self
 
-    def fixed(self) -> Centring:
+    def fix(self) -> Centring:
         """The same with fixed parameters."""
         return replace(self, is_free=False, num_fixed=self.num_fixed + 1)
 

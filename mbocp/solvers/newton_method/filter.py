@@ -80,12 +80,12 @@ class Filter:
             )
         )
 
-    def grown(self, before: Evaluation) -> Filter:
+    def with_corner(self, before: Evaluation) -> Filter:
         """Filter that also forbids going back to `before`."""
         corner = ((1 - _MARGIN) * before.violation, before.objective - _MARGIN * before.violation)
         return Filter((*self.entries, corner), self.most_violation, self.least_violation)
 
-    def cleared(self) -> Filter:
+    def without_corners(self) -> Filter:
         """Filter for another objective: with the same bounds of the violation, and no pairs."""
         return Filter((), self.most_violation, self.least_violation)
 

@@ -61,7 +61,7 @@ def init_barrier(
     if not _has_limits(programme):
         return start(programme, iterate, threads)
     if iterate.bounds is not None:
-        state = resumed(programme, iterate, tolerance, is_centred=True, threads=threads)
+        state = resume(programme, iterate, tolerance, is_centred=True, threads=threads)
         if state.evaluation.residual <= _NEARLY * tolerance:
             return state
     native = _loaded(programme, iterate, threads)
@@ -76,7 +76,7 @@ def init_barrier(
     return state._replace(centring=Centring(barrier, state.filter)) if barrier else state
 
 
-def resumed(
+def resume(
     programme: StagewiseProgramme, iterate: Iterate, tolerance: float, *, is_centred: bool, threads: int = 1
 ) -> NewtonState:
     """State at a solution, or near one, with the iterate's own multipliers and the last barrier.
@@ -245,10 +245,10 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with the smallest barrier parameter that the iterate allows; a new one starts a new filter.
 
-    Where steps choose it, see `aimed`, that is left to them while they make progress.
+    Where steps choose it, see `aim_barrier`, that is left to them while they make progress.
     """
     if state.centring is not None and state.reference is None:
-        state = _recentred(state, state.centring, tolerance)
+        state = _recentre(state, state.centring, tolerance)
         if state.is_free:
             return state
     barrier, evaluation, last = state.barrier, state.evaluation, _last_of(state, tolerance)
@@ -260,17 +260,17 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     return state if barrier == state.barrier else _with_barrier(state, barrier)
 
 
-def _recentred(state: NewtonState, centring: Centring, tolerance: float) -> NewtonState:
+def _recentre(state: NewtonState, centring: Centring, tolerance: float) -> NewtonState:
     """State with barrier parameters free or fixed, as the last step suggests; a free one may be the last."""
     if state.is_free and not predicts(state, tolerance):
         last = _last_of(state, tolerance)
-        return state if state.barrier == last else _with_barrier(state, last, state.filter.cleared())
+        return state if state.barrier == last else _with_barrier(state, last, state.filter.without_corners())
     is_newtons = state.regularisation == 0.0 and state.step_length == 1.0 and state.shift == 0.0
-    after = centring.after(state.evaluation.residual, state.barrier, is_newtons=is_newtons)
+    after = centring.update(state.evaluation.residual, state.barrier, is_newtons=is_newtons)
     if after.is_free and not centring.is_free:
         return state._replace(centring=after, filter=after.bounds)
     if centring.is_free and not after.is_free:
-        return fixed(state, tolerance)
+        return fix_barrier(state, tolerance)
     return state._replace(centring=after)
 
 
@@ -290,15 +290,15 @@ def _with_barrier(state: NewtonState, barrier: float, cleared: Filter | None = N
     )
 
 
-def fixed(state: NewtonState, tolerance: float) -> NewtonState:
+def fix_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with a barrier parameter that falls by the rule; for good if the first step was in trouble."""
     assert state.centring is not None  # for the type checker: only a free parameter is fixed
     barrier = state.centring.fixed_barrier(state.native.mean_product())
-    centring = state.centring.fixed() if state.iteration else None
+    centring = state.centring.fix() if state.iteration else None
     return _with_barrier(state._replace(centring=centring), max(barrier, _last_of(state, tolerance)))
 
 
-def aimed(state: NewtonState, tolerance: float) -> tuple[NewtonState, KernelDirection]:
+def aim_barrier(state: NewtonState, tolerance: float) -> tuple[NewtonState, KernelDirection]:
     """State with the barrier parameter that a step without barrier suggests, and the step with that.
 
     The kernel holds a factorisation, made with no barrier in the right-hand side.
@@ -317,12 +317,12 @@ def aimed(state: NewtonState, tolerance: float) -> tuple[NewtonState, KernelDire
         barrier=barrier,
         barrier_since=state.iteration,
         evaluation=evaluation,
-        filter=state.filter if is_same else state.filter.cleared(),
+        filter=state.filter if is_same else state.filter.without_corners(),
     )
     return state, native.solve()
 
 
-def raised(state: NewtonState, tolerance: float) -> NewtonState:
+def raise_barrier(state: NewtonState, tolerance: float) -> NewtonState:
     """State with a larger last barrier parameter, for one that makes the system singular; or the same state.
 
     A limit with the multiplier z adds z^2 / mu to the Hessian. Where that is 1e16 times the curvature of a

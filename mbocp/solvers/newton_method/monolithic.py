@@ -27,9 +27,9 @@ makes sure that it gets there:
   the state equations hold along nearly the same motion.
 - *Restart.* Where no shift allows any step, the multipliers begin anew, twice at most: many short steps may
   have spoilt them.
-- *Limits* enter by a barrier, see `mbocp.solvers.newton_method.limits`. Everything above is then about the
-cost with the
-  barrier, with slacks that stop at their bounds or cut the step, and multipliers that stay positive.
+- *Limits* enter by a barrier, see `mbocp.solvers.newton_method.limits`. Everything above is then about
+  the cost with the barrier, with slacks that stop at their bounds or cut the step, and multipliers that stay
+  positive.
 
 On random rest-to-rest motions of arms without a velocity weight, where pure Newton fails, alternatives did
 worse: shifting controls instead of states, Gauss-Newton in place of a shift, an l1 merit function instead of
@@ -40,7 +40,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -49,12 +49,12 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.newton_method.filter import Filter
 from mbocp.solvers.newton_method.first_multipliers import with_adjoint, with_least_squares
 from mbocp.solvers.newton_method.limits import (
-    aimed,
-    fixed,
+    aim_barrier,
+    fix_barrier,
     init_barrier,
     predicts,
-    raised,
-    resumed,
+    raise_barrier,
+    resume,
     update_barrier,
 )
 from mbocp.solvers.newton_method.line_search import MAX_TURN, search
@@ -144,6 +144,38 @@ class PureNewton:
         return Status.CONVERGED if is_there else status
 
 
+class _Again(NamedTuple):
+    """A state from which the step begins anew, as no step has been taken."""
+
+    state: NewtonState
+
+
+class _Tried(NamedTuple):
+    """The system with one shift.
+
+    Attributes
+    ----------
+    state : NewtonState
+        With the barrier parameter of the direction.
+    shift : float
+    factorisation : kernel Factorisation
+    augmentation : float
+        Of the end condition.
+    direction : Direction, optional
+        None where the inertia is not a minimum's, or a larger shift is to be tried first.
+    """
+
+    state: NewtonState
+    shift: float
+    factorisation: Factorisation
+    augmentation: float
+    direction: Direction | None
+
+    def is_capped_to(self, part: float) -> bool:
+        """Whether the cap on turns leaves less than a part of the step."""
+        return self.direction is not None and self.direction.cap < part
+
+
 @dataclass(frozen=True)
 class GlobalisedNewton:
     """Newton's method with inertia correction and a filter line search; limits are kept by a barrier.
@@ -178,85 +210,23 @@ class GlobalisedNewton:
     def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
         """State at an iterate."""
         if self.is_polish:
-            return resumed(programme, iterate, self.tolerance, is_centred=True)
+            return resume(programme, iterate, self.tolerance, is_centred=True)
         state = init_barrier(programme, iterate, self.tolerance, self.threads)
         return state if state.barrier else with_least_squares(state, self.control_weight)
 
     def step(self, state: NewtonState) -> NewtonState:
-        """One accepted step, with the smallest shift found that allows one; or a relaxed step."""
-        if state.barrier:
-            state = update_barrier(state, self.tolerance)
-        if state.reference is not None:
-            return self._relaxed(state)
-        if state.least_barrier and state.shift:
-            state = self._sharpened(state)
-        shift, attempts, care = state.shift, 0, self._care(state)
+        """Take a step that the filter accepts, with the smallest shift that allows one; or a relaxed step.
+
+        Where something else has to change first, the step begins anew: docs/solver.md draws what leads where.
+        """
         while True:
-            state, factorisation, augmentation, direction = self._direction(state, shift)
-            if not (factorisation.ok or shift):
-                state = raised(state, self.tolerance)  # slacks follow with a step, and one may be enough
-            is_indefinite = direction is None
-            if direction is not None and shift and direction.cap < _FAR and attempts <= care.patience:
-                direction = None
-            if direction is not None:
-                found = search(
-                    state, direction, care.min_step if attempts < care.patience else _LAST_RESORT_STEP
-                )
-                is_short = found is None or direction.relative(found[0]) < _RELAXED_STEP
-                if is_short and predicts(state, self.tolerance):
-                    return self.step(fixed(state, self.tolerance))
-                swept = with_adjoint(state) if is_short else None
-                if swept is not None:
-                    return self.step(swept)
-                is_stuck = is_short and attempts >= care.patience
-                if is_stuck and state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
-                    return self._relaxed(
-                        state._replace(reference=Reference.of(state, _RELAXED_STEPS), shift=shift)
-                    )
-                if is_stuck:
-                    restored = self._restored(state, shift)
-                    if restored is not None:
-                        return restored
-                if found is not None:
-                    break
-                if direction.increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
-                    return state._replace(increment=direction.increment)  # round-off hides any decrease
-                if shift == 0.0 and leads_no_farther(state, direction.increment, self.tolerance):
-                    return state._replace(increment=direction.increment, still=STILL)
-            attempts += 1
-            if is_indefinite:
-                shift = care.regrown_shift(shift, state.last_shift, _MIN_SHIFT)
-            else:
-                shift = care.larger_shift(shift, _MIN_SHIFT)
-            if shift > MAX_SHIFT and state.is_free:
-                return self.step(fixed(state, self.tolerance))
-            if shift > MAX_SHIFT:
-                failure = Status.SINGULAR if direction is None else Status.LINE_SEARCH_FAILED
-                if direction is not None and state.restarts < _RESTARTS:
-                    return self.step(self._restarted(state))
-                return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
-        length, by_cost = found
-        state.native.accept(length * direction.longest, direction.longest_dual)
-        evaluation = state.native.evaluate()
-        return next_state(
-            state,
-            evaluation,
-            direction.increment,
-            length * direction.longest,
-            augmentation=augmentation,
-            regularisation=shift,
-            last_shift=shift or state.last_shift,
-            shift=care.next_shift(
-                shift,
-                direction.relative(length) * (direction.cap if shift else 1.0),
-                evaluation.residual / state.evaluation.residual,
-                _MIN_SHIFT,
-            ),
-            filter=state.filter if by_cost else state.filter.grown(state.evaluation),
-            patience=max(0, state.patience - 1),
-            at_minimum=shift == 0.0,
-            still=0 if shift else stillness(state, evaluation, direction.increment),
-        )
+            state = self._choose_barrier(state)
+            if state.reference is not None:
+                return self._relax(state)
+            end = self._find_step(state)
+            if not isinstance(end, _Again):
+                return end
+            state = end.state
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance, or arrived as far as round-off lets it."""
@@ -268,13 +238,117 @@ class GlobalisedNewton:
         is_valley = self.is_careful or state.iteration >= _CAREFUL_AFTER
         return careful() if is_valley and not state.barrier else bold()  # limits cut steps whatever the shift
 
-    def _direction(
-        self, state: NewtonState, shift: float
-    ) -> tuple[NewtonState, Factorisation, float, Direction | None]:
-        """State with the barrier of the direction, factorisation, augmentation and direction.
+    def _choose_barrier(self, state: NewtonState) -> NewtonState:
+        """Let mu fall where the iterate allows it, or rise where round-off hides the smallest curvature."""
+        if state.barrier:
+            state = update_barrier(state, self.tolerance)
+        has_risen = state.least_barrier > 0.0 and state.shift > 0.0 and state.reference is None
+        return self._sharpen(state) if has_risen else state
 
-        No direction where the inertia is not a minimum's.
+    def _find_step(self, state: NewtonState) -> NewtonState | _Again:
+        """Try one shift after another until one allows a step."""
+        shift, attempts, care = state.shift, 0, self._care(state)
+        while True:
+            tried = self._linearise(state, shift)
+            is_indefinite = tried.direction is None
+            if not (tried.factorisation.ok or shift):
+                # Slacks follow with a step, and one step may be enough to leave what is singular.
+                tried = tried._replace(state=raise_barrier(tried.state, self.tolerance))
+            if shift and tried.is_capped_to(_FAR) and attempts <= care.patience:
+                # Nothing is left of a step of hundreds of radians; a larger shift makes a shorter one.
+                tried = tried._replace(direction=None)
+            if tried.direction is not None:
+                end = self._follow(tried, tried.direction, care, is_last=attempts >= care.patience)
+                if end is not None:
+                    return end
+            state, attempts = tried.state, attempts + 1
+            if is_indefinite:
+                shift = care.regrown_shift(shift, state.last_shift, _MIN_SHIFT)
+            else:
+                shift = care.larger_shift(shift, _MIN_SHIFT)
+            if shift > MAX_SHIFT:
+                return self._give_up(tried)
+
+    def _follow(
+        self, tried: _Tried, direction: Direction, care: KernelCare, *, is_last: bool
+    ) -> NewtonState | _Again | None:
+        """Go along a direction as far as the filter lets it; None: a larger shift may allow more.
+
+        `is_last`: whether larger shifts have been tried in vain.
         """
+        found = search(tried.state, direction, _LAST_RESORT_STEP if is_last else care.min_step)
+        if found is None or direction.relative(found[0]) < _RELAXED_STEP:
+            end = self._rescue(tried, is_last=is_last)
+            if end is not None:
+                return end
+        if found is None:
+            return self._arrive(tried, direction)
+        return self._accept(tried, direction, care, *found)
+
+    def _rescue(self, tried: _Tried, *, is_last: bool) -> NewtonState | _Again | None:
+        """Do something about a short step; None: take it, or a larger shift."""
+        state = tried.state
+        if predicts(state, self.tolerance):  # a barrier that was foreseen is the first to be doubted, ...
+            return _Again(fix_barrier(state, self.tolerance))
+        swept = with_adjoint(state)  # ... then multipliers that begin at zero
+        if swept is not None:
+            return _Again(swept)
+        if not is_last:
+            return None
+        # Where equations bend away, no line search goes on: steps that nobody judges may, or a sweep.
+        if state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
+            reference = Reference.of(state, _RELAXED_STEPS)
+            return self._relax(state._replace(reference=reference, shift=tried.shift))
+        return self._restore_feasibility(state, tried.shift)
+
+    def _arrive(self, tried: _Tried, direction: Direction) -> NewtonState | None:
+        """Return the state as it is where only round-off keeps the filter from accepting a step; or None."""
+        state, increment = tried.state, direction.increment
+        if increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
+            return state._replace(increment=increment)  # round-off hides any decrease
+        if tried.shift == 0.0 and leads_no_farther(state, increment, self.tolerance):
+            return state._replace(increment=increment, still=STILL)
+        return None
+
+    def _accept(
+        self, tried: _Tried, direction: Direction, care: KernelCare, length: float, by_cost: bool
+    ) -> NewtonState:
+        """Take the step that the filter has accepted; `by_cost`: for the cost, which adds no corner to it."""
+        state, shift = tried.state, tried.shift
+        state.native.accept(length * direction.longest, direction.longest_dual)
+        evaluation = state.native.evaluate()
+        return next_state(
+            state,
+            evaluation,
+            direction.increment,
+            length * direction.longest,
+            augmentation=tried.augmentation,
+            regularisation=shift,
+            last_shift=shift or state.last_shift,
+            shift=care.next_shift(
+                shift,
+                direction.relative(length) * (direction.cap if shift else 1.0),
+                evaluation.residual / state.evaluation.residual,
+                _MIN_SHIFT,
+            ),
+            filter=state.filter if by_cost else state.filter.with_corner(state.evaluation),
+            patience=max(0, state.patience - 1),
+            at_minimum=shift == 0.0,
+            still=0 if shift else stillness(state, evaluation, direction.increment),
+        )
+
+    def _give_up(self, tried: _Tried) -> NewtonState | _Again:
+        """Fix the barrier, or begin anew with the multipliers, where no shift allows a step; else fail."""
+        state, is_singular = tried.state, tried.direction is None
+        if state.is_free:
+            return _Again(fix_barrier(state, self.tolerance))
+        if not is_singular and state.restarts < _RESTARTS:
+            return _Again(self._restart_multipliers(state))
+        failure = Status.SINGULAR if is_singular else Status.LINE_SEARCH_FAILED
+        return state._replace(failure=failure, failed_stage=tried.factorisation.bad_stage)
+
+    def _linearise(self, state: NewtonState, shift: float) -> _Tried:
+        """Direction with a shift, and the state with the barrier that it is for, if it chooses that."""
         native, is_aimed = state.native, predicts(state, self.tolerance)
         if is_aimed:
             native.aim(0.0)
@@ -282,20 +356,20 @@ class GlobalisedNewton:
         if not (factorisation.ok and factorisation.negative == native.num_end_conditions):
             if is_aimed:
                 native.aim(state.barrier)
-            return state, factorisation, augmentation, None
-        state, found = aimed(state, self.tolerance) if is_aimed else (state, native.solve())
+            return _Tried(state, shift, factorisation, augmentation, None)
+        state, found = aim_barrier(state, self.tolerance) if is_aimed else (state, native.solve())
         direction = Direction.of(found, MAX_TURN, may_stop=state.may_stop) if found.finite else None
-        return state, factorisation, augmentation, direction
+        return _Tried(state, shift, factorisation, augmentation, direction)
 
-    def _sharpened(self, state: NewtonState) -> NewtonState:
-        """State with a barrier that rises while the system is singular without a shift; or with no shift."""
-        _, factorisation, _, direction = self._direction(state, 0.0)
-        if not factorisation.ok:
-            return raised(state, self.tolerance)
-        return state if direction is None else state._replace(shift=0.0)
+    def _sharpen(self, state: NewtonState) -> NewtonState:
+        """Raise the barrier while the system is singular without a shift; else try without the shift."""
+        tried = self._linearise(state, 0.0)
+        if not tried.factorisation.ok:
+            return raise_barrier(state, self.tolerance)
+        return state if tried.direction is None else state._replace(shift=0.0)
 
-    def _restarted(self, state: NewtonState) -> NewtonState:
-        """The same motion with multipliers that know nothing of the way there."""
+    def _restart_multipliers(self, state: NewtonState) -> NewtonState:
+        """Keep the motion, with multipliers that know nothing of the way there."""
         native = state.native
         native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
         if native.slack.size:
@@ -308,8 +382,8 @@ class GlobalisedNewton:
             restarts=state.restarts + 1,
         )
 
-    def _restored(self, state: NewtonState, shift: float) -> NewtonState | None:
-        """Feasibility by a sweep along the iterate; None with the iterate back if that is no gain.
+    def _restore_feasibility(self, state: NewtonState, shift: float) -> NewtonState | None:
+        """Sweep along the iterate; None, with the iterate back, if that is no gain.
 
         What remains of the violation is the end condition's.
         """
@@ -327,50 +401,55 @@ class GlobalisedNewton:
                     0.0,
                     regularisation=shift,
                     shift=0.0,
-                    filter=state.filter.grown(state.evaluation),
+                    filter=state.filter.with_corner(state.evaluation),
                     patience=_PAUSE,
                 )
         kept.restore(native)
         native.evaluate()
-        self._direction(state, shift)
+        self._linearise(state, shift)  # the kernel holds the direction again
         return None
 
-    def _relaxed(self, state: NewtonState) -> NewtonState:
-        """One full step that nobody judges; the run of them ends with progress, or where it began."""
-        reference, native, shift = state.reference, state.native, state.shift
+    def _relax(self, state: NewtonState) -> NewtonState:
+        """Take one full step that nobody judges; a run of them ends in progress, or is undone."""
+        reference = state.reference
         assert reference is not None  # for the type checker: `step` comes here only with one
-        _, _, augmentation, direction = self._direction(state, shift)
-        while direction is None and shift <= MAX_SHIFT:
-            shift = bold().larger_shift(shift, _MIN_SHIFT)
-            _, _, augmentation, direction = self._direction(state, shift)
-        if direction is not None:
-            native.move(direction.longest)
-            native.accept(direction.longest, direction.longest_dual)
-            evaluation = native.evaluate()
-            promising = evaluation.residual < _PROMISING * state.evaluation.residual
-            after = next_state(
-                state,
-                evaluation,
-                direction.increment,
-                direction.longest,
-                augmentation=augmentation,
-                regularisation=shift,
-                shift=bold().next_shift(
-                    shift, 1.0, evaluation.residual / state.evaluation.residual, _MIN_SHIFT
-                ),
-                reference=replace(reference, steps_left=max(reference.steps_left - 1, 1 if promising else 0)),
-                at_minimum=shift == 0.0,
-            )
+        tried = self._linearise(state, state.shift)
+        while tried.direction is None and tried.shift <= MAX_SHIFT:
+            tried = self._linearise(state, bold().larger_shift(tried.shift, _MIN_SHIFT))
+        if tried.direction is not None:
+            after = self._move_unjudged(state, tried, tried.direction, reference)
             if state.filter.accepts_after_relaxation(reference.evaluation, after.evaluation):
-                return after._replace(reference=None, filter=state.filter.grown(reference.evaluation))
+                return after._replace(reference=None, filter=state.filter.with_corner(reference.evaluation))
             if after.failure is None and after.reference is not None and after.reference.steps_left:
                 return after
-        reference.iterate.restore(native)
+        reference.iterate.restore(state.native)
         return state._replace(
-            evaluation=native.evaluate(),
+            evaluation=state.native.evaluate(),
             iteration=state.iteration + 1,
             increment=math.inf,
             step_length=0.0,
             reference=None,
             patience=_PAUSE,
+        )
+
+    def _move_unjudged(
+        self, state: NewtonState, tried: _Tried, direction: Direction, reference: Reference
+    ) -> NewtonState:
+        """Take a full step; another one may follow while there are steps left, or this one is promising."""
+        native, shift = state.native, tried.shift
+        native.move(direction.longest)
+        native.accept(direction.longest, direction.longest_dual)
+        evaluation = native.evaluate()
+        ratio = evaluation.residual / state.evaluation.residual
+        is_promising = evaluation.residual < _PROMISING * state.evaluation.residual
+        return next_state(
+            state,
+            evaluation,
+            direction.increment,
+            direction.longest,
+            augmentation=tried.augmentation,
+            regularisation=shift,
+            shift=bold().next_shift(shift, 1.0, ratio, _MIN_SHIFT),
+            reference=replace(reference, steps_left=max(reference.steps_left - 1, int(is_promising))),
+            at_minimum=shift == 0.0,
         )

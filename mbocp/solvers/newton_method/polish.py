@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.newton_method.limits import largest_product, resumed, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limits import largest_product, resume, why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from mbocp.solvers.newton_method.newton import NewtonState
 from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual, round_off
@@ -47,7 +47,7 @@ class Judged:
     @classmethod
     def of(cls, result: SolverResult, programme: StagewiseProgramme, tolerance: float) -> Judged:
         """Judge a result by its iterate, with the iterate's own multipliers."""
-        state = resumed(programme, result.iterate, tolerance, is_centred=False)
+        state = resume(programme, result.iterate, tolerance, is_centred=False)
         e = _by_largest_product(state, programme)
         error = relative_residual(round_off(state.native), e, tolerance)
         if error <= tolerance < e.residual and not has_a_say(state.native, e):

@@ -131,7 +131,9 @@ class FBSMNewton:
                         augmentation=augmentation,
                         regularisation=shift,
                         shift=self._next_shift(state, shift, taken),
-                        filter=state.filter if taken.keeps_filter else state.filter.grown(state.evaluation),
+                        filter=state.filter
+                        if taken.keeps_filter
+                        else state.filter.with_corner(state.evaluation),
                         at_minimum=is_minimum and shift == 0.0,
                     )
             shift = bold().larger_shift(shift, _MIN_SHIFT)
