@@ -25,7 +25,7 @@ from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_str
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.records import Callback, timed
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
-from mbocp.solvers.strategies.strategy import Strategy
+from mbocp.solvers.strategies.strategy import SolveTask
 
 _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
 
@@ -240,7 +240,7 @@ class _Batch:
             task = self.tasks[number]
             settings, programme = task.settings(self.deadline), task.formulation.programme
             try:
-                found = process.run(Strategy(settings, programme, task.guess.iterate, _label(number)))
+                found = process.run(SolveTask(settings, programme, task.guess.iterate, _label(number)))
             except ElsewhereError:
                 self._waiting.append(number)
                 return

@@ -22,7 +22,7 @@ from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import compilation
 from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
-from mbocp.solvers.strategies.strategy import Strategy
+from mbocp.solvers.strategies.strategy import SolveTask
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -76,13 +76,13 @@ def test_another_process_gives_the_same_and_its_death_is_no_harm(monkeypatch):
     guess = start_guesses(formulation, None)[0]
     settings = SolverSettings.of(problem.solver, formulation.programme)
     with Elsewhere() as process:
-        there = process.run(Strategy(settings, formulation.programme, guess.iterate, ""))
+        there = process.run(SolveTask(settings, formulation.programme, guess.iterate, ""))
         here = mbocp.solve(pendulum(starts=1))
         assert there.result.record.cost == here.cost
         assert there.result.advice in here.advice
         os.kill(process._process.pid, signal.SIGKILL)
         with pytest.raises(ElsewhereError):
-            process.run(Strategy(settings, formulation.programme, guess.iterate, ""))
+            process.run(SolveTask(settings, formulation.programme, guess.iterate, ""))
     monkeypatch.setattr(several, "_PATIENCE", 0.0)
     monkeypatch.setattr(Elsewhere, "run", _refuse)
     outcome, _, records = from_starts(problem, workers=2)
@@ -100,7 +100,7 @@ def test_words_for_rows_survive_the_way_to_another_process():
     assert programme.describe_row(3, 0) == "kinematics of joint1 in the step to t = 0.2 s"
     settings = SolverSettings.of(pendulum(max_iterations=1).solver, programme)
     with Elsewhere() as process:
-        found = process.run(Strategy(settings, programme, start_guesses(formulation, None)[1].iterate, ""))
+        found = process.run(SolveTask(settings, programme, start_guesses(formulation, None)[1].iterate, ""))
     assert "largest violation: end condition 1 (joint1) at t = 3 s" in found.result.advice
 
 

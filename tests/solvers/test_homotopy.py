@@ -14,10 +14,10 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.homotopy import (
-    beyond,
-    brought_back,
+    bring_limits_back,
     can_leave_out_limits,
-    widened,
+    measure_excess,
+    widen,
     without_limits,
 )
 from mbocp.solvers.strategies.iterating import SolverResult
@@ -73,8 +73,8 @@ def test_limits_are_left_out_and_equations_stay() -> None:
 
 def test_limits_widened_by_all_that_a_motion_goes_beyond_them_are_kept_by_it() -> None:
     programme, iterate = pendulum()
-    width = beyond(programme, iterate)
-    wide = widened(programme, width, 1.0).bounds
+    width = measure_excess(programme, iterate)
+    wide = widen(programme, width, 1.0).bounds
     values = np.hstack([iterate.xs[1:], iterate.us])
     assert values.max() > programme.bounds.upper[programme.bounds.limited].max()
     room = np.where(wide.limited, np.minimum(values - wide.lower, wide.upper - values), 0.0)
@@ -83,7 +83,7 @@ def test_limits_widened_by_all_that_a_motion_goes_beyond_them_are_kept_by_it() -
     goes_beyond = (width[0] > 0) | (width[1] > 0)
     assert goes_beyond.any()
     assert np.all(touched[goes_beyond] < 1e-12)  # and no wider than that
-    same = widened(programme, width, 0.0).bounds
+    same = widen(programme, width, 0.0).bounds
     assert np.array_equal(same.lower, programme.bounds.lower)
     assert np.array_equal(same.upper, programme.bounds.upper)
 
@@ -92,7 +92,7 @@ def test_limits_widened_by_all_that_a_motion_goes_beyond_them_are_kept_by_it() -
 def test_only_a_solution_with_all_limits_is_one(least: float) -> None:
     """Where limits come back to a part of their width alone, there is no solution."""
     programme, iterate = pendulum()
-    width, upper, parts = beyond(programme, iterate), programme.bounds.upper, []
+    width, upper, parts = measure_excess(programme, iterate), programme.bounds.upper, []
 
     def solve(wanted: StagewiseProgramme, start: Iterate) -> SolverResult:
         column = int(np.argmax(width[1]))
@@ -101,10 +101,10 @@ def test_only_a_solution_with_all_limits_is_one(least: float) -> None:
         status = Status.CONVERGED if part >= least else Status.LINE_SEARCH_FAILED
         return SolverResult(status, "", start, IterationRecord(0, 0.0), ())
 
-    found = brought_back(programme, iterate, solve)
+    found = bring_limits_back(programme, iterate, solve)
     assert (found is not None) == (least == 0.0)
     assert parts[-1] == 0.0 if least == 0.0 else len(parts) <= 8
-    assert brought_back(programme, iterate, lambda *_: None) is None  # not allowed to go on
+    assert bring_limits_back(programme, iterate, lambda *_: None) is None  # not allowed to go on
 
 
 def test_what_is_called_infeasible_from_the_line_is_solved_by_way_of_no_limits() -> None:

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -30,8 +30,8 @@ from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.nlp.log import IterationLog, OfThread, whole_lines
 from mbocp.solvers.nlp.status_messages import advice_of, status_of
-from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.strategies.iterating import Callback, SolverResult
+from mbocp.solvers.records import Callback, IterationRecord, Status
+from mbocp.solvers.strategies.iterating import SolverResult
 
 Watch = Callable[[IterationRecord, Array | None], object]
 
@@ -107,7 +107,7 @@ class InteriorPoint:
         first: int,
         begin: Callable[[IterationRecord], object] | None,
     ) -> SolverResult:
-        clock = time.perf_counter()
+        clock, phase = time.perf_counter(), phase or self.name
         if self.name == "fatrop":
             check_fatrop_takes(programme)
         compiled = _compiled(_Key.of(self, programme))
@@ -117,56 +117,78 @@ class InteriorPoint:
             if watch is not None:
                 watch(record, iteration_callback.last)
 
-        log = IterationLog(phase or self.name, first, callback)
+        log = IterationLog(phase, first, callback)
         bounds = bounds_of(programme, lay)
         inner = tightened(bounds) if self.name == "fatrop" else bounds
         iteration_callback.start(self.time_limit and clock + self.time_limit - time.perf_counter())
         p = parameters(programme)
-        w0, solver = _packed(iterate, lay), compiled.solver()
+        guess, solver = _Point(_packed(iterate, lay), np.zeros(lay.num_rows)), compiled.solver()
         if begin is not None:
-            begun = compiled.record(w0, p, np.zeros(lay.num_rows), bounds)[0]
-            begin(replace(begun, iteration=first, phase=phase or self.name))
-        printed = contextlib.redirect_stdout(OfThread(log))
-        with _interruptible(iteration_callback, log), printed, whole_lines():
-            try:
-                found: dict[str, Any] | None = solver(x0=w0, p=p, **inner)
-            except (
-                RuntimeError
-            ) as error:  # fatrop throws where numbers are not finite, and if it is ended there
-                if not iteration_callback.reason and _THROWN not in str(error):
-                    raise
-                found = None
-        if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
-            raise log.failure
-        w, lam_g = w0, np.zeros(lay.num_rows)
-        if found is not None:
-            w, lam_g = np.array(found["x"]).ravel(), np.array(found["lam_g"]).ravel()
-        if iteration_callback.reason or found is None:
-            w = iteration_callback.last if iteration_callback.last is not None else w0
-        record, lam_x = compiled.record(w, p, lam_g, bounds)
-        has_left = found is None and not iteration_callback.reason
+            begin(replace(compiled.record(guess, p, bounds)[0], iteration=first, phase=phase))
+        found = _call(solver, iteration_callback, log, x0=guess.w, p=p, **inner)
+        point = _last_point(found, iteration_callback, guess)
+        record, lam_x = compiled.record(point, p, bounds)
+        has_left = found is None
         if not (math.isfinite(record.residual) and math.isfinite(record.cost)):
-            has_left = True  # the finite numbers, whatever the solver says; what it began with is better
-            w, lam_g = w0, np.zeros(lay.num_rows)
-            record, lam_x = compiled.record(w, p, lam_g, bounds)
+            has_left, point = True, guess  # whatever the solver says, the numbers are no numbers any more
+            record, lam_x = compiled.record(point, p, bounds)
         history = tuple(log.records)
-        taken = max(0, history[-1].iteration - first) if history else 0
         last = history[-1] if history else record
+        taken = max(0, last.iteration - first) if history else 0
         record = replace(
             record,
             iteration=first + taken,
             increment=last.increment,
             step_length=last.step_length,
             wall_time_s=time.perf_counter() - clock,
-            phase=phase or self.name,
+            phase=phase,
         )
         stats = solver.stats() if found is not None else {}
         status = status_of(self.name, stats, iteration_callback.reason, self.max_iterations)
         if has_left and not iteration_callback.reason:
             status = Status.DIVERGED
-        violations = compiled.violations(w, p, bounds)
+        violations = compiled.violations(point.w, p, bounds)
         words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
-        return SolverResult(status, words, unpacked(w, lam_g, lam_x, lay), record, history or (record,))
+        end = unpacked(point.w, point.lam_g, lam_x, lay)
+        return SolverResult(status, words, end, record, history or (record,))
+
+
+class _Point(NamedTuple):
+    """Unknowns, and the multipliers of the rows."""
+
+    w: Array
+    lam_g: Array
+
+
+def _call(
+    solver: ca.Function, iteration_callback: IterationCallback, log: IterationLog, **arguments: Any
+) -> dict[str, Any] | None:
+    """Run a solver object; None where it threw since numbers were not finite, or since it was ended.
+
+    Raises
+    ------
+    Exception
+        What the callback of the log raised, but for Ctrl-C.
+    """
+    printed = contextlib.redirect_stdout(OfThread(log))
+    found: dict[str, Any] | None = None
+    with _interruptible(iteration_callback, log), printed, whole_lines():
+        try:
+            found = solver(**arguments)
+        except RuntimeError as error:  # of fatrop
+            if not iteration_callback.reason and _THROWN not in str(error):
+                raise
+    if log.failure is not None and not isinstance(log.failure, KeyboardInterrupt):
+        raise log.failure
+    return found
+
+
+def _last_point(found: dict[str, Any] | None, iteration_callback: IterationCallback, guess: _Point) -> _Point:
+    """Where a solver ended; of one that was ended, what it asked for last."""
+    lam_g = guess.lam_g if found is None else np.array(found["lam_g"]).ravel()
+    if found is not None and not iteration_callback.reason:
+        return _Point(np.array(found["x"]).ravel(), lam_g)
+    return _Point(guess.w if iteration_callback.last is None else iteration_callback.last, lam_g)
 
 
 @dataclass(frozen=True)
@@ -262,14 +284,13 @@ class _Compiled:
     def _made(self) -> ca.Function:
         return ca.nlpsol("solver", *self._arguments)
 
-    def record(
-        self, w: Array, p: Array, lam_g: Array, bounds: dict[str, Array]
-    ) -> tuple[IterationRecord, Array]:
+    def record(self, point: _Point, p: Array, bounds: dict[str, Array]) -> tuple[IterationRecord, Array]:
         """Cost and residuals at a point, computed anew, and the multipliers of the bounds on unknowns.
 
         These are what stationarity leaves for them. What counts as residual is a multiplier's product with
         the distance from its bound; or the multiplier alone where it is farther than 1, or there is none.
         """
+        w, lam_g = point
         rows, jacobian = self.functions.jac_g(w, p)
         slopes: Array = np.array(self.gradient(w, p) + jacobian.T @ lam_g).ravel()
         g: Array = np.array(rows).ravel()

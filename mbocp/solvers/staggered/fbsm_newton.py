@@ -21,6 +21,7 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.newton_method.filter import Filter
 from mbocp.solvers.newton_method.newton import (
     NewtonState,
     check_termination,
@@ -109,38 +110,39 @@ class FBSMNewton:
         return new_state(programme, native, evaluation)._replace(sweeps=sweeps)
 
     def step(self, state: NewtonState) -> NewtonState:
-        """One accepted step."""
-        native, shift = state.native, state.shift
-        kept = Kept.of(native)
+        """Take a step that makes things better, with the smallest shift found that allows one."""
+        native, shift, kept = state.native, state.shift, Kept.of(state.native)
         while True:
             native.evaluate()
             factorisation, augmentation = factorise(state, shift * self.control_weight)
             is_minimum = factorisation.ok and factorisation.negative == len(native.eta)
-            if factorisation.ok and (is_minimum or not self.globalised):
-                direction = native.solve()
-                step = (
-                    self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
+            may_go = is_minimum if self.globalised else factorisation.ok
+            found = self._go(state, kept, shift) if may_go else None
+            if found is not None:
+                step, taken = found
+                return next_state(
+                    state,
+                    taken.evaluation,
+                    float(np.linalg.norm(step)),
+                    taken.length,
+                    augmentation=augmentation,
+                    regularisation=shift,
+                    shift=self._next_shift(state, shift, taken),
+                    filter=self._next_filter(state, taken),
+                    at_minimum=is_minimum and shift == 0.0,
                 )
-                taken = None if step is None else self._search(state, kept, step, direction.slope, shift)
-                if step is not None and taken is not None:
-                    return next_state(
-                        state,
-                        taken.evaluation,
-                        float(np.linalg.norm(step)),
-                        taken.length,
-                        augmentation=augmentation,
-                        regularisation=shift,
-                        shift=self._next_shift(state, shift, taken),
-                        filter=state.filter
-                        if taken.keeps_filter
-                        else state.filter.with_corner(state.evaluation),
-                        at_minimum=is_minimum and shift == 0.0,
-                    )
             shift = bold().larger_shift(shift, _MIN_SHIFT)
             if shift > MAX_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
                 return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
+
+    def _go(self, state: NewtonState, kept: Kept, shift: float) -> tuple[Array, _Taken] | None:
+        """Solve the factorised system, and go along the step; None where that does not help."""
+        direction = state.native.solve()
+        step = self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
+        taken = None if step is None else self._search(state, kept, step, direction.slope, shift)
+        return None if step is None or taken is None else (step, taken)
 
     def terminate(self, state: NewtonState) -> Status | None:
         """Residual and increment both below the tolerance."""
@@ -176,36 +178,46 @@ class FBSMNewton:
         A sweep that fails shortens the step as one that makes nothing better does.
         """
         native, before, sweeps = state.native, state.evaluation, state.sweeps or Sweeps()
-        ng, length = len(native.eta), 1.0
+        length = 1.0
         for halving in range(_HALVINGS + 1):
-            kept.restore(native)
-            native.move(
-                length
-            )  # where the states will be to first order: that is where the sweep starts from
-            native.accept(length)
-            native.eta = kept.eta + length * step[:ng]
-            native.u = kept.u + length * step[ng:]
-            trial = sweeps.run(native).evaluation
+            trial = _sweep_at(native, kept, sweeps, step, length)
             if trial is not None:
-                # Algorithm 2's rule, which says little of a shifted step
-                if trial.residual < before.residual and (shift == 0.0 or not self.globalised):
-                    return _Taken(trial, length)
-                if self.globalised:
-                    accepted, by_cost = state.filter.accepts(before, trial, slope, length)
-                    if accepted:
-                        if (
-                            length < 1.0 or shift > 0.0
-                        ):  # far from Newton's own region the step's eta is a poor one
-                            trial = end_multiplier(native, sweeps)
-                        return _Taken(trial, length, keeps_filter=by_cost)
-                elif halving == _HALVINGS:
-                    return _Taken(trial, length)
+                taken = self._judge(state, trial, slope, length, shift, is_last=halving == _HALVINGS)
+                if taken is not None:
+                    return taken
             length *= 0.5
         kept.restore(native)
         if float(np.linalg.norm(step)) <= self.tolerance and before.residual <= self.tolerance:
             again = sweeps.run(native).evaluation  # round-off hides any decrease
             return None if again is None else _Taken(again, 0.0)
         return None
+
+    def _judge(
+        self,
+        state: NewtonState,
+        trial: Evaluation,
+        slope: float,
+        length: float,
+        shift: float,
+        *,
+        is_last: bool,
+    ) -> _Taken | None:
+        """Take a swept trial, by Algorithm 2's rule or by the filter; None: it makes nothing better."""
+        before = state.evaluation
+        # The rule says little of a shifted step.
+        if trial.residual < before.residual and (shift == 0.0 or not self.globalised):
+            return _Taken(trial, length)
+        if not self.globalised:
+            return _Taken(trial, length) if is_last else None
+        is_accepted, by_cost = state.filter.accepts(before, trial, slope, length)
+        if not is_accepted:
+            return None
+        if length < 1.0 or shift > 0.0:  # far from Newton's own region the step's eta is a poor one
+            trial = end_multiplier(state.native, state.sweeps or Sweeps())
+        return _Taken(trial, length, keeps_filter=by_cost)
+
+    def _next_filter(self, state: NewtonState, taken: _Taken) -> Filter:
+        return state.filter if taken.keeps_filter else state.filter.with_corner(state.evaluation)
 
     def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
         if not self.globalised:
@@ -221,6 +233,19 @@ class _Taken:
     evaluation: Evaluation
     length: float
     keeps_filter: bool = True
+
+
+def _sweep_at(
+    native: KernelProgramme, kept: Kept, sweeps: Sweeps, step: Array, length: float
+) -> Evaluation | None:
+    """Sweep with a part of a step in (eta, u); None where the sweep fails."""
+    ng = len(native.eta)
+    kept.restore(native)
+    native.move(length)  # where the states will be to first order: that is where the sweep starts from
+    native.accept(length)
+    native.eta = kept.eta + length * step[:ng]
+    native.u = kept.u + length * step[ng:]
+    return sweeps.run(native).evaluation
 
 
 def _reduced_residual(native: KernelProgramme) -> Array:

@@ -8,10 +8,8 @@ process is ended, and what was told last counts. The process is kept for the nex
 from __future__ import annotations
 
 import atexit
-import math
 import os
 import threading
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -23,11 +21,12 @@ from mbocp._arrays import Array
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.deadline import deadline_after
 from mbocp.solvers.nlp.interior_point import InteriorPoint, unpacked
 from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.records import Callback, IterationRecord, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError
-from mbocp.solvers.strategies.iterating import Callback, SolverResult
+from mbocp.solvers.strategies.iterating import SolverResult
 
 _GRACE = 1.0  # [s] beyond a time limit: for the process to begin, and for an iteration that is under way
 _ALONE = threading.RLock()
@@ -79,38 +78,53 @@ def run_apart(
     CompilationTimeout
         If the time limit passed before the solver began.
     """
-    records: list[IterationRecord] = []
-    begun: list[IterationRecord] = []
-    known: list[Array] = []
-
-    def hear(told: object) -> None:
-        if isinstance(told, IterationRecord):
-            begun.append(told)
-        elif isinstance(told, _Iteration):
-            records.append(told.record)
-            if told.w is not None:
-                known[:] = [told.w]
-            if callback is not None:
-                callback(told.record)
-
-    until = math.inf if solver.time_limit is None else time.perf_counter() + solver.time_limit + _GRACE
+    told, deadline = _Told(callback), deadline_after(solver.time_limit) + _GRACE
     with _ALONE:
         try:
-            answer = _process().run(_Run(solver, programme, iterate, phase, first), hear, until)
+            answer = _process().run(_Run(solver, programme, iterate, phase, first), told.hear, deadline)
         except ElsewhereError:
-            if not begun:
+            if not told.begun:
                 return solver.run(programme, iterate, callback, phase, first)
             status = Status.DIVERGED  # it has crashed, and would do so here
         except ElsewhereEnded as ended:
             status = Status.INTERRUPTED if ended.is_interrupted else Status.TIME_LIMIT
-            if not begun:
+            if not told.begun:
                 raise _without_result(solver.title, status) from None
         else:
             result = cast("SolverResult", answer)
-            return replace(result, history=tuple(records) or result.history)  # those the callback has seen
-    at = _unpacked(known[0], programme) if known else iterate
-    history = tuple(records or begun)
+            return replace(result, history=told.records or result.history)  # those the callback has seen
+    at = iterate if told.w is None else _unpack(told.w, programme)
+    history = told.records or told.begun
     return SolverResult(status, _advice(solver.title, status, history), at, history[-1], history)
+
+
+@dataclass(eq=False)
+class _Told:
+    """What the process has told so far.
+
+    Attributes
+    ----------
+    callback : callable, optional
+    begun, records : tuple of IterationRecord
+        Where the run began, if it has; its iterations.
+    w : ndarray, optional
+        The last unknowns.
+    """
+
+    callback: Callback | None
+    begun: tuple[IterationRecord, ...] = ()
+    records: tuple[IterationRecord, ...] = ()
+    w: Array | None = None
+
+    def hear(self, told: object) -> None:
+        """Take in one more thing."""
+        if isinstance(told, IterationRecord):
+            self.begun = (told,)
+        elif isinstance(told, _Iteration):
+            self.records = (*self.records, told.record)
+            self.w = self.w if told.w is None else told.w
+            if self.callback is not None:
+                self.callback(told.record)
 
 
 def _without_result(title: str, status: Status) -> BaseException:
@@ -140,7 +154,7 @@ def _close(process: Elsewhere, pid: int) -> None:
         process.close()
 
 
-def _unpacked(w: Array, programme: StagewiseProgramme) -> Iterate:
+def _unpack(w: Array, programme: StagewiseProgramme) -> Iterate:
     """An iterate without multipliers, which are not known."""
     lay = NlpLayout.of(programme, wants_gaps=True)
     return unpacked(w, np.zeros(lay.num_rows), np.zeros(lay.num_unknowns), lay)

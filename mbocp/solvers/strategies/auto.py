@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
 
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
-from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
 from mbocp.solvers.strategies.progress import WINDOW, has_stalled
 from mbocp.solvers.strategies.registry import make_solver
 
@@ -22,52 +19,70 @@ _PATIENCE = 200  # iterations without progress, of the phase after which there i
 _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
 
 
-def solve_automatically(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
-    """Monolithic Newton first; then IPOPT where there are limits, or else the staggered solvers."""
-    if settings.has_inequalities:
-        from mbocp.solvers.strategies.within_limits import solve_within_limits
-
-        return solve_within_limits(settings, iterate, phases, _solve_freely)
-    return _solve_freely(settings, iterate, phases)
-
-
-def _solve_freely(settings: SolverSettings, iterate: Iterate, phases: Phases) -> Outcome:
-    """Monolithic Newton while it makes progress; else the hybrids; at last what had been broken off.
+@dataclass(frozen=True)
+class Auto:
+    """Run monolithic Newton; if it stalls, the hybrids; in the end resume the first run.
 
     Every phase says in the advice why it ended. Nothing is given up for good: where no other strategy
     succeeds, the first goes on from its best iterate.
     """
-    results: list[SolverResult] = []
-    tried: list[tuple[str, Solver[Any]]] = []
 
-    def is_over() -> bool:
-        is_spent = settings.is_spent(phases.taken) or phases.is_in_vain
-        return bool(results) and (is_spent or results[-1].status in (Status.CONVERGED, *STOPPED))
+    def run(self, phases: Phases) -> Outcome:
+        """Run phase after phase, until one converges."""
+        runs = _Runs(phases)
+        first = runs.go_on("monolithic", phases.guess)
+        runs.go_on("fbsm_bb", phases.guess)
+        if not runs.is_over and runs.results[-1].status is not Status.SWEEP_FAILED:
+            reached = runs.results[-1].iterate
+            runs.go_on("fbsm_newton", reached)
+            runs.go_on("monolithic", reached)
+        if first.status is Status.STAGNATED:
+            runs.go_on("monolithic", first.iterate, is_last=True)
+        return runs.outcome()
 
-    def attempt(name: str, start: Iterate, *, is_last: bool = False) -> None:
-        if is_over():
-            return
+
+@dataclass(eq=False)
+class _Runs:
+    """The phases so far.
+
+    Attributes
+    ----------
+    phases : Phases
+    results : list of SolverResult
+    tried : list of (str, str)
+        Names of the phases, and of their solvers.
+    """
+
+    phases: Phases
+    results: list[SolverResult] = field(default_factory=list)
+    tried: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no further phase is to begin."""
+        return bool(self.results) and self.phases.ends_with(self.results[-1])
+
+    def go_on(self, name: str, start: Iterate, *, is_last: bool = False) -> SolverResult:
+        """Run a phase while it makes progress, unless it is over; return the last result."""
+        if self.is_over:
+            return self.results[-1]
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
-        limited = replace(settings.within(phases.taken), is_careful=is_last)
+        limited = replace(self.phases.settings.within(self.phases.taken), is_careful=is_last)
         solver = make_solver(name, limited.unhurried() if name == "monolithic" else limited, switch)
         watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
-        tried.append((name, solver))
-        results.append(phases.run(solver, name, start, should_stop=watch))
+        self.tried.append((name, solver.name))
+        self.results.append(self.phases.run(solver, name, start, should_stop=watch))
+        return self.results[-1]
 
-    attempt("monolithic", iterate)
-    first = results[0]
-    attempt("fbsm_bb", iterate)
-    if not is_over() and results[-1].status is not Status.SWEEP_FAILED:
-        reached = results[-1].iterate
-        attempt("fbsm_newton", reached)
-        attempt("monolithic", reached)
-    if first.status is Status.STAGNATED:
-        attempt("monolithic", first.iterate, is_last=True)
-    best = _best(results, is_spent=settings.is_spent(phases.taken))
-    if len(results) == 1:
-        return phases.outcome(best, f"auto: {tried[0][1].name}")
-    told = [f"{name} {how_it_ended(result)}" for (name, _), result in zip(tried, results, strict=True)]
-    return phases.outcome(best, "auto: " + " > ".join(phases.names), "auto: " + ", ".join(told))
+    def outcome(self) -> Outcome:
+        """Return the best result, and say how each phase ended."""
+        phases = self.phases
+        best = _best(self.results, is_spent=phases.settings.is_spent(phases.taken))
+        if len(self.results) == 1:
+            return phases.outcome(best, f"auto: {self.tried[0][1]}")
+        ends = zip(self.tried, self.results, strict=True)
+        words = ", ".join(f"{name} {how_it_ended(result)}" for (name, _), result in ends)
+        return phases.outcome(best, "auto: " + " > ".join(phases.names), f"auto: {words}")
 
 
 def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:

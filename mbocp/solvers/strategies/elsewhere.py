@@ -117,21 +117,7 @@ class Elsewhere:
             If it was ended.
         """
         self._say(task)
-        failure: BaseException | None = None
-        message: object = None
-        while not isinstance(message, (Answer, Failure, _End)):
-            message = None
-            try:
-                message = _next(self._inbox, until)
-                if isinstance(message, Told) and hear is not None and failure is None:
-                    hear(message.value)
-            except BaseException as error:  # the task has to hear of it before others do
-                if failure is not None:  # Ctrl-C again
-                    message = _End.SILENT
-                failure, until = failure or error, -math.inf
-            until = max(until, time.perf_counter() + _GRACE) if message is not _End.SILENT else until
-            if isinstance(message, Told):
-                self._say(failure is None)
+        message, failure = self._wait_for_end(hear, until)
         if isinstance(message, _End):
             self.close()
         if failure is not None and not isinstance(failure, KeyboardInterrupt):
@@ -141,6 +127,27 @@ class Elsewhere:
         if message is _End.SILENT:
             raise ElsewhereEnded(is_interrupted=failure is not None)
         raise ElsewhereError(message.words if isinstance(message, Failure) else _End.GONE.value)
+
+    def _wait_for_end(
+        self, hear: Callable[[object], object] | None, until: float
+    ) -> tuple[Answer | Failure | _End, BaseException | None]:
+        """Pass on what the task tells; return how it ended, and what stopped it on this side."""
+        failure: BaseException | None = None
+        while True:
+            message: object = None
+            try:
+                message = _next(self._inbox, until)
+                if isinstance(message, Told) and hear is not None and failure is None:
+                    hear(message.value)
+            except BaseException as error:  # the task has to hear of it before others do
+                if failure is not None:  # Ctrl-C again
+                    return _End.SILENT, failure
+                failure, until = error, -math.inf
+            if isinstance(message, (Answer, Failure, _End)):
+                return message, failure
+            until = max(until, time.perf_counter() + _GRACE)
+            if isinstance(message, Told):
+                self._say(failure is None)
 
     def close(self) -> None:
         """End the process, whatever it does; it may be called from another thread."""
@@ -157,7 +164,7 @@ class Elsewhere:
         """Send a value, to a process that is started for the first one."""
         try:
             if self._process is None:
-                self._process = _started()
+                self._process = _start()
                 threading.Thread(
                     target=_listen, args=(self._process.stdout, self._inbox), daemon=True
                 ).start()
@@ -169,7 +176,7 @@ class Elsewhere:
             raise ElsewhereError(f"a process to solve in: {error}") from error
 
 
-def _started() -> subprocess.Popen[bytes]:
+def _start() -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         python_command(_START),
         stdin=subprocess.PIPE,

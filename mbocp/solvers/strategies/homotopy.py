@@ -20,7 +20,6 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.limits import why_limits_cannot_be_kept
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import STOPPED
 
 _FAR = 1e100  # a side that no value gets near, but a number: the row is evaluated
 _MOST_RUNS, _MOST_FAILURES = 8, 2
@@ -47,8 +46,8 @@ def without_limits(programme: StagewiseProgramme) -> StagewiseProgramme:
     )
 
 
-def beyond(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Array]:
-    """How far an iterate goes beyond its limits at most, by row: below and above, each (nx + nu + nh,)."""
+def measure_excess(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Array]:
+    """Return how far an iterate goes beyond its limits at most, by row: below and above, (nx + nu + nh,)."""
     bounds = programme.bounds
     limited, lower, upper = bounds.limited, bounds.lower, bounds.upper
     far = bounds.with_sides(np.where(limited, -_FAR, -np.inf), np.where(limited, _FAR, np.inf))
@@ -63,8 +62,8 @@ def beyond(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Arra
     return below.max(axis=0, initial=0.0), above.max(axis=0, initial=0.0)
 
 
-def widened(programme: StagewiseProgramme, width: tuple[Array, Array], part: float) -> StagewiseProgramme:
-    """The programme with limits farther out by a part of `width`, below and above."""
+def widen(programme: StagewiseProgramme, width: tuple[Array, Array], part: float) -> StagewiseProgramme:
+    """Return the programme with limits farther out by a part of `width`, below and above."""
     bounds = programme.bounds
     return replace(
         programme,
@@ -72,19 +71,19 @@ def widened(programme: StagewiseProgramme, width: tuple[Array, Array], part: flo
     )
 
 
-def brought_back(programme: StagewiseProgramme, iterate: Iterate, solve: Solve) -> SolverResult | None:
-    """Solution with all limits, from a solution without; or what was stopped; None where it leads nowhere.
+def bring_limits_back(programme: StagewiseProgramme, iterate: Iterate, solve: Solve) -> SolverResult | None:
+    """Solve with all limits, from a solution without; return what was stopped, or None if it leads nowhere.
 
     `solve` returns None where it may not go on.
     """
-    width = beyond(programme, iterate)
+    width = measure_excess(programme, iterate)
     reached, step, failures = 1.0, 0.5, 0
     for _ in range(_MOST_RUNS):
         part = max(0.0, reached - step)
-        found = solve(programme if part == 0.0 else widened(programme, width, part), iterate)
+        found = solve(programme if part == 0.0 else widen(programme, width, part), iterate)
         if found is None:
             return None
-        if found.status in STOPPED or (part == 0.0 and found.status is Status.CONVERGED):
+        if found.status.is_stopped or (part == 0.0 and found.status is Status.CONVERGED):
             return found
         if found.status is Status.CONVERGED:
             reached, iterate = part, found.iterate

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from mbocp.programme.iterate import Iterate
 from mbocp.solvers.newton_method.polish import Judged, can_be_polished, meets, polisher
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.records import Status
-from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import STOPPED, Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
 
 _SETTLED = (Status.CONVERGED, Status.LINE_SEARCH_FAILED)  # ends of an interior-point solver at a solution
 
 
-def run_interior(
-    settings: SolverSettings, name: str, iterate: Iterate, phases: Phases
-) -> tuple[SolverResult, str]:
-    """IPOPT or fatrop, and Newton's method where its end does not hold by our own measure; and a title."""
+@dataclass(frozen=True)
+class InteriorPhase:
+    """An interior-point solver, to its end.
+
+    Attributes
+    ----------
+    name : {"ipopt", "fatrop"}
+    """
+
+    name: str
+
+    def run(self, phases: Phases) -> Outcome:
+        """Run it from the guess."""
+        return phases.outcome(*run_interior(self.name, phases))
+
+
+def run_interior(name: str, phases: Phases) -> tuple[SolverResult, str]:
+    """Run IPOPT or fatrop, and Newton's method where that ends too early by our measure; with a title."""
+    settings = phases.settings
     solver = InteriorPoint(
         name,
         settings.tolerance,
@@ -26,28 +39,27 @@ def run_interior(
         phases.time_left,
         settings.options.linear_solver,
     )
-    found = phases.run_interior(solver, name, iterate)
+    found = phases.run_interior(solver, name, phases.guess)
     if found.status not in _SETTLED or not can_be_polished(phases.programme):
         return found, solver.title
     judged = Judged.of(found, phases.programme, settings.tolerance)
     if judged.error <= settings.tolerance:
-        return _converged(judged.result), solver.title
+        return _claim_converged(judged.result), solver.title
     if found.status is not Status.CONVERGED:
         return found, solver.title
-    return _polished(settings, judged, solver.title, phases)
+    return _polish(judged, solver.title, phases)
 
 
-def _polished(
-    settings: SolverSettings, judged: Judged, title: str, phases: Phases
-) -> tuple[SolverResult, str]:
-    """Newton's method from where an interior-point solver ended; the better of the two."""
+def _polish(judged: Judged, title: str, phases: Phases) -> tuple[SolverResult, str]:
+    """Run Newton's method from where an interior-point solver ended; return the better of the two."""
+    settings = phases.settings
     found, most = judged.result, settings.within(phases.taken).newton_iterations
     newton = polisher(settings.tolerance, settings.control_weight, most)
     polished = phases.run(newton, "polish", found.iterate, should_stop=meets(settings.tolerance))
     if polished.status is Status.CONVERGED or polished.record.residual <= settings.tolerance:
-        return _converged(polished), title
+        return _claim_converged(polished), title
     better = polished if polished.record.residual < found.record.residual else found
-    if polished.status in STOPPED:
+    if polished.status.is_stopped:
         return replace(better, status=polished.status, advice=polished.advice), title
     advice = (
         f"{title} ends here by its own measure, but the optimality conditions hold to {judged.error:.1e} "
@@ -57,6 +69,6 @@ def _polished(
     return replace(better, status=Status.STAGNATED, advice=advice), title
 
 
-def _converged(result: SolverResult) -> SolverResult:
+def _claim_converged(result: SolverResult) -> SolverResult:
     advice = f"a local minimum: the optimality conditions hold (residual {result.record.residual:.1e})"
     return replace(result, status=Status.CONVERGED, advice=advice)

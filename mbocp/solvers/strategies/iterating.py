@@ -12,13 +12,12 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.newton_method.limits import multipliers_of
 from mbocp.solvers.protocol import Measures, Solver, SolverState
-from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.records import Callback, IterationRecord, Status
 
 _KEEP_EVERY = 10  # iterations: how often a better iterate is copied, in case that the last one is worse
 _MUCH_LESS = 0.1  # of the last increment: the next one that is, and is foreseen, is not just more round-off
 _HOLDS = 1e-6  # violation of steps and end condition beside which a larger residual is one of stationarity
 
-Callback = Callable[[IterationRecord], object]
 StopTest = Callable[[Sequence[IterationRecord]], bool]
 
 
@@ -72,40 +71,76 @@ def run(
     """
     clock = time.perf_counter()
     state = solver.init(programme, iterate)
-    history = [_record(state, phase, first, time.perf_counter() - clock)]
-    best, best_record = iterate, history[0]
+    guess = _record(state, phase, first, time.perf_counter() - clock)
+    course = _Course(solver, programme, callback, state, [guess], iterate, guess)
     deadline = min(deadline, time.perf_counter() + allowance)
-    status: Status | None = None
     try:
         if callback:
-            callback(history[0])
-        while (status := solver.terminate(state)) is None:
-            clock = time.perf_counter()
-            if clock > deadline:
-                status = Status.TIME_LIMIT
-                break
-            state = solver.step(state)
-            if first + state.iteration == history[-1].iteration:
-                continue  # no step was taken; `terminate` knows why
-            record = _record(state, phase, first, time.perf_counter() - clock)
-            history.append(record)
-            if state.iteration % _KEEP_EVERY == 0 and _is_better(record, best_record):
-                best, best_record = _iterate(state, programme), record
-            if callback:
-                callback(record)
-            if should_stop and should_stop(history) and solver.terminate(state) is None:
-                status = Status.STAGNATED
-                break
+            callback(guess)
+        status = course.go_on(should_stop, deadline)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
-    last, advice = history[-1], _advice(status, state, programme, solver.tolerance)
-    if status in (Status.CONVERGED, Status.SWITCHED) or (
-        _is_finite(last) and not _is_better(best_record, last)
-    ):
-        best, best_record = _iterate(state, programme), last
-    else:
-        advice += f"; returned is the better iterate {best_record.iteration} ({best_record.residual:.1e})"
-    return SolverResult(status, advice, best, best_record, tuple(history))
+    return course.end(status)
+
+
+@dataclass(eq=False)
+class _Course:
+    """A run on its way.
+
+    Attributes
+    ----------
+    solver : Solver
+    programme : StagewiseProgramme
+    callback : callable, optional
+    state : SolverState
+    history : list of IterationRecord
+    best : Iterate
+        A copy of one of the best iterates so far.
+    best_record : IterationRecord
+        Of that.
+    """
+
+    solver: Solver[Any]
+    programme: StagewiseProgramme
+    callback: Callback | None
+    state: SolverState
+    history: list[IterationRecord]
+    best: Iterate
+    best_record: IterationRecord
+
+    def go_on(self, should_stop: StopTest | None, deadline: float) -> Status:
+        """Iterate to the end; return how it ended."""
+        phase, first = self.history[0].phase, self.history[0].iteration
+        while (status := self.solver.terminate(self.state)) is None:
+            clock = time.perf_counter()
+            if clock > deadline:
+                return Status.TIME_LIMIT
+            self.state = self.solver.step(self.state)
+            if first + self.state.iteration == self.history[-1].iteration:
+                continue  # no step was taken; `terminate` knows why
+            self._add(_record(self.state, phase, first, time.perf_counter() - clock))
+            if should_stop and should_stop(self.history) and self.solver.terminate(self.state) is None:
+                return Status.STAGNATED
+        return status
+
+    def _add(self, record: IterationRecord) -> None:
+        self.history.append(record)
+        if self.state.iteration % _KEEP_EVERY == 0 and _is_better(record, self.best_record):
+            self.best, self.best_record = _iterate(self.state, self.programme), record
+        if self.callback:
+            self.callback(record)
+
+    def end(self, status: Status) -> SolverResult:
+        """Return the last iterate, or the best one if the run did not converge and that is better."""
+        last = self.history[-1]
+        advice = _advice(status, self.state, self.programme, self.solver.tolerance)
+        is_last_best = _is_finite(last) and not _is_better(self.best_record, last)
+        if status in (Status.CONVERGED, Status.SWITCHED) or is_last_best:
+            best, record = _iterate(self.state, self.programme), last
+        else:
+            best, record = self.best, self.best_record
+            advice += f"; returned is the better iterate {record.iteration} ({record.residual:.1e})"
+        return SolverResult(status, advice, best, record, tuple(self.history))
 
 
 def _is_better(record: IterationRecord, other: IterationRecord) -> bool:
@@ -138,7 +173,7 @@ def _record(state: SolverState, phase: str, first: int, seconds: float) -> Itera
     )
 
 
-def _kept(state: SolverState, tolerance: float) -> str:
+def _words_for_convergence(state: SolverState, tolerance: float) -> str:
     """What of a solution is below the tolerance, and what is round-off."""
     e = state.evaluation
     if e.residual > tolerance >= _without_limits(e):
@@ -160,7 +195,7 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
     e = state.evaluation
     taken = f"{state.iteration} iteration{'' if state.iteration == 1 else 's'}"
     if status is Status.CONVERGED:
-        kept = _kept(state, tolerance)
+        kept = _words_for_convergence(state, tolerance)
         if state.at_minimum:
             return f"a strict local minimum: {kept}"
         return (

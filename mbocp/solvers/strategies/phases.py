@@ -7,19 +7,19 @@ import time
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.deadline import deadline_after, time_until
 from mbocp.solvers.protocol import Solver
-from mbocp.solvers.records import IterationRecord, Phase, Status
-from mbocp.solvers.strategies.iterating import Callback, SolverResult, StopTest, run
+from mbocp.solvers.records import Callback, IterationRecord, Phase, Status
+from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.strategies.iterating import SolverResult, StopTest, run
 from mbocp.solvers.strategies.patience import Patience
 
 if TYPE_CHECKING:
     from mbocp.solvers.nlp.interior_point import InteriorPoint
-
-STOPPED = (Status.INTERRUPTED, Status.TIME_LIMIT)  # by the user, at once or ahead
 
 
 @dataclass(frozen=True)
@@ -81,14 +81,29 @@ class Outcome:
         return replace(self, result=self.result.interrupted())
 
 
-class Phases:
-    """Runs the phases of a strategy, and collects what they leave."""
+class Strategy(Protocol):
+    """How phases follow each other: frozen, with one method."""
 
-    def __init__(self, start: Start, time_limit: float | None) -> None:
+    def run(self, phases: Phases) -> Outcome:
+        """Run them."""
+
+
+class Phases:
+    """Runs the phases of a strategy, and collects what they leave.
+
+    Attributes
+    ----------
+    settings : SolverSettings
+    programme : StagewiseProgramme
+    guess : Iterate
+    """
+
+    def __init__(self, start: Start, settings: SolverSettings) -> None:
+        self.settings, self.guess = settings, start.iterate
         self.programme, self.callback, self.label = start.programme, start.callback, start.label
         self._begun = start.first
-        self.deadline = math.inf if time_limit is None else time.perf_counter() + time_limit
-        self.patience = start.patience or Patience(is_limited=time_limit is None)
+        self.deadline = deadline_after(settings.time_limit)
+        self.patience = start.patience or Patience(is_limited=settings.time_limit is None)
         self.history: list[IterationRecord] = []
         self.phases: list[Phase] = []
         self.last: SolverResult | None = None
@@ -117,13 +132,17 @@ class Phases:
     @property
     def time_left(self) -> float | None:
         """Until the time limit, or the end of patience [s]; None: there is neither."""
-        left = min(self.deadline - time.perf_counter(), self.patience.left)
-        return None if math.isinf(left) else max(0.0, left)
+        return time_until(min(self.deadline, time.perf_counter() + self.patience.left))
 
     @property
     def is_in_vain(self) -> bool:
-        """Whether no further phase is to begin, as the last one has failed."""
-        return self.patience.is_over
+        """Whether no further phase is to begin, as iterations or patience are used up."""
+        return self.settings.is_spent(self.taken) or self.patience.is_over
+
+    def ends_with(self, result: SolverResult) -> bool:
+        """Whether no further phase is to begin after a result."""
+        is_final = result.status is Status.CONVERGED or result.status.is_stopped
+        return is_final or self.is_in_vain
 
     def run(
         self, solver: Solver[Any], name: str, iterate: Iterate, *, should_stop: StopTest | None = None
@@ -146,7 +165,7 @@ class Phases:
             if self.last is None:
                 raise
             result = replace(self.last.interrupted(), history=())
-        return self._kept(result, name, clock)
+        return self._keep(result, name, clock)
 
     def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
         """Run an interior-point solver; fatrop, which does not always hear Ctrl-C, where it can be ended."""
@@ -155,9 +174,9 @@ class Phases:
         clock = time.perf_counter()
         arguments = (self.programme, iterate, self.callback, name + self.label, self.first)
         result = run_apart(solver, *arguments) if name == "fatrop" else solver.run(*arguments)
-        return self._kept(result, name, clock)
+        return self._keep(result, name, clock)
 
-    def _kept(self, result: SolverResult, name: str, clock: float) -> SolverResult:
+    def _keep(self, result: SolverResult, name: str, clock: float) -> SolverResult:
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))

@@ -1,28 +1,29 @@
-"""From the name of a method to its phases: one solver, a gradient phase and a Newton phase, or `auto`."""
+"""From the name of a method to an outcome: the choice of a strategy, and the plain ones.
+
+A strategy is frozen, has one method, `run(phases)`, and runs solvers through that account.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.units import Units
-from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Status
 from mbocp.solvers.settings import SolverSettings
-from mbocp.solvers.strategies.auto import solve_automatically
+from mbocp.solvers.strategies.auto import Auto
 from mbocp.solvers.strategies.cost_unit import run_with_tiny_costs
-from mbocp.solvers.strategies.phases import STOPPED, Outcome, Phases, Start, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, Start, Strategy, how_it_ended
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
 from mbocp.solvers.strategies.units import run_in
 
 
 @dataclass(frozen=True)
-class Strategy:
-    """A solve as a task for another process."""
+class SolveTask:
+    """A solve for another process."""
 
     settings: SolverSettings
     programme: StagewiseProgramme
@@ -50,42 +51,81 @@ def run_strategy(settings: SolverSettings, start: Start) -> Outcome:
     return run_in(units, run_strategy, settings, start, told=f"solved with {_words(units)}")
 
 
+def strategy_for(settings: SolverSettings) -> Strategy:
+    """Choose how the phases of a solve follow each other."""
+    method = settings.options.method
+    if method in INTERIOR_POINT:
+        from mbocp.solvers.strategies.interior import InteriorPhase
+
+        return InteriorPhase(method)
+    if method == "auto" and settings.has_inequalities:
+        from mbocp.solvers.strategies.within_limits import AutoWithinLimits
+
+        return AutoWithinLimits(Auto())
+    if method == "auto":
+        return Auto()
+    first, _, then = method.partition("+")
+    return Hybrid(first, then) if then else OnePhase(first)
+
+
+@dataclass(frozen=True)
+class OnePhase:
+    """One solver, to its end.
+
+    Attributes
+    ----------
+    name : str
+        Of the solver.
+    """
+
+    name: str
+
+    def run(self, phases: Phases) -> Outcome:
+        """Run it from the guess."""
+        solver = make_solver(self.name, phases.settings)
+        return phases.outcome(phases.run(solver, self.name, phases.guess), solver.name)
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """Gradient steps, then Newton's method from where they came to, section 5.3.
+
+    Attributes
+    ----------
+    gradient, newton : str
+        Names of the solvers.
+    """
+
+    gradient: str
+    newton: str
+
+    def run(self, phases: Phases) -> Outcome:
+        """Run one after the other."""
+        settings = phases.settings
+        gradient, newton = (
+            make_solver(self.gradient, settings, settings.switch),
+            make_solver(self.newton, settings),
+        )
+        solver = f"{gradient.name}, then {newton.name}"
+        begun = phases.run(gradient, self.gradient, phases.guess)
+        if begun.status.is_stopped:
+            return phases.outcome(begun, solver)
+        is_done = begun.status in (Status.SWITCHED, Status.CONVERGED)
+        words = "" if is_done else f"{self.gradient} {how_it_ended(begun)}"
+        start = phases.guess if begun.status is Status.SWEEP_FAILED else begun.iterate
+        found = phases.run(newton, self.newton, start)
+        if not math.isfinite(found.record.cost + found.record.residual):
+            # Newton's method left the numbers at once, or it would have kept a better iterate.
+            found = replace(found, iterate=begun.iterate, record=begun.record)
+        return phases.outcome(found, solver, words)
+
+
+def _run_phases(settings: SolverSettings, start: Start) -> Outcome:
+    return strategy_for(settings).run(Phases(start, settings))
+
+
 def _words(units: Units) -> str:
     words = [f"cost weighed {units.cost:.0e} times"]
     if units.force != 1.0:
         words = [f"forces counted in {units.force:.0e} N or N m", *words]
     return " and ".join(words)
-
-
-def _run_phases(settings: SolverSettings, start: Start) -> Outcome:
-    phases, method = Phases(start, settings.time_limit), settings.options.method
-    if method in INTERIOR_POINT:
-        from mbocp.solvers.strategies.interior import run_interior
-
-        return phases.outcome(*run_interior(settings, method, start.iterate, phases))
-    if method == "auto":
-        return solve_automatically(settings, start.iterate, phases)
-    first, *then = method.split("+")
-    if not then:
-        solver = make_solver(first, settings)
-        return phases.outcome(phases.run(solver, first, start.iterate), solver.name)
-    gradient, newton = make_solver(first, settings, settings.switch), make_solver("+".join(then), settings)
-    return _hybrid(gradient, newton, (first, *then), start.iterate, phases)
-
-
-def _hybrid(
-    gradient: Solver[Any], newton: Solver[Any], names: Sequence[str], iterate: Iterate, phases: Phases
-) -> Outcome:
-    """Gradient steps, then Newton's method from where they came to, section 5.3."""
-    solver = f"{gradient.name}, then {newton.name}"
-    begun = phases.run(gradient, names[0], iterate)
-    if begun.status in STOPPED:
-        return phases.outcome(begun, solver)
-    told = "" if begun.status in (Status.SWITCHED, Status.CONVERGED) else f"{names[0]} {how_it_ended(begun)}"
-    start = iterate if begun.status is Status.SWEEP_FAILED else begun.iterate
-    found = phases.run(newton, names[1], start)
-    if not math.isfinite(
-        found.record.cost + found.record.residual
-    ):  # at once, or it would have kept a better one
-        found = replace(found, iterate=begun.iterate, record=begun.record)
-    return phases.outcome(found, solver, told)
