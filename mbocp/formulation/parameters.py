@@ -59,19 +59,23 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     _add(theta, {unit_of(block.name): 1 for block in blocks if block.has_unit})
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
+    terminal, weights = _terminal_parameters(signature, sizes)
     if signature.num_numbers:
-        theta[NUMBERS] = signature.num_numbers
-    terminal = signature.goal.parameters(sizes)
-    weights = {name for term in signature.cost for name in term.weights}
+        theta[NUMBERS] = terminal[NUMBERS] = signature.num_numbers
+    weights.update(name for term in signature.cost for name in term.weights)
+    return ParameterLayout(theta, stage, terminal, frozenset(weights))
+
+
+def _terminal_parameters(signature: FunctionSignature, sizes: Sizes) -> tuple[dict[str, int], set[str]]:
+    """Parameters of the functions of the end, but for numbers of one's own, and which of them are weights."""
+    terminal, weights = signature.goal.parameters(sizes), set[str]()
     if signature.terminal is not None:
         _add(terminal, signature.terminal.parameters(sizes))
         weights.update(signature.terminal.weights)
     for end in signature.ends:
         _add(terminal, end.parameters())
         weights.update(end.weights)
-    if signature.num_numbers:
-        terminal[NUMBERS] = signature.num_numbers
-    return ParameterLayout(theta, stage, terminal, frozenset(weights))
+    return terminal, weights
 
 
 def path_parameters(k: int, name: str) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -45,9 +44,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     InvalidValue
         If the motion has ended by that time, or not begun.
     """
-    problem, programme = formulation.problem, formulation.programme
-    robot, N, layout = problem.robot, problem.num_steps, formulation.layout
-    shares = formulation.pieces.signature.control_values.shares
+    problem, robot = formulation.problem, formulation.problem.robot
     known = COORDINATES.get(saved.coordinates)
     has_multipliers = known is None or known.has_robot_multipliers
     has_own = has_multipliers and COORDINATES[problem.coordinates].has_robot_multipliers
@@ -56,24 +53,13 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     if has_multipliers and rows:  # without, they are left to be worked out when something else needs them
         _check("nc", (saved.nc,), (rows,))
     nodes = _nodes_of(problem, saved, _begin(problem, saved) if at is None else place_at(saved, at))
-    left = np.minimum(nodes.astype(int), saved.num_steps - 1)
-    share = nodes - left
-    qs = np.array(
-        [
-            pin.interpolate(robot.model, saved.qs[i], saved.qs[i + 1], s)
-            for i, s in zip(left, share, strict=True)
-        ]
-    )
-    vs = _between(saved.vs, left, share)
-    middle = np.minimum(((nodes[:-1] + nodes[1:]) / 2.0).astype(int), saved.num_steps - 1)
-    us = saved.us[middle]
-    lams = (
-        saved.lams[middle] if has_multipliers and rows else np.zeros((N, 0 if has_multipliers else robot.nc))
-    )
-    dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
-    dts = dts if problem.timeline.has_free_lengths else problem.timeline.lengths()
-    values = _values(saved, nodes, shares)
-    iterate = formulation.iterate_of(Motion(qs, vs, us, dts, values, shares), lams)
+    places = _Places.of(nodes, saved)
+    if has_multipliers and rows:
+        lams = saved.lams[places.middle]
+    else:
+        lams = np.zeros((problem.num_steps, 0 if has_multipliers else robot.nc))
+    motion = _motion(saved, formulation, places)
+    iterate = formulation.iterate_of(motion, lams)
     if saved.iterate is not None and np.array_equal(nodes, np.arange(nodes[0], saved.num_steps + 1)):
         kept = restored(saved.iterate, np.diff(saved.t), iterate, formulation)
         if kept is not None:
@@ -82,13 +68,68 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
         _check("nc", (saved.nc,), (rows,))
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
-    scales = filled_impulses(problem, dts)
-    mus = _row_multipliers(saved, formulation, left, share)
+    return _with_multipliers(iterate, saved, formulation, places, motion.dts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where on a saved motion the nodes of another one are.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (N + 1,)
+        In numbers of its nodes.
+    left : ndarray of int, shape (N + 1,)
+        The saved node before each.
+    share : ndarray, shape (N + 1,)
+        Of the saved step after that.
+    middle : ndarray of int, shape (N,)
+        The saved step in which the middle of each step is.
+    """
+
+    nodes: Array
+    left: IntArray
+    share: Array
+    middle: IntArray
+
+    @classmethod
+    def of(cls, nodes: Array, saved: Solution) -> _Places:
+        last = saved.num_steps - 1
+        left = np.minimum(nodes.astype(int), last)
+        middle = np.minimum(((nodes[:-1] + nodes[1:]) / 2.0).astype(int), last)
+        return cls(nodes, left, nodes - left, middle)
+
+    def between(self, values: Array) -> Array:
+        """Values at the nodes, from those at the saved ones."""
+        out: Array = values[self.left] + self.share[:, None] * (values[self.left + 1] - values[self.left])
+        return out
+
+
+def _motion(saved: Solution, formulation: Formulation, places: _Places) -> Motion:
+    """The saved motion with the steps of a formulation."""
+    problem, nodes = formulation.problem, places.nodes
+    shares = formulation.pieces.signature.control_values.shares
+    given = zip(places.left, places.share, strict=True)
+    model = problem.robot.model
+    qs = np.array([pin.interpolate(model, saved.qs[i], saved.qs[i + 1], share) for i, share in given])
+    dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
+    dts = dts if problem.timeline.has_free_lengths else problem.timeline.lengths()
+    us, values = saved.us[places.middle], _values(saved, nodes, shares)
+    return Motion(qs, places.between(saved.vs), us, dts, values, shares)
+
+
+def _with_multipliers(
+    iterate: Iterate, saved: Solution, formulation: Formulation, places: _Places, dts: Array
+) -> Iterate:
+    """The iterate with the multipliers that the solution has."""
+    programme, more = formulation.programme, formulation.layout.num_more_states
+    zetas = filled_impulses(formulation.problem, dts) ** 2 * saved.zetas[places.middle]
+    mus = _row_multipliers(saved, formulation, places)
     return replace(
         iterate,
-        ms=np.hstack([mus, np.zeros((N, layout.num_more_states)), scales**2 * saved.zetas[middle]]),
+        ms=np.hstack([mus, np.zeros((len(mus), more)), zetas]),
         eta=saved.eta if saved.eta.size == programme.ng else np.zeros(programme.ng),
-        bounds=_bound_multipliers(saved, formulation, left, share, middle),
+        bounds=_bound_multipliers(saved, formulation, places),
     )
 
 
@@ -168,24 +209,22 @@ def _phases_of(problem: Problem) -> tuple[tuple[str, int, int], ...]:
     return tuple((timeline.name_of(phase), phase.first, phase.last) for phase in phases)
 
 
-def _bound_multipliers(
-    saved: Solution, formulation: Formulation, left: Any, share: Array, middle: Any
-) -> BoundMultipliers | None:
+def _bound_multipliers(saved: Solution, formulation: Formulation, places: _Places) -> BoundMultipliers | None:
     """Multipliers of limits where states are (q, v); those of path constraints and guards begin anew."""
     programme = formulation.programme
     if not (saved.lam_us.any() or saved.lam_qs.any() or saved.lam_vs.any()):
         return None
-    lam_xs = _between(np.hstack([saved.lam_qs, saved.lam_vs]), left, share)
+    lam_xs = places.between(np.hstack([saved.lam_qs, saved.lam_vs]))
     N, at = programme.num_steps, formulation.layout
     return BoundMultipliers(
         xs=np.hstack([lam_xs, np.zeros((N + 1, at.num_more_states))]),
-        us=np.hstack([saved.lam_us[middle], np.zeros((N, at.num_more_controls))]),
+        us=np.hstack([saved.lam_us[places.middle], np.zeros((N, at.num_more_controls))]),
         path=np.zeros((N, programme.bounds.nh)),
         guard=np.zeros(programme.num_guards),
     )
 
 
-def _row_multipliers(saved: Solution, formulation: Formulation, left: Any, share: Array) -> Array:
+def _row_multipliers(saved: Solution, formulation: Formulation, places: _Places) -> Array:
     """Multipliers of kinematic and momentum rows from the adjoints of a solution by any scheme.
 
     The kinematic row's is the dual of q at one end of the step, the momentum row's that of p at 1 - tau (to
@@ -197,11 +236,6 @@ def _row_multipliers(saved: Solution, formulation: Formulation, left: Any, share
     is_of_rows = SCHEMES[saved.scheme].has_row_adjoints  # but at the last node
     for n in [-1] if is_of_rows else range(saved.num_steps + 1):
         duals_q[n] = dual_of_velocity(robot, saved.qs[n], saved.vs[n], saved.mus[n])[:nv]
-    duals_q, duals_p = _between(duals_q, left, share), _between(duals_p, left, share)
+    duals_q, duals_p = places.between(duals_q), places.between(duals_p)
     along_q = duals_q[:-1] if tau == 1.0 else duals_q[1:]
     return np.hstack([along_q, tau * duals_p[:-1] + (1.0 - tau) * duals_p[1:]])
-
-
-def _between(values: Array, left: Any, share: Array) -> Array:
-    out: Array = values[left] + share[:, None] * (values[left + 1] - values[left])
-    return out

@@ -25,14 +25,17 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, float):
         return a == b or (isinstance(b, float) and math.isnan(a) and math.isnan(b))
     if dataclasses.is_dataclass(a):
-        return type(a) is type(b) and all(
-            same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a)
-        )
+        return type(a) is type(b) and same(_fields(a), _fields(b))
     if isinstance(a, dict):
-        return isinstance(b, dict) and a.keys() == b.keys() and all(same(v, b[key]) for key, v in a.items())
+        is_alike = isinstance(b, dict) and a.keys() == b.keys()
+        return is_alike and all(same(value, b[key]) for key, value in a.items())
     if isinstance(a, (list, tuple)):
-        return type(a) is type(b) and len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+        return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
     return bool(a == b)
+
+
+def _fields(value: Any) -> list[Any]:
+    return [getattr(value, field.name) for field in dataclasses.fields(value)]
 
 
 def json_copy(name: str, value: Mapping[str, Any]) -> Any:

@@ -15,6 +15,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
+from mbocp._arrays import Array
 from mbocp._text import printable, shown
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
@@ -191,18 +192,24 @@ _SIDES = [name for name, quantity in QUANTITIES.items() if quantity.axes[0] == "
 
 
 def _check_numbers(content: FileContent, status: Status) -> None:
-    t = content.arrays["t"]
-    qs = content.arrays["qs"]
-    leaps = np.diff(t) == 0.0  # impacts, which leave the configuration
-    stays = len(qs) == len(t) and bool((np.abs(np.diff(qs, axis=0))[leaps] < STAYS).all())
-    if not np.isfinite(t).all() or not (np.diff(t) >= 0.0).all() or (leaps.any() and not stays):
-        raise InvalidValue("t", "other numbers", "finite times, one later than the other")
+    _check_times(content.arrays["t"], content.arrays["qs"])
     for name in _SIDES:
         limits = content.arrays.get(name)
         if limits is not None and not (limits.shape[:1] == (2,) and (limits[0] <= limits[1]).all()):
             raise InvalidValue(name, "other numbers", "lower limits, and upper ones above them")
-    if not status.is_stationary:
-        return
+    if status.is_stationary:
+        _check_finite(content, status)
+
+
+def _check_times(t: Array, qs: Array) -> None:
+    steps = np.diff(t)
+    leaps = steps == 0.0  # impacts, which leave the configuration
+    stays = len(qs) == len(t) and bool((np.abs(np.diff(qs, axis=0))[leaps] < STAYS).all())
+    if not np.isfinite(t).all() or not (steps >= 0.0).all() or (leaps.any() and not stays):
+        raise InvalidValue("t", "other numbers", "finite times, one later than the other")
+
+
+def _check_finite(content: FileContent, status: Status) -> None:
     for name in ("cost", "residual"):
         if not np.isfinite(content.summary[name]):
             raise InvalidValue(name, content.summary[name], f"a finite number, for the status is {status}")

@@ -6,7 +6,7 @@ problem: nobody has to make the problem again to say which limits a motion touch
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -142,22 +142,20 @@ class Facts:
         ends = [0, *(phase.last for phase in self.phases)]
         begins = [*(phase.first for phase in self.phases), num_steps]
         is_whole = ends == begins and all(first < last for first, last in pairwise(ends))
+
+        def fits_rate(key: str, bounds: tuple[Sequence[float], ...]) -> bool:
+            return key in RATE_TERMS and all(len(side) == sizes[RATE_TERMS[key].over] for side in bounds)
+
+        def fits_steps(letter: str, sides: tuple[Sequence[Sequence[float]], ...]) -> bool:
+            is_long_enough = letter in sizes and all(len(side) == num_steps for side in sides)
+            return is_long_enough and all(len(row) == sizes[letter] for side in sides for row in side)
+
         return replace(
             self,
             via=tuple(place for place in self.via if 0 < place.node <= num_steps),
             phases=self.phases if is_whole else (),
-            rates={
-                key: bounds
-                for key, bounds in self.rates.items()
-                if key in RATE_TERMS and all(len(side) == sizes[RATE_TERMS[key].over] for side in bounds)
-            },
-            along={
-                letter: sides
-                for letter, sides in self.along.items()
-                if letter in sizes
-                and all(len(side) == num_steps for side in sides)
-                and all(len(row) == sizes[letter] for side in sides for row in side)
-            },
+            rates={key: bounds for key, bounds in self.rates.items() if fits_rate(key, bounds)},
+            along={letter: sides for letter, sides in self.along.items() if fits_steps(letter, sides)},
             a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
         )
 

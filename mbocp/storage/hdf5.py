@@ -136,6 +136,19 @@ def _check_format(path: str | Path, file: h5py.File, *, is_sealed: bool) -> None
         )
 
 
+def _read_words(words: Mapping[str, h5py.Dataset]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Values that are written as JSON, and other texts."""
+    structures: dict[str, Any] = {}
+    texts: dict[str, str] = {}
+    for name, dataset in words.items():
+        written = dataset[()].tobytes().decode()
+        if _text(dataset, "description").endswith("JSON"):
+            structures[name] = _unpack(json.loads(written))
+        else:
+            texts[name] = written
+    return structures, texts
+
+
 def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
     group, text = _member(file, "trajectories", h5py.Group), _member(file, "text", h5py.Group)
     names = [name for name, entry in _EVERY.items() if name in group or not entry.may_lack]
@@ -148,14 +161,7 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
         raise ResultFileError(path, f"is damaged: it declares {declared} bytes, and {largest} are possible")
     for name, dataset in every:
         _check_written(name, dataset)
-    structures: dict[str, Any] = {}
-    texts: dict[str, str] = {}
-    for name, dataset in words.items():
-        written = dataset[()].tobytes().decode()
-        if _text(dataset, "description").endswith("JSON"):
-            structures[name] = _unpack(json.loads(written))
-        else:
-            texts[name] = written
+    structures, texts = _read_words(words)
     summary = _member(file, "summary", h5py.Group)
     return FileContent(
         arrays={name: dataset[()] for name, dataset in data.items()},
