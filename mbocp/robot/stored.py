@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import shown
@@ -50,66 +50,48 @@ def _is_name(path: str) -> bool:
     return True
 
 
+def _is_kind(kind: str) -> str:
+    known = (*OTHER_KINDS, *FORMATS)
+    if kind not in known:
+        raise ValueError(f"expected one of {', '.join(known)}")
+    return kind
+
+
+Within: TypeAlias = Annotated[str, AfterValidator(_within)]
+
+
 class StoredFile(_Row):
     """One file: where it is below the folder, its content's SHA-256 and size, and where it was."""
 
-    path: str
+    path: Within
     digest: Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
     size: Annotated[int, Field(ge=0, le=_MAX_BYTES)]
     origin: str
     is_mesh: bool
 
-    @field_validator("path")
-    @classmethod
-    def _stays_within(cls, path: str) -> str:
-        return _within(path)
-
 
 class _Example(_Row):
-    path: str
+    path: Within
     free_flyer: bool
-    srdf: str | None
+    srdf: Within | None
     has_rotors: bool
     posture: str | None
-
-    @field_validator("path", "srdf")
-    @classmethod
-    def _stays_within(cls, path: str | None) -> str | None:
-        return path if path is None else _within(path)
 
 
 class _Source(_Row):
     asked: str
     within: str
-    kind: str
+    kind: Annotated[str, AfterValidator(_is_kind)]
     name: str
     address: str
-    path: str
+    path: Annotated[str, AfterValidator(lambda path: path and _within(path))]
     example: _Example | None = None
-
-    @field_validator("kind")
-    @classmethod
-    def _is_known(cls, kind: str) -> str:
-        known = (*OTHER_KINDS, *FORMATS)
-        if kind not in known:
-            raise ValueError(f"expected one of {', '.join(known)}")
-        return kind
-
-    @field_validator("path")
-    @classmethod
-    def _stays_within(cls, path: str) -> str:
-        return path if not path else _within(path)
 
 
 class _Address(_Row):
     asked: str
     within: str
-    path: str
-
-    @field_validator("path")
-    @classmethod
-    def _stays_within(cls, path: str) -> str:
-        return _within(path)
+    path: Within
 
 
 class _List(_Row):

@@ -153,13 +153,12 @@ class ActuationReader:
         """
         reader = DriveReader(self.names, tuple(self.table.drives))
         fixed, varying = self._columns(self._actuated(actuated, reader))
-        selection = np.column_stack([c for c, _, _ in fixed]) if fixed else np.zeros((self.names.model.nv, 0))
+        columns = [column for column, _, _ in fixed]
+        selection = np.column_stack(columns) if columns else np.zeros((self.names.model.nv, 0))
         pairs = reader.drives(selection)
         frames, drives = tuple(made for made, _ in varying), tuple(made for made, _ in pairs)
-        named = [(frame.name, frame.unit) for frame in frames] + [
-            (drive.name, drive.unit) for drive in drives
-        ]
-        labels = (*(label for _, label, _ in fixed), *(Label(*pair) for pair in named))
+        own = (*(Label(m.name, m.unit) for m in frames), *(Label(m.name, m.unit) for m in drives))
+        labels = (*(label for _, label, _ in fixed), *own)
         self.names.refuse_repeated(
             "actuator or drive" if drives else "actuator", [label.name for label in labels]
         )

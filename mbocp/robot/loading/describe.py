@@ -25,15 +25,13 @@ from mbocp.robot.loading.readers.chain import describe_chain
 from mbocp.robot.loading.readers.examples import describe_example
 from mbocp.robot.loading.readers.objects import describe_object
 from mbocp.robot.loading.resistances import Losses
-from mbocp.robot.loading.robot_keys import PartTable, ReadingKeys
+from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
 from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.whole_table import Part, by_joint, with_own_tables
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED
-
-_OF_PARTS = ("free_flyer", "mimic", "damping", "friction", "friction_speed")
 
 
 def describe_source(
@@ -124,7 +122,7 @@ def _assembled(
     if source.path in within:
         circle = " -> ".join(str(path) for path in (*within[within.index(source.path) :], source.path))
         raise RobotFileError(source.path, f"assembles itself: {circle}", "part")
-    for key in _OF_PARTS:
+    for key in OF_FILES:
         if getattr(keys, key) is not None:
             raise RobotError(
                 f"{key}: robot {source.name!r} is assembled of parts; write it into each [[part]] of "

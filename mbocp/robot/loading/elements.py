@@ -28,11 +28,10 @@ def constraints_of(names: TableReader, table: RobotTable) -> tuple[Constraint, .
     """Holonomic constraints."""
     found = []
     for number, row in enumerate(table.constraints):
-        name = row.name or f"{row.type}_{number}"
         try:
-            found.append(row.make(name, f"constraint[{number}]", names))
+            found.append(row.make(str(row.name), f"constraint[{number}]", names))
         except (UnknownFrame, UnknownJoint) as error:
-            error.args = (f"constraint {name!r}: {error}",)
+            error.args = (f"constraint {row.name!r}: {error}",)
             raise
     names.refuse_repeated("constraint", [constraint.name for constraint in found])
     return tuple(found)
@@ -45,7 +44,7 @@ def forces_of(names: TableReader, table: RobotTable) -> tuple[QuarticSpring | Sp
     for number, damper in enumerate(table.spring_dampers):
         a, b = names.pair(damper.frames, f"spring_damper[{number}]")
         length = names.distance(a, b) if damper.length is None else damper.length
-        name = damper.name or f"spring_damper_{number}"
+        name = str(damper.name)
         found.append(SpringDamper(name, a, b, damper.stiffness, damper.damping, length, damper.frames))
     names.refuse_repeated("spring or spring_damper", [force.name for force in found])
     return tuple(found)
@@ -61,7 +60,7 @@ def _spring(names: TableReader, number: int, table: QuarticSpringTable) -> Quart
         names.refuse(f"spring[{number}].length", told)
     # First paper, section 6.1: V_e = k/(8 l^2) (|d|^2 - l^2)^2
     coefficient = table.coefficient or (table.stiffness or 0.0) / (2.0 * length**2)
-    return QuarticSpring(table.name or f"spring_{number}", a, b, coefficient, length, table.frames)
+    return QuarticSpring(str(table.name), a, b, coefficient, length, table.frames)
 
 
 def connectors_of(

@@ -44,26 +44,26 @@ def with_joint_frames(
     """
     model, changed = pin.Model(model), list[ConstraintKeys]()
     for number, constraint in enumerate(table.constraints):
-        name, frames = constraint.name or f"{constraint.type}_{number}", list[str]()
-        for letter, (parent_name, position, orientation) in zip("ab", constraint.placements, strict=False):
-            frames.append(parent_name)
+        frames = list[str]()
+        for letter, (parent, position, orientation) in zip("ab", constraint.placements, strict=False):
+            frames.append(parent)
             if position is None and orientation is None:
                 continue
-            own = f"{name}.{letter}"
-            if own in {frame.name for frame in model.frames}:
+            frames[-1] = f"{constraint.name}.{letter}"
+            if model.existFrame(frames[-1]):
                 raise RobotFileError(
                     file,
-                    f"a frame is called {own!r} already: give the constraint another name",
+                    f"a frame is called {frames[-1]!r} already: give the constraint another name",
                     f"constraint[{number}].name",
                 )
-            index = kinematics.frame_id(model, parent_name, robot)
             placement = placement_from(position or (0.0,) * 3, orientation or (0.0, 0.0, 0.0, 1.0))
-            parent = model.frames[index]
-            frame = pin.Frame(
-                own, parent.parentJoint, index, parent.placement * placement, pin.FrameType.OP_FRAME
-            )
-            model.addFrame(frame, False)
-            frames[-1] = own
-        joined = {"name": name, "frames": tuple(frames)} if frames else {}
-        changed.append(constraint.model_copy(update=joined))
+            _add_frame(model, frames[-1], kinematics.frame_id(model, parent, robot), placement)
+        changed.append(constraint.model_copy(update={"frames": tuple(frames)} if frames else {}))
     return model, table.model_copy(update={"constraints": changed})
+
+
+def _add_frame(model: pin.Model, name: str, parent: int, placement: pin.SE3) -> None:
+    """Add a frame at a place in another one."""
+    on = model.frames[parent]
+    frame = pin.Frame(name, on.parentJoint, parent, on.placement * placement, pin.FrameType.OP_FRAME)
+    model.addFrame(frame, False)

@@ -16,14 +16,14 @@ from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, read_parts
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.payload_table import payloads_of
-from mbocp.robot.loading.robot_keys import PartTable, RobotKeys, read_part, read_robot_keys
+from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
 from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
 # Keys of each part; beside several parts they would not say whose.
-_OF_PARTS = ("name", "free_flyer", "mimic", "damping", "friction", "friction_speed", "package_dirs")
+_OF_PARTS = ("name", *OF_FILES, "package_dirs")
 _OF_THE_WHOLE = ("lock", "gravity", "rotations")  # which take the place of what the tables of a robot say
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -40,26 +40,27 @@ def lock_joints(
     values = dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
     if not values:
         return model, visuals, q0, ()
-    q_ref = np.array(q0)
-    ids = []
-    for name, value in values.items():
-        joint = joints.joint_id(model, name, robot)
-        refuse_follower(model, joint, robot)
-        ids.append(joint)
-        if value is not None:
-            q_ref[joints.configuration_slice(model, joint)] = joint_configuration(model, joint, value, robot)
-    ids += [follower for leader, follower in _followers(model) if leader in ids]
+    gone = _locked(model, values, robot)
+    given = {name: value for name, value in values.items() if value is not None}
+    q_ref = pose_by_joint(model, q0, given, robot)
     check_working_memory(model)
-    ids = sorted(set(ids))
-    reduced, (shown,) = pin.buildReducedModel(model, [visuals], ids, q_ref)
+    reduced, (shown,) = pin.buildReducedModel(model, [visuals], gone, q_ref)
     if reduced.nv == 0:
         raise UnsupportedRobot(f"robot {robot!r}: all joints are locked, nothing is left to move")
     kept = np.concatenate([q_ref[_slice_of(model, name)] for name in joints.joint_names(reduced)])
-    varied = [joint for joint in ids if model.names[joint] in named]
-    numbers: tuple[ModelNumber, ...] = ()
-    if varied:
-        reduced, numbers = decided_by_locks(model, ids, varied, reduced, q_ref)
+    varied = [joint for joint in gone if model.names[joint] in named]
+    if not varied:
+        return reduced, shown, kept, ()
+    reduced, numbers = decided_by_locks(model, gone, varied, reduced, q_ref)
     return reduced, shown, kept, numbers
+
+
+def _locked(model: pin.Model, names: Iterable[str], robot: str) -> list[int]:
+    """Joints of these names, and those that follow them."""
+    ids = {joints.joint_id(model, name, robot) for name in names}
+    for joint in ids:
+        refuse_follower(model, joint, robot)
+    return sorted(ids | {follower for leader, follower in _followers(model) if leader in ids})
 
 
 def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, robot: str) -> Array:

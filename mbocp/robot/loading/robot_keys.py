@@ -48,7 +48,8 @@ def _lock(value: Any) -> Any:
 Number = Annotated[float, BeforeValidator(finite_number)]
 
 _OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
-_OF_ROBOTS = ("lock", "actuated", "mimic", "damping", "friction", "friction_speed", "package_dirs")
+OF_FILES = ("free_flyer", "mimic", "damping", "friction", "friction_speed")  # how one file is read
+_OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
 
 class ReadingKeys(BaseModel):

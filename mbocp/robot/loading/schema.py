@@ -8,7 +8,14 @@ from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    ValidationError,
+    model_validator,
+)
 
 from mbocp._files import read_toml
 from mbocp.exceptions import RobotFileError, Unreadable
@@ -175,6 +182,21 @@ _OF_FILES = (
 )
 
 
+def _named(rows: Any, kind: str) -> Any:
+    """Call rows without a name by kind and place: weld_0, spring_1."""
+    if not isinstance(rows, list):
+        return rows
+    return [
+        {"name": f"{row.get('type') if kind == 'constraint' else kind}_{number}", **row}
+        if isinstance(row, Mapping)
+        else row
+        for number, row in enumerate(rows)
+    ]
+
+
+_NAMED = ("constraint", "spring", "spring_damper")
+
+
 class RobotTable(Table):
     """The whole file."""
 
@@ -203,6 +225,11 @@ class RobotTable(Table):
     visuals: list[VisualTable] = Field(default=[], alias="visual")
     collision_spheres: list[CollisionSphereTable] = Field(default=[], alias="collision_sphere")
     parts: list[PartTable] = Field(default=[], alias="part")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rows_have_names(cls, data: Any) -> Any:
+        return {**data, **{key: _named(data[key], key) for key in _NAMED if key in data}}
 
     @model_validator(mode="after")
     def _parts_have_files(self) -> RobotTable:

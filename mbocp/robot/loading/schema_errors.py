@@ -60,6 +60,8 @@ def _reason(error: Any, data: Any, allowed: Allowed) -> str:
     if kind == "literal_error":
         what = "unknown type" if error["loc"][-1] == "type" else "got"
         return f"{what} {shown(got)}, known: {_plain(context['expected'])}"
+    if kind == "model_type":
+        return f"got {shown(got)}, expected a table"
     message = error["msg"].removeprefix("Value error, ")
     return message if kind == "value_error" else f"got {shown(got)}: {message}"
 

@@ -18,8 +18,10 @@ from mbocp.robot.placed import SEPARATOR, PlacedRobot
 
 _SHARED = {"gravity": (0.0, 0.0, -9.81), "rotations": "quaternion"}  # of all parts, and what is usual
 _UNIVERSE = "universe"  # what Pinocchio calls the frame that stands still; no other can have this name
-_NAMED = {"constraints": "constraint", "springs": "spring", "spring_dampers": "spring_damper"}
-_LISTS = ("actuators", "drives", "visuals", "collision_spheres", *_NAMED)
+_LISTS = (
+    *("actuators", "drives", "visuals", "collision_spheres"),
+    *("constraints", "springs", "spring_dampers"),
+)
 
 Table = TypeVar("Table", bound=BaseModel)
 
@@ -129,20 +131,8 @@ def _rows(part: Part, key: str) -> list[BaseModel]:
     table, name = part.description.table, part.placed.name
     return [
         _in_part(row, name)
-        for row in _named_rows(table, key)
+        for row in getattr(table, key)
         if not isinstance(row, JointActuator) or row.joint in (table.actuation.joints or ())
-    ]
-
-
-def _named_rows(table: RobotTable, key: str) -> list[Any]:
-    """Tables of one list; those that need a name are called by kind and place."""
-    rows = getattr(table, key)
-    if key not in _NAMED:
-        return list(rows)
-    kinds = [row.type if key == "constraints" else _NAMED[key] for row in rows]
-    return [
-        row if row.name else row.model_copy(update={"name": f"{kind}_{number}"})
-        for number, (row, kind) in enumerate(zip(rows, kinds, strict=True))
     ]
 
 
@@ -168,7 +158,7 @@ def with_own_tables(description: Description, own: RobotTable) -> Description:
     locked joints and initial positions are beside theirs.
     """
     table = description.table
-    changes: dict[str, Any] = {key: [*getattr(table, key), *_named_rows(own, key)] for key in _LISTS}
+    changes: dict[str, Any] = {key: [*getattr(table, key), *getattr(own, key)] for key in _LISTS}
     changes["lock"] = {**by_joint(table.lock), **by_joint(own.lock)}
     if own.actuation.joints is not None:
         changes["actuation"] = ActuationTable(joints=own.actuation.joints)

@@ -40,8 +40,23 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
         raise RobotFileError(path, f"its name {shown(root.get('name'))} has control characters")
     if not links:
         raise RobotFileError(path, "has no link")
-    parents: dict[str, tuple[str, str]] = {}  # of a link: its joint and the link that it hangs on
-    known = set(links)
+    parents = _parents(path, joints, set(links))
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        raise RobotFileError(
+            path,
+            "must have exactly one root link (one that is no joint's child), has "
+            f"{listed(roots, _MAX_NAMES) if roots else 'none'}",
+        )
+    _check_reach(path, links, parents, roots[0])
+    _check_size(path, joints.values(), parents)
+
+
+def _parents(
+    path: Path, joints: dict[str, ElementTree.Element], known: set[str]
+) -> dict[str, tuple[str, str]]:
+    """Joint of each link that has one, and the link that it hangs on."""
+    parents: dict[str, tuple[str, str]] = {}
     for name, joint in joints.items():
         _check_joint(path, name, joint)
         parent, child = (_end(path, name, joint, end, known) for end in ("parent", "child"))
@@ -54,15 +69,7 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
                 f"{shown(name)}: a URDF is a tree; close loops with [[constraint]] in a robot.toml",
             )
         parents[child] = (name, parent)
-    roots = [link for link in links if link not in parents]
-    if len(roots) != 1:
-        raise RobotFileError(
-            path,
-            "must have exactly one root link (one that is no joint's child), has "
-            f"{listed(roots, _MAX_NAMES) if roots else 'none'}",
-        )
-    _check_reach(path, links, parents, roots[0])
-    _check_size(path, joints.values(), parents)
+    return parents
 
 
 def _check_size(

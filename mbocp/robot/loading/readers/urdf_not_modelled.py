@@ -70,6 +70,10 @@ def _extensions(root: ElementTree.Element) -> Iterator[str]:
     for element in root.iterfind("gazebo"):
         yield from _gazebo(element)
     yield from _weightless(root)
+    yield from _rotors(root)
+
+
+def _rotors(root: ElementTree.Element) -> Iterator[str]:
     for element in root.iterfind("transmission"):
         for inner in element.iter():
             tag = inner.tag.rpartition("}")[2]
