@@ -20,6 +20,7 @@ from mbocp.robot.loading.combine import combined
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.readers.chain import describe_chain
 from mbocp.robot.loading.readers.examples import describe_example
@@ -29,7 +30,7 @@ from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
 from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loading.whole_table import Part, by_joint, with_own_tables
+from mbocp.robot.loading.whole_table import Part, with_own_tables
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED
 

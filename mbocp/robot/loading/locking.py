@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -37,7 +38,7 @@ def lock_joints(
     named : collection of str
         Those of them whose values are to make no difference but in numbers of the model.
     """
-    values = dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
+    values = by_joint(lock)
     if not values:
         return model, visuals, q0, ()
     gone = _locked(model, values, robot)
@@ -53,6 +54,11 @@ def lock_joints(
         return reduced, shown, kept, ()
     reduced, numbers = decided_by_locks(model, gone, varied, reduced, q_ref)
     return reduced, shown, kept, numbers
+
+
+def by_joint(lock: Any) -> dict[str, Any]:
+    """Locked joints and their positions; None: at the initial pose."""
+    return dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
 
 
 def _locked(model: pin.Model, names: Iterable[str], robot: str) -> list[int]:

@@ -13,6 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, RobotError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.schema import ActuationTable, InitialTable, JointActuator, RobotTable
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 
@@ -170,11 +171,6 @@ def with_own_tables(description: Description, own: RobotTable) -> Description:
     if own.description:
         changes["description"] = own.description
     return replace(description, table=table.model_copy(update=changes))
-
-
-def by_joint(lock: Any) -> dict[str, Any]:
-    """Locked joints and their positions; None: at the initial pose."""
-    return dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
 
 
 def _initial(description: Description, own: InitialTable) -> InitialTable:
