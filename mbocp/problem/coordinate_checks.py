@@ -31,8 +31,7 @@ def check_coordinates(
     ------
     ProblemError
         For explicit schemes, limits on joints, velocities of frames that are not zero, states of joints at
-        via points, and where the duration
-        `is_free`.
+        via points, and where the duration `is_free`.
     UnsupportedRobot
         For joints that natural coordinates do not know.
     """
@@ -46,20 +45,31 @@ def check_coordinates(
         )
     if data.limits_joints and data.takes_free_duration:
         return
-    mechanics = natural_mechanics(robot)
-    if not mechanics.tree.turning:
+    if not natural_mechanics(robot).tree.turning:
         return  # the same as joint coordinates
-    if is_free and not data.takes_free_duration:
+    if not data.takes_free_duration:
+        _check_lengths(via, is_free=is_free)
+    _check_goal(goal)
+    _check_via(via)
+    if not data.limits_joints:
+        _check_limits(limits)
+
+
+def _check_lengths(via: Sequence[ViaPoint], *, is_free: bool) -> None:
+    if is_free:
         raise ProblemError(
             "horizon.duration, or that of a phase: natural coordinates take steps of a given length; give a "
             'number, or take coordinates = "joint"'
         )
     for point in via:
-        if point.is_free and not data.takes_free_duration:
+        if point.is_free:
             raise ProblemError(
                 f"via {point.name!r}: time: natural coordinates take steps of a given length; give the "
                 'time as a number, or share, or take coordinates = "joint"'
             )
+
+
+def _check_goal(goal: Goal) -> None:
     for frame in goal.frames:
         if frame.rates.any():
             raise ProblemError(
@@ -71,6 +81,9 @@ def check_coordinates(
             "goal.a: natural coordinates have no accelerations of joints; leave it out, or take "
             'coordinates = "joint"'
         )
+
+
+def _check_via(via: Sequence[ViaPoint]) -> None:
     for point in via:
         asked = point.goal
         if asked.q_active.any() or asked.rate_active.any() or any(frame.rates.size for frame in asked.frames):
@@ -78,9 +91,11 @@ def check_coordinates(
                 f"via {point.name!r}: natural coordinates have no joint positions and velocities; give "
                 'poses of frames, or take coordinates = "joint"'
             )
-    of_joints = [term.letter for term in RATE_TERMS.values() if term.needs_joints]
-    for letter in ("q", "v", *of_joints):
-        if limits.finite(letter).any() and not data.limits_joints:
+
+
+def _check_limits(limits: Bounds) -> None:
+    for letter in ("q", "v", *(term.letter for term in RATE_TERMS.values() if term.needs_joints)):
+        if limits.finite(letter).any():
             raise ProblemError(
                 f"{LIMITS[letter]}: natural coordinates have no joint positions and velocities to limit; "
                 'take coordinates = "joint", or path constraints'

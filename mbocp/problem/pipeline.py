@@ -35,6 +35,17 @@ class Step:
         """Make a step of a function whose parameters have the names of what it takes."""
         return cls(work, tuple(inspect.signature(work).parameters), gives)
 
+    def run(self, values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what it gives for these values: what it gave before, if it took the same then."""
+        if self._gave(before) and all(_is_same(values[name], before.get(name, self)) for name in self.takes):
+            return {name: before[name] for name in self.gives}
+        result = self.work(*(values[name] for name in self.takes))
+        made = (result,) if len(self.gives) == 1 else result if self.gives else ()
+        return dict(zip(self.gives, made, strict=True))
+
+    def _gave(self, before: Mapping[str, Any]) -> bool:
+        return bool(before) and all(name in before for name in self.gives)
+
 
 def run_steps(
     steps: Sequence[Step], given: Mapping[str, Any], before: Mapping[str, Any] | None = None
@@ -52,16 +63,9 @@ def run_steps(
     """
     values = dict(given)
     for step in steps:
-        if step.gives and all(name in given for name in step.gives):
-            continue
-        if before is not None and all(_is_same(values[name], before.get(name, step)) for name in step.takes):
-            found = {name: before[name] for name in step.gives if name in before}
-            if len(found) == len(step.gives):
-                values.update({**found, **{name: given[name] for name in step.gives if name in given}})
-                continue
-        result = step.work(*(values[name] for name in step.takes))
-        made = (result,) if len(step.gives) == 1 else result if step.gives else ()
-        values.update((name, given.get(name, value)) for name, value in zip(step.gives, made, strict=True))
+        if not step.gives or any(name not in given for name in step.gives):
+            made = step.run(values, before or {})
+            values.update((name, value) for name, value in made.items() if name not in given)
     return values
 
 

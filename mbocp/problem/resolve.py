@@ -14,55 +14,47 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_choice, check_integer
-from mbocp.problem.coordinate_checks import check_coordinates
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.default_scheme import AUTO_SCHEME, choose_scheme
 from mbocp.problem.goals.consistency import check_end_conditions
 from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
-from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.rest import at_rest
-from mbocp.problem.guess import Guess
-from mbocp.problem.integration import Stabilisation, check_control_terms, check_controls, check_integrator
-from mbocp.problem.limits import Bounds, check_limits
+from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clear_goal import clear_configuration
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clearance_of
-from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.path_list import (
     checked_terms,
     listed_path,
     with_contacts,
 )
 from mbocp.problem.pipeline import Step
-from mbocp.problem.rates import check_rates
-from mbocp.problem.solver import SolverOptions
+from mbocp.problem.resolve_checks import (
+    check_ends_of_motion,
+    check_inequalities,
+    check_natural,
+    check_scheme,
+    check_solver,
+    check_steps,
+)
 from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
-from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Hold, Release, Schedule
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import (
     fitted_phases,
-    heaviest_cost,
-    limits_along,
     limits_of_phases,
     widest_limits,
 )
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
-from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_takes_steps
+from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
 from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.timeline.via_points import ordered_via, placed_via
-from mbocp.problem.together import (
-    check_guess,
-    check_has_actuators,
-    check_method,
-    check_weights,
-)
-from mbocp.problem.warn import warn_alternating
+from mbocp.problem.together import check_guess, check_weights
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import BoundedTerm, OwnTerm
@@ -126,20 +118,6 @@ def _scheme(
     return chosen.scheme, True, chosen.reason
 
 
-def _check_scheme(
-    robot: Robot,
-    scheme: str,
-    scheme_reason: str,
-    lie: str,
-    substeps: int,
-    stabilisation: Stabilisation,
-    controls: str,
-) -> None:
-    check_integrator(robot, scheme, lie, substeps, stabilisation, suits=scheme_reason)
-    check_controls(controls, scheme)
-    check_has_actuators(robot)
-
-
 def _limits(said_limits: Bounds, robot: Robot) -> Bounds:
     return said_limits.completed(robot)
 
@@ -174,19 +152,6 @@ def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, B
     """The widest limits, and those at both ends."""
     each = limits_of_phases(limits, phase)
     return widest_limits(limits, phase), each[0], each[-1]
-
-
-def _check_natural(
-    robot: Robot,
-    coordinates: str,
-    scheme: str,
-    widest: Bounds,
-    said_goal: Goal,
-    said_via: tuple[ViaPoint, ...],
-    phase: tuple[Phase, ...],
-) -> None:
-    is_free = any(part.is_free for part in phase)
-    check_coordinates(robot, coordinates, scheme, widest, said_goal, via=said_via, is_free=is_free)
 
 
 def _terms(
@@ -311,45 +276,6 @@ def _obstacles(
     return obstacle, own, found, path, clear_configuration(robot, goal_at_pose, q_start, limits_at_end, found)
 
 
-def _check_free_start(
-    robot: Robot,
-    coordinates: str,
-    start_free: FreeStart | None,
-    goal: Goal,
-    q_start: Array,
-    v_start: Array,
-    limits_at_start: Bounds,
-    switches: SwitchTable | None,
-) -> None:
-    """Refuse a free start, and a periodic motion, where they do not fit the rest."""
-    check_periodic(robot, goal, coordinates)
-    if switches is not None:
-        check_cycle(switches, start_free, goal.periodic, (q_start, goal.q))
-    if start_free is not None:
-        state = (q_start, v_start)
-        check_free_start(
-            robot, start_free, limits_at_start, state, coordinates=coordinates, switches=switches
-        )
-
-
-def _check_steps(
-    timeline: Timeline,
-    accuracy: float | None,
-    coordinates: str,
-    path: tuple[BoundedTerm, ...],
-    terms: tuple[OwnTerm, ...],
-    said_cost: Cost,
-) -> None:
-    check_takes_steps(
-        AskedNodes.of(timeline, path, terms),
-        accuracy,
-        timeline.given_lengths,
-        coordinates,
-        is_switched=timeline.switches is not None,
-        has_targets=said_cost.is_trajectory,
-    )
-
-
 def _cost(
     robot: Robot,
     said_cost: Cost,
@@ -370,63 +296,16 @@ def _cost(
     return cost
 
 
-def _check_inequalities(
-    robot: Robot,
-    scheme: str,
-    controls: str,
-    cost: Cost,
-    limits: Bounds,
-    widest: Bounds,
-    limits_at_start: Bounds,
-    limits_at_end: Bounds,
-    q_start: Array,
-    v_start: Array,
-    goal: Goal,
-    timeline: Timeline,
-    path: tuple[BoundedTerm, ...],
-) -> None:
-    """Refuse limits and path constraints that cannot hold."""
-    check_rates(robot, limits)
-    heaviest = heaviest_cost(cost, timeline.phases, robot)
-    check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
-    check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
-    num_steps, dt, num_lengths = timeline.num_steps, timeline.dt, timeline.num_lengths
-    check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_lengths=num_lengths)
-    frames = [one for one in path if isinstance(one, PathConstraint)]
-    warn_alternating(frames, goal, scheme, num_steps=num_steps, dt=dt)
-
-
-def _check_method(
-    solver: SolverOptions,
-    widest: Bounds,
-    path: tuple[BoundedTerm, ...],
-    timeline: Timeline,
-    clearance: Clearance | None,
-    start_free: FreeStart | None,
-) -> None:
-    """Refuse a method that would not keep what is to be kept."""
-    has_bounds = start_free is not None and start_free.is_bounded
-    if widest.any_finite or path or timeline.has_free_lengths or has_bounds:
-        table = "limits" if widest.any_finite else "via" if timeline.waypoints else "path"
-        table = "obstacle" if clearance is not None else table
-        is_free = timeline.duration_range is not None
-        check_method(solver, table, is_free=is_free, has_free_times=timeline.has_free_times)
-
-
-def _check_guess(guess: Guess, robot: Robot, coordinates: str) -> None:
-    check_guess(guess, robot, coordinates)
-
-
 RESOLVE = (
     Step.of(_duration, "duration", "duration_range"),
     Step.of(_steps, "horizon", "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
     Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
-    Step.of(_check_scheme),
+    Step.of(check_scheme),
     Step.of(_limits, "limits"),
     Step.of(_schedule, "schedule"),
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
-    Step.of(_check_natural),
+    Step.of(check_natural),
     Step.of(_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),
@@ -434,10 +313,10 @@ RESOLVE = (
     Step.of(_goal, "goal_at_pose"),
     Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),
-    Step.of(_check_free_start),
-    Step.of(_check_steps),
+    Step.of(check_ends_of_motion),
+    Step.of(check_steps),
     Step.of(_cost, "cost"),
-    Step.of(_check_inequalities),
-    Step.of(_check_method),
-    Step.of(_check_guess),
+    Step.of(check_inequalities),
+    Step.of(check_solver),
+    Step.of(check_guess),
 )

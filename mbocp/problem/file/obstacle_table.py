@@ -65,24 +65,8 @@ def self_collision_table(own: SelfCollision | bool | None) -> dict[str, Any] | N
 
 def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     key = f"obstacle.{index}"
-    wanted = SIZES.get(table.shape, {})
-    given = [name for name in _LENGTHS if getattr(table, name) is not None]
-    sizes: list[float] = []
-    if table.shape in SHAPES:
-        for name in given:
-            if name not in wanted:
-                used = " and ".join(wanted) or "no lengths"
-                raise ProblemError(f'{key}.{name}: shape = "{table.shape}" does not use it, but {used}')
-        for name in wanted:
-            if name not in given:
-                raise ProblemError(f'{key}.{name}: shape = "{table.shape}" needs it')
-            value = getattr(table, name)
-            sizes += value if isinstance(value, list) else [value]
-    if table.rpy is not None and table.orientation is not None:
-        raise ProblemError(f"{key}: give rpy or orientation, not both")
-    orientation = table.orientation or [0.0, 0.0, 0.0, 1.0]
-    if table.rpy is not None:
-        orientation = pin.Quaternion(pin.rpy.rpyToMatrix(np.array(table.rpy))).coeffs().tolist()
+    sizes = _sizes(table, key) if table.shape in SHAPES else []
+    orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with located(key), located(f"obstacle {name!r}"):
         hull, excess = _hull(table, folder)
@@ -100,6 +84,30 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
             hull=hull,
             excess=excess,
         )
+
+
+def _sizes(table: ObstacleTable, key: str) -> list[float]:
+    """Lengths of the shape, in the order of `SIZES`."""
+    wanted = SIZES.get(table.shape, {})
+    given = [name for name in _LENGTHS if getattr(table, name) is not None]
+    for name in given:
+        if name not in wanted:
+            used = " and ".join(wanted) or "no lengths"
+            raise ProblemError(f'{key}.{name}: shape = "{table.shape}" does not use it, but {used}')
+    for name in wanted:
+        if name not in given:
+            raise ProblemError(f'{key}.{name}: shape = "{table.shape}" needs it')
+    return [length for name in wanted for length in np.atleast_1d(getattr(table, name)).tolist()]
+
+
+def _orientation(table: ObstacleTable, key: str) -> list[float]:
+    """Quaternion xyzw."""
+    if table.rpy is None:
+        return table.orientation or [0.0, 0.0, 0.0, 1.0]
+    if table.orientation is not None:
+        raise ProblemError(f"{key}: give rpy or orientation, not both")
+    found: list[float] = pin.Quaternion(pin.rpy.rpyToMatrix(np.array(table.rpy))).coeffs().tolist()
+    return found
 
 
 def _hull(table: ObstacleTable, folder: Path) -> tuple[Hull | None, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import coal
@@ -24,6 +24,8 @@ from mbocp.robot.loading.readers.srdf import disabled_by
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
+_Sphere = tuple[int, int]  # link, and number of the sphere on it
+_Ball = tuple[Array, float]  # centre [m] and radius [m]
 _ASTRAY = 20.0  # times the reach: no room is as large
 
 
@@ -39,34 +41,19 @@ def clearance_of(
     UnknownFrame
         If the robot has no frame of an obstacle's `frame`.
     """
-    what = "obstacle" if obstacles else "self_collision"
-    names = [obstacle.name for obstacle in obstacles]
-    for name, count in Counter(names).items():
-        if count > 1:
-            raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
+    _check_names(obstacles)
     links = robot.collision_spheres
     if not links:
+        what = "obstacle" if obstacles else "self_collision"
         raise ProblemError(
             f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
             "or give [[collision_sphere]] in its robot.toml"
         )
-    every = [(i, j) for i, link in enumerate(links) for j in range(len(link.radii))]
-    reaches = [_reach(robot, links[i], j, limits) for i, j in every]
-    kept: list[tuple[tuple[int, int], int]] = []
-    left_out: dict[str, dict[str, int]] = {}
-    for k, obstacle in enumerate(obstacles):
-        told: dict[str, int] = {}
-        frame = robot.model.frames[check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)]
-        carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
-        for sphere, ball in zip(every, reaches, strict=True):
-            reason = _never_meet(robot, links[sphere[0]].joint, carrier, obstacle, placed, ball)
-            if reason:
-                told[reason] = told.get(reason, 0) + 1
-            else:
-                kept.append((sphere, k))
-        left_out[obstacle.name] = told
-        if told.get(_FAR) and sum(told.values()) == len(every):
-            _warn_if_astray(robot, obstacle, placed, reaches)
+    balls = {
+        (i, j): _reach(robot, link, j, limits) for i, link in enumerate(links) for j in range(len(link.radii))
+    }
+    reasons = [_reasons_apart(robot, obstacle, balls) for obstacle in obstacles]
+    kept = [(ball, k) for k, told in enumerate(reasons) for ball in balls if not told[ball]]
     found = None if own is None else _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
     used = sorted({sphere for sphere, _ in kept} | {s for pair in between for s in pair})
@@ -78,12 +65,34 @@ def clearance_of(
         pairs=tuple((place[sphere], k) for sphere, k in kept),
         sphere_pairs=tuple((place[a], place[b]) for a, b in between),
         self_margin=0.0 if own is None else own.margin,
-        left_out=left_out,
+        left_out={
+            obstacle.name: dict(Counter(filter(None, told.values())))
+            for obstacle, told in zip(obstacles, reasons, strict=True)
+        },
         self_pairs=found,
     )
 
 
-def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> tuple[Array, float]:
+def _check_names(obstacles: Sequence[Obstacle]) -> None:
+    for name, count in Counter(obstacle.name for obstacle in obstacles).items():
+        if count > 1:
+            raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
+
+
+def _reasons_apart(robot: Robot, obstacle: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
+    """Why each sphere never meets the obstacle; empty where it may."""
+    frame = robot.model.frames[check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)]
+    carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+    reasons = {
+        sphere: _never_meet(robot, robot.collision_spheres[sphere[0]].joint, carrier, obstacle, placed, ball)
+        for sphere, ball in balls.items()
+    }
+    if _FAR in reasons.values() and all(reasons.values()):
+        _warn_if_astray(robot, obstacle, placed, [*balls.values()])
+    return reasons
+
+
+def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> _Ball:
     """Centre [m] and radius [m] of a ball that a sphere never leaves."""
     center = robot.model.frames[link.frame].placement.act(np.array(link.centers[number]))
     lower, upper = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
@@ -92,7 +101,7 @@ def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> tupl
 
 
 def _never_meet(
-    robot: Robot, joint: int, carrier: int, obstacle: Obstacle, placed: pin.SE3, ball: tuple[Array, float]
+    robot: Robot, joint: int, carrier: int, obstacle: Obstacle, placed: pin.SE3, ball: _Ball
 ) -> str:
     """Why a sphere on a joint never meets an obstacle on another; empty if it may."""
     parents, (at, radius) = robot.model.parents, ball
@@ -107,9 +116,7 @@ def _never_meet(
     return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
 
 
-def _warn_if_astray(
-    robot: Robot, obstacle: Obstacle, placed: pin.SE3, reaches: Sequence[tuple[Array, float]]
-) -> None:
+def _warn_if_astray(robot: Robot, obstacle: Obstacle, placed: pin.SE3, reaches: Sequence[_Ball]) -> None:
     """Warn of an obstacle that is many times as far away as the robot reaches."""
     gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
     size = max(radius for _, radius in reaches)
