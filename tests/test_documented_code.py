@@ -73,7 +73,8 @@ def keys() -> ModuleType:
 @pytest.fixture(scope="module")
 def known(keys: ModuleType) -> dict[str, bool]:
     """Dotted keys of problem files, and whether each is a table with keys of its own."""
-    return {key.name: bool(key.tables) for key in keys.all_keys()}
+    found: dict[str, bool] = keys.all_keys()
+    return found
 
 
 @pytest.fixture
@@ -170,8 +171,7 @@ def test_settings_name_keys(page: str, known: dict[str, bool]) -> None:
 def test_every_key_is_explained(keys: ModuleType) -> None:
     rows = keys.described()
     assert len(rows) > 150
-    for key in keys.all_keys():
-        assert keys.explained(key, rows), key.name
+    assert set(keys.all_keys()) <= set(rows)
 
 
 def test_every_row_is_of_a_key(keys: ModuleType, known: dict[str, bool]) -> None:
@@ -183,7 +183,7 @@ def test_keys_of_every_day_exist(keys: ModuleType, known: dict[str, bool]) -> No
     rows = keys.described()
     for name in names.split():
         assert name in known, name
-        assert keys.row_of(name, rows), name
+        assert name in rows, name
 
 
 def test_the_reference_has_every_public_name() -> None:

@@ -53,16 +53,13 @@ def key_table(names: str | None) -> str:
     """Rows of some keys, or of all of them, a table for each table of the file."""
     rows = problem_keys.described()
     if names:
-        chosen = dict.fromkeys(problem_keys.row_of(name, rows) for name in names.split())
-        if None in chosen:
-            raise ValueError(f"keys that no page explains, among {names}")
-        return "\n".join([problem_keys.HEAD, *(row.markdown() for row in chosen if row)])
+        chosen = dict.fromkeys(rows[name] for name in names.split())
+        return "\n".join([problem_keys.HEAD, *(row.markdown() for row in chosen)])
     groups: dict[str, dict[problem_keys.Row, None]] = {}
-    for key in problem_keys.all_keys():
-        table, _, _ = key.name.rpartition(".")
-        row = rows.get(key.name)  # shared tables are shown where they are explained
-        if row is not None:
-            groups.setdefault(table.split(".any")[0], {})[row] = None
+    for name in problem_keys.all_keys():
+        table, _, _ = name.rpartition(".")
+        if name in rows and name in rows[name].names:  # shared tables are shown where they are explained
+            groups.setdefault(table, {})[rows[name]] = None
     return "\n\n".join(
         "\n".join([f"### {_heading(table)}", "", problem_keys.HEAD, *(row.markdown() for row in found)])
         for table, found in sorted(groups.items(), key=lambda group: group[0] != "")

@@ -494,6 +494,17 @@ def study(
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
 
 
+@app.command(epilog=examples("schema"))
+@reporting
+def schema() -> None:
+    """Print the JSON schema of problem files: editors complete and check keys by it."""
+    import json
+
+    from mbocp.problem.file.schema import problem_schema
+
+    typer.echo(json.dumps(problem_schema(), indent=1))
+
+
 @app.command(epilog=examples("doctor"))
 @reporting
 def doctor(as_json: Json = False) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import partial
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._keys import Check
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.robot.parts import Label
@@ -106,3 +108,22 @@ def check_size(key: str, value: Array, labels: Sequence[Label], largest: float) 
         if abs(number) > largest:
             expected = f"at most {largest:g} {label.unit} either way".replace("  ", " ")
             raise InvalidValue(f"{key}: {label.name}", float(number), expected)
+
+
+def choice(words: Iterable[str]) -> Check:
+    """Of a key that takes one of some words."""
+    allowed = tuple(words)
+    return Check(
+        ", ".join(f'`"{w}"`' for w in allowed), {"enum": [*allowed]}, partial(check_choice, allowed=allowed)
+    )
+
+
+def whole(minimum: int) -> Check:
+    """Of a key that takes a whole number of at least `minimum`."""
+    words = f"whole number > {minimum - 1}"
+    return Check(words, {"minimum": minimum}, partial(check_integer, minimum=minimum))
+
+
+def positive(unit: str = "") -> Check:
+    """Of a key that takes a number above zero."""
+    return Check("number > 0", {"exclusiveMinimum": 0}, partial(check_positive, unit=unit))

@@ -1,12 +1,22 @@
-"""How the problem is solved, as a user says it."""
+"""`[solver]`: its keys, and how the problem is solved as a user says it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 from mbocp._environment import available_threads
+from mbocp._keys import Check, Key, Table, checks_of
 from mbocp.exceptions import InvalidValue
-from mbocp.problem._checks import check_choice, check_integer, check_number, check_positive
+from mbocp.problem._checks import (
+    check_choice,
+    check_integer,
+    check_number,
+    check_positive,
+    choice,
+    positive,
+    whole,
+)
 from mbocp.solvers.options import (
     ADJOINTS,
     GLOBALISATIONS,
@@ -16,8 +26,36 @@ from mbocp.solvers.options import (
     METHODS,
     Options,
 )
+from mbocp.terms.written import Finite
 
 _LARGEST_TOLERANCE = 1e-2  # the paper's is 1e-9; half of the residual of rough solves around obstacles
+
+
+def _tolerance(key: str, value: Any) -> float:
+    number = check_positive(key, value)
+    if number > _LARGEST_TOLERANCE:
+        expected = (
+            f"at most {_LARGEST_TOLERANCE:g}: with larger residuals a motion does not keep its equations"
+        )
+        raise InvalidValue(key, number, expected)
+    return number
+
+
+def _threshold(key: str, value: Any) -> float:
+    number = check_number(key, value)
+    if number < 0.0:
+        raise InvalidValue(key, number, "a number >= 0; 0 switches the criterion off")
+    return number
+
+
+def _threads(key: str, value: Any) -> int | str:
+    if isinstance(value, str):
+        return check_choice(key, value, ("auto",), "or a whole number of at least 1")
+    return check_integer(key, value, minimum=1)
+
+
+_THRESHOLD = Check("number >= 0", {"minimum": 0}, _threshold)
+_THREADS = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": "auto"}]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,43 +82,79 @@ class SolverOptions(Options):
     threads: int | str = 1
 
     def __post_init__(self) -> None:
-        check_choice("solver.method", self.method, METHODS)
-        check_choice("solver.globalisation", self.globalisation, GLOBALISATIONS)
-        check_choice("solver.hessian", self.hessian, HESSIANS)
-        check_choice("solver.adjoint", self.adjoint, ADJOINTS)
-        check_choice("solver.loop", self.loop, LOOPS)
-        check_choice("solver.linear_solver", self.linear_solver, LINEAR_SOLVERS)
-        for key in ("tolerance", "theta_max"):
-            object.__setattr__(self, key, check_positive(f"solver.{key}", getattr(self, key)))
-        if self.tolerance > _LARGEST_TOLERANCE:
-            raise InvalidValue(
-                "solver.tolerance",
-                self.tolerance,
-                f"at most {_LARGEST_TOLERANCE:g}: with larger residuals a motion does not keep its equations",
-            )
-        for key, least in (("starts", 1), ("seed", 0)):
-            number = check_integer(f"solver.{key}", getattr(self, key), minimum=least)
-            object.__setattr__(self, key, number)
-        if isinstance(self.threads, str):
-            check_choice("solver.threads", self.threads, ("auto",), "or a whole number of at least 1")
-        else:
-            object.__setattr__(self, "threads", check_integer("solver.threads", self.threads, minimum=1))
-        if self.max_iterations is not None:
-            limit = check_integer("solver.max_iterations", self.max_iterations, minimum=1)
-            object.__setattr__(self, "max_iterations", limit)
-        if self.time_limit is not None:
-            limit_s = check_positive("solver.time_limit", self.time_limit, "s")
-            object.__setattr__(self, "time_limit", limit_s)
-        for key in ("switch_residual", "switch_cost"):
-            value = check_number(f"solver.{key}", getattr(self, key))
-            if value < 0.0:
-                raise InvalidValue(f"solver.{key}", value, "a number >= 0; 0 switches the criterion off")
-            object.__setattr__(self, key, value)
-        steps = check_integer("solver.switch_iterations", self.switch_iterations, minimum=1)
-        object.__setattr__(self, "switch_iterations", steps)
+        for key, check in _CHECKS.items():
+            value = getattr(self, key)
+            if value is not None or getattr(SolverOptions, key) is not None:
+                object.__setattr__(self, key, check(f"solver.{key}", value))
 
     @property
     def num_threads(self) -> int:
         """Number of threads of a solve here: no more than processors, one where others work beside us."""
         available = available_threads()
         return available if self.threads == "auto" else min(int(self.threads), available)
+
+
+class SolverTable(Table):
+    """How the problem is solved; `mbocp.solvers.Options` explains the methods."""
+
+    method: Annotated[str, choice(METHODS), Key("[which does what](solver.md#which-solver)")] = (
+        SolverOptions.method
+    )
+    globalisation: Annotated[
+        str, choice(GLOBALISATIONS), Key('`"none"`: the paper\'s Newton methods, without safeguards')
+    ] = SolverOptions.globalisation
+    tolerance: Annotated[
+        Finite,
+        Check("number > 0", {"exclusiveMinimum": 0, "maximum": _LARGEST_TOLERANCE}, _tolerance),
+        Key("of residual and increment"),
+    ] = SolverOptions.tolerance
+    max_iterations: Annotated[
+        int | None, whole(1), Key("steps before a method gives up", default='200; 5000 for `"fbsm_bb"`')
+    ] = SolverOptions.max_iterations
+    hessian: Annotated[str, choice(HESSIANS), Key("of `fbsm_newton`")] = SolverOptions.hessian
+    adjoint: Annotated[str, choice(ADJOINTS), Key("of the sweeps")] = SolverOptions.adjoint
+    loop: Annotated[str, choice(LOOPS), Key("of the sweeps")] = SolverOptions.loop
+    theta_max: Annotated[
+        Finite, positive(), Key("longest gradient step, norm over all controls", "N, N m")
+    ] = SolverOptions.theta_max
+    switch_residual: Annotated[
+        Finite, _THRESHOLD, Key("a hybrid switches below this residual; 0: not for that")
+    ] = SolverOptions.switch_residual
+    switch_cost: Annotated[
+        Finite, _THRESHOLD, Key("or below this part of the guess's cost; 0: not for that")
+    ] = SolverOptions.switch_cost
+    switch_iterations: Annotated[int, whole(1), Key("or after so many gradient steps")] = (
+        SolverOptions.switch_iterations
+    )
+    time_limit: Annotated[
+        Finite | None,
+        positive("s"),
+        Key(
+            "wall time after which the solve is given up, compiling included; without it a solve whose first "
+            "attempt fails goes on for [twenty times as long](solver.md#when-attempts-fail)",
+            "s",
+        ),
+    ] = SolverOptions.time_limit
+    linear_solver: Annotated[str, choice(LINEAR_SOLVERS), Key("of `ipopt`")] = SolverOptions.linear_solver
+    starts: Annotated[
+        int,
+        whole(1),
+        Key(
+            "guesses from which the problem is solved; the best result is the solution: "
+            "[Several starts](solver.md#several-starts)"
+        ),
+    ] = SolverOptions.starts
+    seed: Annotated[int, whole(0), Key("of the random guesses among them", takes="whole number")] = (
+        SolverOptions.seed
+    )
+    threads: Annotated[
+        int | str,
+        Check('whole number > 0 or `"auto"`', _THREADS, _threads),
+        Key(
+            'threads that share a solve, `"auto"`: as many as processors; the result is the same: '
+            "[Threads](solver.md#threads)"
+        ),
+    ] = SolverOptions.threads
+
+
+_CHECKS = checks_of(SolverTable)

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
-from pydantic import Field
 
+from mbocp._keys import Key, Table
 from mbocp.terms.point import Point
-from mbocp.terms.written import Bound, Finite, Key, Table
+from mbocp.terms.written import Bound, Pair, Positive, Triple
 
 _SIZE = 6  # force along the normal and two tangents, torque about them
 
@@ -102,67 +102,53 @@ class ContactTerm:
         return ca.vertcat(*rows)
 
 
-_Pair = Annotated[list[Finite] | None, Field(min_length=2, max_length=2)]
-_Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
-
-
 class ContactKeys(Table):
     """Keys of the kind `"contact_force"`."""
 
     constraint: Annotated[
         str | None,
         Key(
-            "string",
-            "",
-            "required",
             'kind `"contact_force"`: name of the constraint whose [force](contact.md) on its first frame is '
             "bounded; it takes the place of `frame`",
+            default="required",
         ),
     ] = None
     normal: Annotated[
-        _Triple,
-        Key("3 numbers", "", "z", "direction of the normal in the axes of the constraint's second frame"),
+        Triple, Key("direction of the normal in the axes of the constraint's second frame", default="z")
     ] = None
-    friction: Annotated[
-        Finite | None,
-        Key("number > 0", "", "none", "friction coefficient of the cone that the force stays in"),
-    ] = None
+    friction: Annotated[Positive | None, Key("friction coefficient of the cone that the force stays in")] = (
+        None
+    )
     facets: Annotated[
-        int | None,
-        Key("whole number > 2", "", "none", "of a pyramid within the cone, in its place"),
+        int | None, Key("of a pyramid within the cone, in its place", takes="whole number > 2")
     ] = None
     min_normal: Annotated[
         Bound,
         Key(
-            "number",
-            "N",
-            "0 with friction, pressure or yaw, else none; none",
             "of the force along the normal",
-            ("max_normal",),
+            "N",
+            default="0 with friction, pressure or yaw, else none; none",
+            beside=("max_normal",),
         ),
     ] = None
     max_normal: Bound = None
-    max: Annotated[Bound, Key("number", "N", "none", "of the size of a contact force")] = None
+    max: Annotated[Bound, Key("of the size of a contact force", "N")] = None
     pressure: Annotated[
-        _Pair,
+        Pair,
         Key(
-            "2 numbers > 0",
-            "m",
-            "none",
             "sides of the rectangle about the first frame's origin in which the centre of pressure of a weld "
             "stays",
+            "m",
+            takes="2 numbers > 0",
         ),
     ] = None
     yaw_friction: Annotated[
-        Finite | None,
-        Key("number > 0", "m", "none", "of a weld: torque about the normal by the normal force, at most"),
+        Positive | None, Key("of a weld: torque about the normal by the normal force, at most", "m")
     ] = None
     impulses: Annotated[
         bool | None,
         Key(
-            "boolean",
-            "",
-            "true",
             "whether [impulses of impacts](contact.md#impacts) stay in the cones of a contact force, too",
+            default="true",
         ),
     ] = None

@@ -20,11 +20,11 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._keys import Table
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot import Robot
 from mbocp.terms.own import OwnTerm
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.written import Table
 
 COST_TERMS: list[type[CostTerm]] = []  # in the order of their parameters and of their keys
 

@@ -11,11 +11,12 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._keys import Key, Table
 from mbocp.lie import ConfigurationSpace
 from mbocp.terms.cost import CostTerm, CostWeights, Reader
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Weights
-from mbocp.terms.written import Finite, Key, Table, check_weight_is_given
+from mbocp.terms.written import NonNegative, check_weight_is_given
 
 
 @dataclass(frozen=True)
@@ -92,16 +93,13 @@ class TerminalCost(CostTerm):
         """Keys."""
 
         terminal: Annotated[
-            Finite,
-            Key("number >= 0", "", "0", 'beta_T; above 0 exactly when `enforce` is `"penalty"` or `"both"`'),
+            NonNegative, Key('beta_T; above 0 exactly when `enforce` is `"penalty"` or `"both"`')
         ] = 0.0
         terminal_weights: Annotated[
             Weights | None,
             Key(
-                "like `tracking_weights`",
-                "",
-                "1 where the goal says something",
                 "diagonal of QT on (q, p), or on (q, v) if the goal gives `v`",
+                default="1 where the goal says something",
             ),
         ] = None
 

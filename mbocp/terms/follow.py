@@ -21,6 +21,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from mbocp._arrays import Array
+from mbocp._keys import Key, Table
 from mbocp._text import shown
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
@@ -28,7 +29,7 @@ from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.spline import Curve, curve_through, symbolic_curve
-from mbocp.terms.written import Finite, Key, Table
+from mbocp.terms.written import Finite, NonNegative
 
 _Row = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 _Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
@@ -69,32 +70,33 @@ class Follow(PathTerm):
         points: Annotated[
             Annotated[list[_Row] | None, Field(max_length=_MAX_POINTS)],
             Key(
-                "list of 3 numbers, or string",
-                "m",
-                "one of the two",
                 'kind `"follow"`: points of the path in the world, or a file that has them',
-                ("file",),
+                "m",
+                default="one of the two",
+                takes="list of 3 numbers, or string",
+                beside=("file",),
             ),
         ] = None
         file: str | None = None
         orientations: Annotated[
             Annotated[list[_Quaternion] | None, Field(max_length=_MAX_POINTS)],
             Key(
-                "list of 4 numbers", "", "free", "unit quaternion xyzw of the frame at each point of the path"
+                "unit quaternion xyzw of the frame at each point of the path",
+                default="free",
+                takes="list of 4 numbers",
             ),
         ] = None
         closed: Annotated[
-            bool | None,
-            Key("boolean", "", "false", "whether the path goes on from its last point to its first"),
+            bool | None, Key("whether the path goes on from its last point to its first", default="false")
         ] = None
         relative: Annotated[
             bool | None,
-            Key("boolean", "", "false", "whether points are relative to where the frame is at the start"),
+            Key("whether points are relative to where the frame is at the start", default="false"),
         ] = None
         tolerance: Finite | None = None
         orientation_tolerance: Annotated[
-            Finite | None,
-            Key("number >= 0", "rad", "0", "how far from the orientations of a path; 0: an equation"),
+            NonNegative | None,
+            Key("how far from the orientations of a path; 0: an equation", "rad", default="0"),
         ] = None
 
     @classmethod

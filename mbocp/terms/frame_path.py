@@ -8,14 +8,14 @@ from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 import numpy as np
-from pydantic import Field
 
 from mbocp._arrays import Array
+from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
 from mbocp.terms.path import PathNumbers, PathTerm, finite_bounds, one_bound
 from mbocp.terms.point import Point
-from mbocp.terms.written import Bound, Finite, Key, Range, Table
+from mbocp.terms.written import Bound, Range, Triple
 
 _AXES = "xyz"
 
@@ -55,8 +55,7 @@ class Position(PathTerm):
         """Keys."""
 
         x: Annotated[
-            Range,
-            Key("pair", "m", "none", 'kind `"position"`: `[lower, upper]` in the world', ("y", "z")),
+            Range, Key('kind `"position"`: `[lower, upper]` in the world', "m", beside=("y", "z"))
         ] = None
         y: Range = None
         z: Range = None
@@ -112,15 +111,15 @@ class Distance(_Squared):
         frame_b: Annotated[
             str | None,
             Key(
-                "string or 3 numbers",
-                "m",
-                "one of the two",
                 'kind `"distance"`: from the origin of another frame, or from a point of the world',
-                ("point",),
+                "m",
+                default="one of the two",
+                takes="string or 3 numbers",
+                beside=("point",),
             ),
         ] = None
-        point: Annotated[list[Finite] | None, Field(min_length=3, max_length=3)] = None
-        min: Annotated[Bound, Key("number", "m", "none", "of a distance", ("max",))] = None
+        point: Triple = None
+        min: Annotated[Bound, Key("of a distance", "m", beside=("max",))] = None
         max: Bound = None
 
     @classmethod
@@ -191,7 +190,7 @@ class Speed(_Bounded):
     class Keys(Table):
         """Keys."""
 
-        max: Annotated[Bound, Key("number", "m/s", "none", "`max` of a speed")] = None
+        max: Annotated[Bound, Key("`max` of a speed", "m/s")] = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the speed [m^2/s^2]."""
@@ -208,7 +207,7 @@ class AngularSpeed(_Bounded):
     class Keys(Table):
         """Keys."""
 
-        max: Annotated[Bound, Key("number", "rad/s", "none", "`max` of an angular speed")] = None
+        max: Annotated[Bound, Key("`max` of an angular speed", "rad/s")] = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the angular speed [rad^2/s^2]."""
@@ -227,18 +226,16 @@ class Orientation(PathTerm):
         """Keys."""
 
         axis: Annotated[
-            Annotated[list[Finite] | None, Field(min_length=3, max_length=3)],
+            Triple,
             Key(
-                "3 numbers",
-                "",
-                "z",
                 'kind `"orientation"`: axis in the frame, and direction in the world '
                 "from which it is bent by an angle of at least `min` and at most `max`",
-                ("direction",),
+                default="z",
+                beside=("direction",),
             ),
         ] = None
-        direction: Annotated[list[Finite] | None, Field(min_length=3, max_length=3)] = None
-        min: Annotated[Bound, Key("number", "rad", "none", "of an orientation", ("max",))] = None
+        direction: Triple = None
+        min: Annotated[Bound, Key("of an orientation", "rad", beside=("max",))] = None
         max: Bound = None
 
     @classmethod

@@ -9,17 +9,16 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 
 from mbocp._arrays import Array
+from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.robot.poses.target import normals_to
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
-from mbocp.terms.written import Finite, Key, Table
+from mbocp.terms.written import Finite, NonNegative, Triple
 
-_Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
 _SHORTEST = 1e-9  # [m] a shorter line has no direction
 _OVERSHOOT = 1e-3  # of a segment's length: room for solvers where start and goal are its ends
 
@@ -40,32 +39,29 @@ class Line(PathTerm):
         """Keys."""
 
         a: Annotated[
-            _Triple,
+            Triple,
             Key(
-                "3 numbers each",
-                "m",
-                "where the frame is at the start, and its goal",
                 'kind `"line"`: two points of the straight line on which the origin stays',
-                ("b",),
+                "m",
+                default="where the frame is at the start, and its goal",
+                takes="3 numbers each",
+                beside=("b",),
             ),
         ] = None
-        b: _Triple = None
+        b: Triple = None
         segment: Annotated[
             bool | None,
             Key(
-                "boolean",
-                "",
-                "false",
                 'whether the origin stays between the two points of a `"line"`, up to a thousandth of it',
+                default="false",
             ),
         ] = None
         tolerance: Annotated[
-            Finite | None,
+            NonNegative | None,
             Key(
-                "number >= 0",
-                "m, rad",
-                "0",
                 'how far from a `"line"`, a followed path, a kept orientation; 0: exactly there, an equation',
+                "m, rad",
+                default="0",
             ),
         ] = None
 
@@ -179,12 +175,11 @@ class OrientationKept(PathTerm):
         """Keys."""
 
         rpy: Annotated[
-            _Triple,
+            Triple,
             Key(
-                "3 numbers",
-                "rad",
-                "as at the start",
                 'kind `"orientation_kept"`: roll, pitch and yaw of the frame in the world',
+                "rad",
+                default="as at the start",
             ),
         ] = None
         tolerance: Finite | None = None

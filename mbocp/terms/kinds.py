@@ -6,6 +6,7 @@ Modules with terms of a list are imported here and nowhere else, so that their o
 # isort: off
 from __future__ import annotations
 
+from mbocp._keys import Table
 from mbocp.terms.cost import COST_TERMS
 from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
 from mbocp.terms.time import Time
@@ -15,7 +16,6 @@ from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position
 from mbocp.terms.kept import Line, OrientationKept
 from mbocp.terms.follow import Follow
 from mbocp.terms.contact import ContactKeys, ContactTerm
-from mbocp.terms.written import Table
 
 __all__ = [
     "COST_TERMS",

@@ -20,11 +20,11 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._keys import Table
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.point import Point
-from mbocp.terms.written import Table
 
 PATH_TERMS: dict[str, type[PathTerm]] = {}  # by kind, in the order in which they are documented
 

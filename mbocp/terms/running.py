@@ -10,10 +10,11 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._keys import Key, Table
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.tables import Target, Weights
-from mbocp.terms.written import Control, ControlOrAuto, Finite, Key, Table, check_weight_is_given
+from mbocp.terms.tables import TargetTable, Weights
+from mbocp.terms.written import ControlOrAuto, ControlWeights, Finite, NonNegative, check_weight_is_given
 
 
 @dataclass(frozen=True)
@@ -27,13 +28,10 @@ class Effort(Weighted):
         """Keys."""
 
         effort: Annotated[
-            Control,
+            ControlWeights,
             Key(
-                "number >= 0, list, table",
-                "",
-                "1",
                 "alpha: one weight for all, or one for each control; 0 only where a control has a "
-                "`control_rate` or limits",
+                "`control_rate` or limits"
             ),
         ] = 1.0
 
@@ -73,34 +71,29 @@ class Tracking(RunningCost):
     class Keys(Table):
         """Keys."""
 
-        tracking: Annotated[Finite, Key("number >= 0", "", "0", "beta")] = 0.0
+        tracking: Annotated[NonNegative, Key("beta")] = 0.0
         tracking_weights: Annotated[
             Weights | None,
             Key(
-                "2 nv numbers, or table with `q` and `p`",
-                "",
-                "1 where the target says something",
                 "diagonal of Q on (q, p); `q` and `p` are a number or a vector each, 0 if left out",
+                default="1 where the target says something",
             ),
         ] = None
         target: Annotated[
-            Target | None,
+            TargetTable | None,
             Key(
-                "table with `q` and `p`",
-                "",
-                "the goal",
                 "y_d: each one row, or N rows, one for every step, compared with the state at which the "
                 "scheme evaluates the cost",
+                default="the goal",
+                takes="table with `q` and `p`",
             ),
         ] = None
         target_file: Annotated[
             str | None,
             Key(
-                "path",
-                "",
-                "none",
                 "y_d from a result of `mbocp solve -o`, or a CSV table with the columns `t`, `q:NAME`, "
                 "`p:NAME`, interpolated",
+                takes="path",
             ),
         ] = None
 
@@ -207,11 +200,9 @@ class Velocity(Weighted):
         velocity: Annotated[
             ControlOrAuto,
             Key(
-                'number, vector, `"auto"`',
-                "",
-                '0; `"auto"` without [cost]',
                 'W, diagonal: one weight for all, or one for each component of v; `"auto"`: '
                 "[from forces and duration](#a-problem-without-cost)",
+                default='0; `"auto"` without [cost]',
             ),
         ] = None
 
@@ -234,12 +225,7 @@ class Potential(Weighted):
 
         potential: Annotated[
             Finite,
-            Key(
-                "number",
-                "1/J",
-                "0",
-                "kappa, of any sign: weight of the potential energy; negative where it shall be high",
-            ),
+            Key("kappa, of any sign: weight of the potential energy; negative where it shall be high", "1/J"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -259,13 +245,11 @@ class ControlRate(Weighted):
         """Keys."""
 
         control_rate: Annotated[
-            Control,
+            ControlWeights,
             Key(
-                "number >= 0, list, table",
-                "s^2",
-                "0",
                 "C, diagonal, on the rates of the controls: see "
                 "[below](#smooth-controls-and-potential-energy)",
+                "s^2",
             ),
         ] = 0.0
 
@@ -290,13 +274,11 @@ class Acceleration(Weighted):
         """Keys."""
 
         acceleration: Annotated[
-            Control,
+            ControlWeights,
             Key(
-                "number >= 0, list, table",
-                "",
-                "0",
                 "diagonal weights on the accelerations of the joints: one for all, or one for each "
                 "component of v",
+                default="0",
             ),
         ] = None
 
@@ -320,13 +302,10 @@ class Fuel(Weighted):
         """Keys."""
 
         fuel: Annotated[
-            Control,
+            ControlWeights,
             Key(
-                "number >= 0, list, table",
-                "",
-                "0",
                 "weights on the controls themselves, not on their squares, for those that are limited from "
-                "below: one for all, or one for each control",
+                "below: one for all, or one for each control"
             ),
         ] = 0.0
 

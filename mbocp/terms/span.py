@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import BeforeValidator, create_model
+from pydantic import create_model
 
 from mbocp._arrays import BoolArray
+from mbocp._keys import Key, Kind, Table
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.written import Table
 
 _GRAIN = 1e-6  # of a step: times closer to a node than this are the node's
 
@@ -98,8 +98,18 @@ def end_from(written: Any) -> End:
 
 
 SPAN = ("from", "until")  # its keys in a problem file
-_End = Annotated[Any, BeforeValidator(end_from)]
-_FIELDS: Any = dict.fromkeys(SPAN, (_End, None))
+_End = Annotated[
+    Any,
+    Kind(
+        "number, name of a via point or a phase, `{ share = number }`, or `{ phase = name, share = number }`",
+        end_from,
+        float | str | dict[Literal["phase", "share"], float | str],
+    ),
+]
+_KEY = Key(
+    "when it holds, both ends included", "s, or part of the horizon", "the whole motion", beside=SPAN[1:]
+)
+_FIELDS: Any = {"from": (Annotated[_End, _KEY], None), "until": (_End, None)}
 SpanKeys = create_model("SpanKeys", __base__=Table, __doc__="When a path constraint holds.", **_FIELDS)
 
 

@@ -4,29 +4,29 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
-
-from mbocp.terms.written import Control, Table, Trajectory, VectorOrNamed
+from mbocp._keys import Key, Kind, Table
+from mbocp.terms.written import Control, Trajectory, Vector, VectorOrNamed
 
 
 class TargetTable(Table):
     """What the running cost tracks."""
 
-    q: Trajectory = None
-    p: Trajectory = None
+    q: Annotated[Trajectory, Key("configuration, or one for every step", "m, rad", "the goal's")] = None
+    p: Annotated[Trajectory, Key("momentum, or one for every step", "kg m/s, N m s", "that of the goal")] = (
+        None
+    )
 
 
 class WeightsTable(Table):
     """Diagonal weights on (q, p): one list, or `q` and `p` apart."""
 
     qp: VectorOrNamed = None
-    q: Control = None
-    p: Control = None
+    q: Annotated[Control, Key("weights on q, one for all or one for each", default="0")] = None
+    p: Annotated[Control, Key("weights on p, or on v where the goal gives v", default="0")] = None
 
 
 def _listed_weights(value: Any) -> Any:
     return {"qp": value} if isinstance(value, list) else value
 
 
-Target = TargetTable
-Weights = Annotated[WeightsTable, BeforeValidator(_listed_weights)]
+Weights = Annotated[WeightsTable, Kind("2 nv numbers, or table with `q` and `p`", _listed_weights, Vector)]

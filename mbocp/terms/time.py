@@ -8,9 +8,10 @@ from typing import Annotated
 
 import casadi as ca
 
+from mbocp._keys import Key, Table
 from mbocp.terms.cost import Weighted
 from mbocp.terms.point import Point
-from mbocp.terms.written import Finite, Key, Table
+from mbocp.terms.written import NonNegative
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,7 @@ class Time(Weighted):
         """Keys."""
 
         time: Annotated[
-            Finite,
-            Key("number >= 0", "1/s", "0", "weight of the duration, where `horizon.duration` sets it free"),
+            NonNegative, Key("weight of the duration, where `horizon.duration` sets it free", "1/s")
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

@@ -1,29 +1,20 @@
-"""How keys of a problem file are written: the kind of value each takes, and what the documentation says."""
+"""Kinds of values of a problem file: numbers, vectors, tables of numbers by name."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias, TypeVar, get_type_hints
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, create_model
+from pydantic import Field
 
+from mbocp._keys import Kind, Takes
 from mbocp._numbers import as_float, finite_number, is_number, named_numbers, vector
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue
 
 Vector: TypeAlias = list[float]
 Named: TypeAlias = dict[str, float | list[float]]
-
-
-class Table(BaseModel):
-    """A table of a problem file: keys that it does not have are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
-
-
-T = TypeVar("T", bound=Table)
 
 
 def check_weight_is_given(table: Any, weight: str, keys: tuple[str, ...]) -> None:
@@ -45,35 +36,6 @@ def _says_something(table: Any, key: str) -> bool:
     """Whether a key is neither None nor a table without keys."""
     value = getattr(table, key)
     return value is not None and bool(getattr(value, "model_fields_set", True))
-
-
-@dataclass(frozen=True)
-class Key:
-    """What the documentation says of a key, beside its name.
-
-    Attributes
-    ----------
-    takes, unit, default, says : str
-        Columns of the table of keys.
-    beside : tuple of str
-        Keys that the same line describes.
-    """
-
-    takes: str
-    unit: str
-    default: str
-    says: str
-    beside: tuple[str, ...] = ()
-
-
-def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
-    """`base` with the keys of all `parts`, in their order; one that several have is theirs in common."""
-    fields: dict[str, Any] = {}
-    for part in parts:
-        hints = get_type_hints(part, include_extras=True)
-        for key, field in part.model_fields.items():
-            fields.setdefault(key, (hints[key], ... if field.is_required() else field.default))
-    return create_model(name, __base__=base, __doc__=words, __module__=__name__, **fields)
 
 
 def vector_or_named(value: Any) -> Vector | Named:
@@ -119,12 +81,28 @@ def _control_or_auto(value: Any) -> float | Vector | Named | str:
     return AUTO if value == AUTO else _control(value)
 
 
+def _triple_or_zero(value: Any) -> Any:
+    """Three numbers; 0 means that all are zero."""
+    return [0.0, 0.0, 0.0] if is_number(value) and value == 0 else value
+
+
 AUTO = "auto"  # what is written where mbocp is to choose
-VectorOrNamed = Annotated[Any, BeforeValidator(vector_or_named)]
-ControlOrAuto = Annotated[Any, BeforeValidator(_control_or_auto)]
-Trajectory = Annotated[Any, BeforeValidator(_trajectory_or_vector)]
-Control = Annotated[Any, BeforeValidator(_control)]
-Finite = Annotated[float, BeforeValidator(finite_number)]
-Range = Annotated[Any, BeforeValidator(range_of)]
-VectorOrNumber = Annotated[Any, BeforeValidator(_vector_or_number)]
-Bound = Annotated[Any, BeforeValidator(sided)]
+Finite = Annotated[float, Kind("number", finite_number, float)]
+Positive = Annotated[Finite, Takes("number > 0", {"exclusiveMinimum": 0})]
+NonNegative = Annotated[Finite, Takes("number >= 0", {"minimum": 0})]
+Bound = Annotated[Any, Kind("number", sided, float)]
+Range = Annotated[Any, Kind("pair", range_of, Vector)]
+Pair = Annotated[list[Finite] | None, Field(min_length=2, max_length=2), Takes("2 numbers")]
+Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3), Takes("3 numbers")]
+Quaternion = Annotated[list[Finite] | None, Field(min_length=4, max_length=4), Takes("4 numbers")]
+TripleOrZero = Annotated[Triple, Kind("3 numbers, or 0 for rest", _triple_or_zero, Literal[0])]
+VectorOrNamed = Annotated[Any, Kind("vector", vector_or_named, Vector | Named)]
+VectorOrNumber = Annotated[Any, Kind("number, or list", _vector_or_number, float | Vector)]
+Control = Annotated[Any, Kind("number, vector", _control, float | Vector | Named)]
+ControlWeights = Annotated[Control, Takes("number >= 0, list, table")]
+ControlOrAuto = Annotated[
+    Any, Kind(f'number, vector, `"{AUTO}"`', _control_or_auto, float | Vector | Named | Literal["auto"])
+]
+Trajectory = Annotated[
+    Any, Kind("vector, or a list of them", _trajectory_or_vector, Vector | Named | list[Vector])
+]

@@ -1,20 +1,94 @@
-"""Goals of frames as people write them: `[goal.frame]`."""
+"""`[goal.frame]` and poses of frames elsewhere: their keys, from what is written to goals, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from mbocp._keys import Key, Table
 from mbocp.problem.file.messages import located
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import FrameGoal
 from mbocp.terms.frame_goal import FURTHER_KEYS
+from mbocp.terms.written import Finite, NonNegative, Quaternion, Triple, TripleOrZero, VectorOrNumber
 
-if TYPE_CHECKING:
-    from mbocp.problem.file.schema import FramePoseTable
+
+class FramePoseTable(Table):
+    """Pose of a frame, or parts of it."""
+
+    name: Annotated[str, Key("a frame of the robot: `mbocp robots NAME` lists them")]
+    position: Annotated[
+        Triple,
+        Key(
+            "where its origin is to be: all of it, or some coordinates",
+            "m",
+            "free",
+            "3 numbers, or numbers",
+            ("x", "y", "z"),
+        ),
+    ] = None
+    x: Finite | None = None
+    y: Finite | None = None
+    z: Finite | None = None
+    orientation: Annotated[
+        Quaternion,
+        Key(
+            "unit quaternion xyzw; or roll, pitch, yaw about the fixed axes x, y, z",
+            "rad",
+            "free",
+            "4 or 3 numbers",
+            ("rpy",),
+        ),
+    ] = None
+    rpy: Triple = None
+    axis: Annotated[
+        Triple,
+        Key(
+            "an axis in the frame that is to point along a direction; any length",
+            "",
+            "free",
+            "3 numbers each",
+            ("direction",),
+        ),
+    ] = None
+    direction: Triple = None
+    relative_to: Annotated[
+        str | None, Key("frame in whose axes all these are; it may move", "", '`"world"`')
+    ] = None
+
+
+class FrameGoalTable(FramePoseTable):
+    """Pose and velocity of a frame at t = T, or parts of them."""
+
+    velocity: Annotated[
+        TripleOrZero,
+        Key(
+            "of the frame's origin and of the frame, in the axes of the world",
+            "m/s, rad/s",
+            "free",
+            beside=("angular_velocity",),
+        ),
+    ] = None
+    angular_velocity: TripleOrZero = None
+    position_tolerance: Annotated[
+        VectorOrNumber,
+        Key("how far each coordinate may be from its goal: a box", "m", "exact", "number, or 3"),
+    ] = None
+    orientation_tolerance: Annotated[
+        Finite | None, Key("angle by which orientation or axis may be off: a cone", "rad", "exact")
+    ] = None
+    weight: Annotated[
+        NonNegative | None,
+        Key(
+            "of the squares of its errors, in m, rad, m/s and rad/s, in the terminal cost, times half of "
+            "`cost.terminal`",
+            "",
+            "1",
+        ),
+    ] = None
 
 
 def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:

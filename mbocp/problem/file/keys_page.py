@@ -1,89 +1,84 @@
-"""Rows of the documentation's table of keys that follow from the terms.
+"""The page of keys, from their declarations.
 
-``python -m mbocp.problem.file.keys_page docs/problem_files.md`` writes them into the page.
+``python -m mbocp.problem.file.keys_page docs/problem_files.md`` writes the tables of the page.
 """
 
 from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from itertools import groupby
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import get_type_hints
 
-from mbocp.terms import COST_TERMS, PATH_KEYS
-from mbocp.terms.written import Key, Table
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
-_PATH_HEAD = {
-    "name": Key(
-        "string",
-        "",
-        "kind and frame",
-        "what a [path constraint](#path-constraints) is called; one table `[[path]]` each",
-    ),
-    "kind": Key("string", "", "required", ", ".join(f'`"{kind}"`' for kind in PATH_KEYS)),
-    "frame": Key(
-        "string", "", "required, but for a contact force", "frame of the robot that is meant, or its origin"
-    ),
-    "from": Key(
-        "number, name of a via point or a phase, `{ share = number }`, or `{ phase = name, share = number }`",
-        "s, or part of the horizon",
-        "the whole motion",
-        "when it holds, both ends included",
-        ("until",),
-    ),
-}
+from mbocp._keys import default_of, key_of, keys_of, tables_in, takes_of
+from mbocp.problem.file.frame_table import FrameGoalTable
+from mbocp.problem.file.schema import ProblemTable
+
+FRAME = "goal.frame"  # where the keys of frames are described, which stand in several tables
+_TABLE = re.compile(r"(\| key (?:of `(?P<under>[\w.]+)` )?\|[^\n]*\n\|[-|]+\n)(?:\|[^\n]*\n)+")
 
 
-def key_rows() -> dict[str, list[str]]:
-    """Rows of the tables `cost` and `path`, in Markdown."""
-    path = _collected(list(PATH_KEYS.values()))
-    return {
-        "cost": _rows("cost", _collected([term.Keys for term in COST_TERMS])),
-        "path": _rows("path", {**_PATH_HEAD, **path}),
-    }
+@dataclass(frozen=True)
+class Row:
+    """What the page says of one key, or of several that belong together."""
+
+    names: tuple[str, ...]
+    takes: str
+    unit: str
+    default: str
+    says: str
+
+    def markdown(self, under: str = "") -> str:
+        """Return a row of a table; names are those `under` a table."""
+        names = ", ".join(f"`{name.removeprefix(under)}`" for name in self.names)
+        cells = (names, self.takes, self.unit, self.default, self.says)
+        return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
 
 
-def updated(page: str) -> str:
-    """A page with the rows of both tables as they are now."""
-    rows, lines = key_rows(), []
-    for table, block in groupby(page.splitlines(), key=_table_of):
-        lines += rows[table] if table in rows else list(block)
-    return "\n".join(lines) + "\n"
+def all_keys(table: type[BaseModel] = ProblemTable, under: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    """Dotted names of all keys with their fields, each table before what it holds."""
+    for field, info in table.model_fields.items():
+        name = f"{under}{info.alias or field}"
+        yield name, info
+        for inner in tables_in(info.annotation):
+            yield from all_keys(inner, f"{name}.")
 
 
-def _table_of(line: str) -> str:
-    found = re.match(r"\| `(cost|path)\.\w+`", line)
-    return found.group(1) if found else ""
-
-
-def _collected(tables: Sequence[type[Table]]) -> dict[str, Key]:
-    """What is said of each key, by the first key of its row."""
-    found: dict[str, Key] = {}
-    for table in tables:
-        for name, hint in get_type_hints(table, include_extras=True).items():
-            for key in getattr(hint, "__metadata__", ()):
-                if isinstance(key, Key):
-                    row = next((first for first, old in found.items() if name in (first, *old.beside)), name)
-                    found[row] = _together(found[row], key) if row in found else key
+def rows() -> dict[str, Row]:
+    """Return the row that describes each key, by dotted name; keys of the same declaration share one."""
+    named = [(*_parted(name), info, key) for name, info in all_keys() if (key := key_of(info)) is not None]
+    homes = dict.fromkeys(keys_of(FrameGoalTable).items(), f"{FRAME}.")
+    for under, leaf, _, key in sorted(named, key=lambda one: one[0].count(".")):
+        homes.setdefault((leaf, key), under)
+    found: dict[str, Row] = {}
+    for under, leaf, info, key in named:
+        leaves = (leaf, *key.beside)
+        names = tuple(homes[leaf, key] + one for one in leaves)
+        row = Row(names, takes_of(info), key.unit, default_of(info), key.says)
+        found |= {under + one: row for one in leaves}
     return found
 
 
-def _together(old: Key, new: Key) -> Key:
-    """One line on a key of several kinds."""
-    units = dict.fromkeys([*old.unit.split(", "), *new.unit.split(", ")])
-    return replace(old, unit=", ".join(units), says=f"{old.says}; {new.says}")
+def updated(page: str) -> str:
+    """Return a page with its tables of keys as they are now."""
+    described = [row for name, row in rows().items() if name == row.names[0]]
+
+    def table(found: re.Match[str]) -> str:
+        under = f"{found['under']}." if found["under"] else ""
+        mine = [row for row in described if row.names[0].startswith(f"{FRAME}.") == bool(under)]
+        return found[1] + "".join(f"{row.markdown(under)}\n" for row in mine)
+
+    return _TABLE.sub(table, page)
 
 
-def _rows(table: str, keys: dict[str, Key]) -> list[str]:
-    return [_row([f"`{table}.{k}`" for k in (name, *key.beside)], key) for name, key in keys.items()]
-
-
-def _row(names: Iterable[str], key: Key) -> str:
-    cells = [", ".join(names), key.takes, key.unit, key.default, key.says]
-    return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
+def _parted(name: str) -> tuple[str, str]:
+    """What a key is under, with the dot, and its last name."""
+    under, dot, leaf = name.rpartition(".")
+    return under + dot, leaf
 
 
 if __name__ == "__main__":

@@ -1,14 +1,16 @@
-"""Limits as people write them: `true` for the robot's own, numbers, lists, tables by name."""
+"""`[limits]`: its keys, from what is written to bounds, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
+from mbocp.problem.file.kinds import Limits, Ranges
 from mbocp.problem.file.messages import located
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
@@ -16,6 +18,30 @@ from mbocp.robot import Robot
 from mbocp.terms import RATE_TERMS, RateTerm
 
 _Sides = tuple[Array, Array]
+_NUMBERS = Takes("number, list, table")  # robots have none of their own
+
+
+class LimitsTable(Table):
+    """Bounds along the motion; components that are left out have none."""
+
+    effort: Annotated[Limits, Key("[limits](#limits) of the controls; `true`: the robot's own", "N, N m")] = (
+        None
+    )
+    velocity: Annotated[Limits, Key("of the velocities", "m/s, rad/s")] = None
+    position: Annotated[Ranges, Key("of lengths and angles", "m, rad")] = None
+    acceleration: Annotated[
+        Limits,
+        _NUMBERS,
+        Key(
+            "of the [accelerations](#accelerations-jerks-rates-and-powers), the means of the steps",
+            "m/s^2, rad/s^2",
+        ),
+    ] = None
+    jerk: Annotated[Limits, _NUMBERS, Key("of the jerks", "m/s^3, rad/s^3")] = None
+    effort_rate: Annotated[Limits, _NUMBERS, Key("of the rates of the controls", "N/s, N m/s")] = None
+    power: Annotated[
+        Limits, _NUMBERS, Key("of the powers of the controls; a pair's lower side is the regeneration", "W")
+    ] = None
 
 
 def bounds_from(
@@ -60,6 +86,17 @@ def bounds_from(
         q_upper=q_upper,
         **sides,
     )
+
+
+def write_limits(limits: Bounds) -> dict[str, Any]:
+    """The table `[limits]`, or that of a phase."""
+    return {
+        key.removeprefix("limits."): np.column_stack(
+            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
+        )
+        for letter, key in LIMITS.items()
+        if limits.finite(letter).any()
+    }
 
 
 def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:

@@ -16,6 +16,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
+from mbocp.problem.file.messages import located
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
@@ -121,6 +122,14 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         value[where] = numbers
         active[where] = True
     return value, active
+
+
+def rate_from(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
+    """Return a velocity, momentum or acceleration, of which 0 says that all is zero; and what was written."""
+    if isinstance(written, float):
+        return np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
+    with located(key):
+        return tangent_from(robot, written, key)
 
 
 def weights_from(robot: Robot, written: float | Written, key: str) -> Array:

@@ -1,29 +1,116 @@
-"""Obstacles and self-collision as people write them: `[[obstacle]]`, `self_collision`."""
+"""`[[obstacle]]` and `self_collision`: their keys, from what is written to shapes, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
+from pydantic import Field
 
 from mbocp._files import path_of
+from mbocp._keys import Key, Table
 from mbocp._text import shown
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import located
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
-from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, Obstacle
-
-if TYPE_CHECKING:
-    from mbocp.problem.file.schema import ObstacleTable, SelfCollisionTable
+from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
+from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
-def obstacles_from(tables: Sequence[ObstacleTable], folder: Path | None = None) -> tuple[Obstacle, ...]:
+class ObstacleTable(Table):
+    """A shape that links keep away from."""
+
+    name: Annotated[
+        str | None,
+        Key(
+            "what an [obstacle](obstacles.md) is called; one table `[[obstacle]]` each",
+            "",
+            "shape and number",
+        ),
+    ] = None
+    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) is a convex hull")]
+    radius: Annotated[
+        Positive | None,
+        Key(
+            "of a sphere, a capsule (`length` without its round ends) and a cylinder, both along z",
+            "m",
+            "required",
+            beside=("length",),
+        ),
+    ] = None
+    length: Positive | None = None
+    size: Annotated[Triple, Key("sides of a box", "m", "required", "3 numbers > 0")] = None
+    file: Annotated[
+        str | None,
+        Key(
+            "of a mesh: STL, Collada, OBJ or PLY, beside the problem file; or `vertices`",
+            "",
+            "required",
+            "path",
+        ),
+    ] = None
+    scale: Annotated[
+        Finite | list[Finite] | None, Key("of a unit of the file", "m", "1", "number > 0, or 3")
+    ] = None
+    hull: Annotated[
+        bool,
+        Key(
+            "whether a file that is [not convex or not closed](obstacles.md#meshes) may stand for its "
+            "convex hull"
+        ),
+    ] = False
+    vertices: Annotated[
+        list[list[Finite]] | None,
+        Key("corners of a mesh, in the place of a file", "m", "", "list of 3 numbers each"),
+    ] = None
+    position: Annotated[
+        Triple, Key("of the centre in `frame`; of a halfspace a point of its surface", "m", "0")
+    ] = None
+    rpy: Annotated[
+        Triple,
+        Key(
+            "roll, pitch, yaw, or quaternion xyzw; a halfspace fills what is below its z = 0",
+            "rad",
+            "as `frame`",
+            "3 or 4 numbers",
+            ("orientation",),
+        ),
+    ] = None
+    orientation: Quaternion = None
+    frame: Annotated[str | None, Key("frame of the robot that carries it", "", '`"world"`')] = None
+    margin: Annotated[Finite, Key("least distance", "m")] = 0.0
+    smoothing: Annotated[Positive, Key("length over which edges are rounded in the equations", "m")] = (
+        SMOOTHING
+    )
+    movable: Annotated[
+        bool,
+        Key(
+            "whether it is [moved from problem to problem](obstacles.md#what-is-kept): moving it compiles "
+            "nothing"
+        ),
+    ] = False
+
+
+class SelfCollisionTable(Table):
+    """How links keep away from each other."""
+
+    margin: Annotated[Finite, Key("least distance of links from each other", "m")] = 0.0
+    disabled: Annotated[list[list[str]], Key("pairs of links that need not", "", "none", "list of pairs")] = (
+        Field(default_factory=list)
+    )
+    srdf: Annotated[str | None, Key("an SRDF with such pairs", "", "beside the URDF", "path")] = None
+
+
+def obstacles_from(
+    obstacle_table: Sequence[ObstacleTable], folder: Path | None = None
+) -> tuple[Obstacle, ...]:
     """Make the obstacles from the tables of `[[obstacle]]`; files of meshes are in the folder.
 
     Raises
@@ -31,7 +118,7 @@ def obstacles_from(tables: Sequence[ObstacleTable], folder: Path | None = None) 
     ProblemError, InvalidValue
         If a key does not fit the shape, or a value cannot be right.
     """
-    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(tables))
+    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
 
 
 def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
@@ -40,22 +127,22 @@ def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
 
 
 def self_collision_from(
-    written: bool | SelfCollisionTable | None, folder: Path | None = None
+    self_collision_table: bool | SelfCollisionTable | None, folder: Path | None = None
 ) -> SelfCollision | None:
     """Make what is said of links that meet; None: nothing."""
-    if written is None or written is False:
+    if self_collision_table is None or self_collision_table is False:
         return None
-    if written is True:
+    if self_collision_table is True:
         return SelfCollision()
-    srdf = None if written.srdf is None else (folder or Path()) / written.srdf
-    for pair in written.disabled:
+    srdf = None if self_collision_table.srdf is None else (folder or Path()) / self_collision_table.srdf
+    for pair in self_collision_table.disabled:
         if len(pair) != 2:
             raise ProblemError(f"self_collision.disabled: got {shown(pair)}, expected pairs of links")
-    pairs = tuple((pair[0], pair[1]) for pair in written.disabled)
-    return SelfCollision(written.margin, pairs, srdf)
+    pairs = tuple((pair[0], pair[1]) for pair in self_collision_table.disabled)
+    return SelfCollision(self_collision_table.margin, pairs, srdf)
 
 
-def self_collision_table(own: SelfCollision | bool | None) -> dict[str, Any] | None:
+def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | None:
     """Return the table that reads back as the same."""
     if not isinstance(own, SelfCollision):
         return None

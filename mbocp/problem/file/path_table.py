@@ -1,17 +1,18 @@
-"""Path constraints as people write them: `[[path]]` with frames by name."""
+"""`[[path]]`: its keys, from what is written, with frames by name, to constraints, and back."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import path_of
+from mbocp._keys import Key, Table, merged
 from mbocp.exceptions import ProblemError
-from mbocp.problem._checks import check_choice
+from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.file.messages import located
@@ -21,12 +22,35 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_KEYS, PATH_TERMS, ContactTerm
-from mbocp.terms.span import SPAN, Span
-
-if TYPE_CHECKING:
-    from mbocp.problem.file.schema import PathHead
+from mbocp.terms.span import SPAN, Span, SpanKeys
 
 _HEAD = ("name", "kind", "frame", *SPAN)
+
+
+class PathHead(Table):
+    """Keys that every path constraint has."""
+
+    name: Annotated[
+        str | None,
+        Key(
+            "what a [path constraint](#path-constraints) is called; one table `[[path]]` each",
+            "",
+            "kind and frame",
+        ),
+    ] = None
+    kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained: the next rows say which keys it takes")]
+    frame: Annotated[
+        str | None,
+        Key("frame of the robot that is meant, or its origin", "", "required, but for a contact force"),
+    ] = None
+
+
+PathTable = merged(
+    "PathTable",
+    "One constraint on a frame or a force that holds along the motion: the keys of all kinds.",
+    (*PATH_KEYS.values(), SpanKeys),
+    PathHead,
+)
 
 
 def path_from(

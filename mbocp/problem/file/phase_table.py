@@ -9,8 +9,7 @@ import numpy as np
 
 from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import weights_by_key
-from mbocp.problem.file.limits_table import bounds_from
-from mbocp.problem.limits import LIMITS, Bounds
+from mbocp.problem.file.limits_table import bounds_from, write_limits
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, checked_phase
 from mbocp.problem.timeline.phase_values import in_phase
@@ -160,7 +159,7 @@ def phase_tables(phases: Sequence[Phase]) -> list[dict[str, Any]]:
 
 def _table(phase: Phase) -> dict[str, Any]:
     weights = {key: shortest(np.asarray(value)) for key, value in phase.weights.items()}
-    limits = written_limits(phase.limits)
+    limits = write_limits(phase.limits)
     return {
         "name": phase.name,
         "steps": phase.steps,
@@ -180,14 +179,3 @@ def _hold_table(held: PhaseHold) -> dict[str, Any]:
 
 def _release_table(one: PhaseRelease) -> dict[str, Any]:
     return {"name": one.constraint, "meeting": one.meeting}
-
-
-def written_limits(limits: Bounds) -> dict[str, Any]:
-    """The table `[limits]`, or that of a phase."""
-    return {
-        key.removeprefix("limits."): np.column_stack(
-            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
-        )
-        for letter, key in LIMITS.items()
-        if limits.finite(letter).any()
-    }

@@ -2,7 +2,7 @@
 
 Only the shape of the file is checked here. What depends on the robot (lengths, joint names) is checked when
 the values are resolved, what depends on the mathematics when the `Problem` is made: once, for files and for
-Python.
+Python. Modules beside this one declare the keys of most tables, where they read and write them.
 
 Defaults that are tables are made by `model_construct`, which asks for no validator: pydantic takes several
 milliseconds to build one, and that of the whole file has all in it.
@@ -12,133 +12,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import Field, create_model
 
-from mbocp._numbers import finite_number, is_number
+from mbocp._keys import Key, Kind, Table, json_schema_of
 from mbocp._text import shown
-from mbocp.problem.cost import weights_by_key
-from mbocp.problem.integration import Stabilisation
-from mbocp.problem.solver import SolverOptions
-from mbocp.robot.collision.obstacle import SMOOTHING
+from mbocp.integrators import CONTROLS
+from mbocp.problem._checks import choice, whole
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.file.cost_table import CostTable, PhaseCostTable
+from mbocp.problem.file.frame_table import FrameGoalTable
+from mbocp.problem.file.goal_table import GoalTable
+from mbocp.problem.file.guess_table import GuessTable
+from mbocp.problem.file.integrator_table import IntegratorTable
+from mbocp.problem.file.kinds import RELEASED, SEVERAL, Duration, Rate, ViaTime
+from mbocp.problem.file.limits_table import LimitsTable
+from mbocp.problem.file.obstacle_table import ObstacleTable, SelfCollisionTable
+from mbocp.problem.file.path_table import PathTable
+from mbocp.problem.file.start_table import StartTable
+from mbocp.problem.file.term_table import TermTable
+from mbocp.problem.solver import SolverTable
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.robot_keys import RobotKeys
-from mbocp.terms import COST_TERMS, PATH_KEYS
-from mbocp.terms.span import SpanKeys
-from mbocp.terms.written import (
-    Bound,
-    Control,
-    Finite,
-    Named,
-    Table,
-    Vector,
-    VectorOrNamed,
-    VectorOrNumber,
-    merged,
-    range_of,
-    sided,
-    vector_or_named,
-)
-
-Limit: TypeAlias = float | list[float]
-
-
-def _rate(value: Any) -> Vector | Named | float:
-    """Velocities or momenta; 0 means that all are zero."""
-    if is_number(value) and value == 0:
-        return 0.0
-    if is_number(value):
-        raise ValueError(
-            f"got {shown(value)}, expected 0 for rest, a list of as many numbers as mbocp robots NAME "
-            "counts for v, or a table by joint name such as { elbow_joint = 0.5 }"
-        )
-    return vector_or_named(value)
-
-
-def _rate_or_free(value: Any) -> Any:
-    """Accelerations at the end, or that nothing is asked of them."""
-    return value if value == "free" else _rate(value)
-
-
-def _listed(value: Any) -> Any:
-    """One table, or several."""
-    return [value] if isinstance(value, Mapping) else value
-
-
-def _released(value: Any) -> Any:
-    """Names of constraints, or tables with more."""
-    entries = [value] if isinstance(value, (str, Mapping)) else value
-    if not isinstance(entries, list):
-        return entries
-    return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
-
-
-def _triple_or_zero(value: Any) -> Any:
-    """Three numbers; 0 means that all are zero."""
-    return [0.0, 0.0, 0.0] if is_number(value) and value == 0 else value
-
-
-def _limit(value: Any, where: str = "") -> Limit:
-    return range_of(value, where) if isinstance(value, list) else sided(value, where)
-
-
-def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, list):
-        return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
-    if isinstance(value, Mapping):
-        return {name: _limit(entry, f" for {shown(name)}") for name, entry in value.items()}
-    if isinstance(value, str):
-        raise ValueError(f"got {shown(value)}, expected true, a number, a list or a table by name")
-    return sided(value)
-
-
-def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, list):
-        return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
-    if isinstance(value, Mapping):
-        return {name: range_of(entry, f" for {shown(name)}") for name, entry in value.items()}
-    raise ValueError(
-        f"got {shown(value)}, expected true, a list of [lower, upper] or a table of them by name"
-    )
-
-
-def _duration(value: Any) -> float | dict[str, float] | None:
-    if value is None:
-        return None
-    if isinstance(value, Mapping):
-        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
-    return finite_number(value)
-
-
-def _via_time(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {
-            name: entry if name == "phase" else finite_number(entry, f" for {shown(name)}")
-            for name, entry in value.items()
-        }
-    return value if value is None or isinstance(value, str) else finite_number(value)
-
-
-def _free(value: Any) -> Any:
-    if value is None or value is True or value in ("q", "v") or isinstance(value, Mapping):
-        return value
-    raise ValueError(
-        f'got {shown(value)}, expected true, "q", "v" or a table with q and v such as '
-        '{ v = true, q = ["elbow"] }'
-    )
-
-
-def _periodic(value: Any) -> Any:
-    if value is None or value is True or isinstance(value, Mapping):
-        return value
-    raise ValueError(
-        f"got {shown(value)}, expected true, or a table with swap, mirror, combine, moved, except, impact"
-    )
+from mbocp.terms.written import Finite, Positive, Triple, VectorOrNamed
 
 
 def _named_robot(value: Any) -> Any:
@@ -153,280 +50,244 @@ def _named_solver(value: Any) -> Any:
     return {"method": value} if isinstance(value, str) else value
 
 
-Rate = Annotated[Any, BeforeValidator(_rate)]
-RateOrFree = Annotated[Any, BeforeValidator(_rate_or_free)]
-Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3)]
-TripleOrZero = Annotated[Triple, BeforeValidator(_triple_or_zero)]
-Limits = Annotated[Any, BeforeValidator(_limits)]
-Duration = Annotated[Any, BeforeValidator(_duration)]
-Ranges = Annotated[Any, BeforeValidator(_ranges)]
-Free = Annotated[Any, BeforeValidator(_free)]
-PeriodicWords = Annotated[Any, BeforeValidator(_periodic)]
-ViaTime = Annotated[Any, BeforeValidator(_via_time)]
-
-
 class HorizonTable(Table):
     """How long, and in how many steps."""
 
-    duration: Duration = None
-    steps: int | None = None
-    accuracy: Finite | None = None
-    lengths: list[Finite] | None = None
-    controls: str = "constant"
-
-
-class FramePoseTable(Table):
-    """Pose of a frame, or parts of it."""
-
-    name: str
-    position: Triple = None
-    x: Finite | None = None
-    y: Finite | None = None
-    z: Finite | None = None
-    orientation: list[Finite] | None = Field(default=None, min_length=4, max_length=4)
-    rpy: Triple = None
-    axis: Triple = None
-    direction: Triple = None
-    relative_to: str | None = None
-
-
-class StartTable(Table):
-    """State at t = 0."""
-
-    q: VectorOrNamed = None
-    v: Rate = None
-    p: Rate = None
-    a: Rate = None
-    frame: Annotated[list[FramePoseTable], BeforeValidator(_listed)] = Field(default_factory=list)
-    assemble: bool = False
-    free: Free = None
-
-
-class FrameGoalTable(FramePoseTable):
-    """Pose and velocity of a frame at t = T, or parts of them."""
-
-    velocity: TripleOrZero = None
-    angular_velocity: TripleOrZero = None
-    position_tolerance: VectorOrNumber = None
-    orientation_tolerance: Finite | None = None
-    weight: Finite | None = None
-
-
-class GoalMemberTable(Table):
-    """State at t = T, one of several."""
-
-    q: VectorOrNamed = None
-    v: Rate = None
-    p: Rate = None
-    a: RateOrFree = None
-    frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
-    assemble: bool = False
-    periodic: PeriodicWords = None
-    enforce: str | None = None
-    guard: bool = True
-    redundant: str = "drop"
+    duration: Annotated[
+        Duration,
+        Key(
+            "T; with a table it is [free](#free-duration); `guess` is their geometric mean if left out",
+            "s",
+            "required without `[[phase]]`",
+        ),
+    ] = None
+    steps: Annotated[
+        int | None,
+        whole(1),
+        Key(
+            "N, impacts of phases included; as many as there is [memory](#how-many-steps) for",
+            "",
+            "required without `[[phase]]`",
+        ),
+    ] = None
+    accuracy: Annotated[
+        Finite | None,
+        Key(
+            "in place of `steps`: [steps are found](#accuracy-in-place-of-steps) whose errors are below it",
+            "rad, m; part of the cost",
+            takes="number from 1e-10 to 0.1",
+        ),
+    ] = None
+    lengths: Annotated[
+        list[Positive] | None,
+        Key(
+            "in place of `steps`: the length of each; their sum is the duration, which may be left out",
+            "s",
+            takes="list of numbers > 0",
+        ),
+    ] = None
+    controls: Annotated[
+        str,
+        choice(CONTROLS),
+        Key(
+            "how controls vary [within a step](#controls-within-a-step); others than constant with `gauss2`, "
+            "`gauss3`, `radau2`, `radau3`, `lobatto2`, `lobatto3`"
+        ),
+    ] = "constant"
 
 
 class ViaTable(Table):
     """What holds at one node between start and end."""
 
-    name: str | None = None
-    time: ViaTime = None
-    share: Finite | None = None
-    q: VectorOrNamed = None
+    name: Annotated[
+        str | None,
+        Key("what a [via point](#via-points) is called; one table `[[via]]` each", "", "its number"),
+    ] = None
+    time: Annotated[
+        ViaTime,
+        Key(
+            "when it holds: at the nearest node; or [when the motion passes it](#free-times)",
+            "s",
+            "`via.share`",
+        ),
+    ] = None
+    share: Annotated[
+        Finite | None,
+        Key(
+            "in place of a time; beside a free one the part of the steps that lead there",
+            "part of the horizon",
+            "`via.time`",
+        ),
+    ] = None
+    q: Annotated[
+        VectorOrNamed,
+        Key(
+            "configuration and velocity there",
+            "m, rad; m/s, rad/s",
+            "free",
+            "like `goal.q` and `goal.v`",
+            ("v",),
+        ),
+    ] = None
     v: Rate = None
-    frame: Annotated[list[FrameGoalTable], BeforeValidator(_listed)] = Field(default_factory=list)
-
-
-class GoalTable(GoalMemberTable):
-    """State at t = T; beside several that are given, what is common to them."""
-
-    any: list[GoalMemberTable] = Field(default_factory=list)
-
-
-CostTable = merged(
-    "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
-)
-
-
-class LimitsTable(Table):
-    """Bounds along the motion; components that are left out have none."""
-
-    effort: Limits = None
-    velocity: Limits = None
-    position: Ranges = None
-    acceleration: Limits = None
-    jerk: Limits = None
-    effort_rate: Limits = None
-    power: Limits = None
-
-
-class PathHead(Table):
-    """Keys that every path constraint has."""
-
-    name: str | None = None
-    kind: str
-    frame: str | None = None
-
-
-PathTable = merged(
-    "PathTable",
-    "One constraint on a frame or a force that holds along the motion: the keys of all kinds.",
-    (*PATH_KEYS.values(), SpanKeys),
-    PathHead,
-)
-
-
-PhaseCostTable = merged(
-    "PhaseCostTable", "Weights that differ in a phase.", (t.Keys for t in weights_by_key().values()), Table
-)
+    frame: Annotated[
+        list[FrameGoalTable],
+        SEVERAL,
+        Key("poses of frames there: the keys of `goal.frame`, and tolerances", "", "nothing"),
+    ] = Field(default_factory=list)
 
 
 class HoldTable(Table):
     """A frame that is held throughout a phase."""
 
-    name: str | None = None
-    frame: str
-    to: str = WORLD
-    kind: str = "weld"
-    at: str = "where_it_is"
-    axis: Triple = None
-    pitch: Finite | None = None
-    meeting: str = "impact"
+    name: Annotated[
+        str | None, Key("what it is called; forces are called after it", "", "`frame` at `to`")
+    ] = None
+    frame: Annotated[str, Key("the frame that is held")]
+    to: Annotated[str, Key("the frame that holds it")] = WORLD
+    kind: Annotated[
+        str,
+        Key(
+            'what is held: `"weld"` all of it, `"point"` its origin, `"hinge"` its origin and an axis, '
+            '`"plane"`, '
+            '`"line"` its origin in a plane or on a line, `"screw"` all but the way along a thread'
+        ),
+    ] = "weld"
+    at: Annotated[
+        str, Key('`"where_it_is"` relative to `to` when the hold begins, or where both frames `"coincide"`')
+    ] = "where_it_is"
+    axis: Annotated[
+        Triple,
+        Key(
+            "of a hinge or screw in the axes of `frame`; normal of a plane and direction of a line in "
+            "those of `to`",
+            "",
+            "`[0, 0, 1]`",
+        ),
+    ] = None
+    pitch: Annotated[
+        Finite | None, Key("of a screw: how far the frame slides along the axis in a turn", "m")
+    ] = None
+    meeting: Annotated[
+        str,
+        Key(
+            'how it begins: with an `"impact"`, or `"soft"`, with velocities that fit; of a hold that goes '
+            "on "
+            "nothing"
+        ),
+    ] = "impact"
 
 
 class ReleaseTable(Table):
     """A constraint of the robot that does not hold in a phase."""
 
-    name: str
-    meeting: str = "impact"
+    name: Annotated[str, Key("the constraint that does not hold")]
+    meeting: Annotated[str, Key("how it is taken on again")] = "impact"
 
 
 class PhaseTable(Table):
     """A run of steps, and what differs in it."""
 
-    name: str
-    steps: int
-    duration: Duration
-    limits: LimitsTable = LimitsTable.model_construct()
-    cost: PhaseCostTable = PhaseCostTable.model_construct()  # type: ignore[valid-type]  # made of its terms
-    hold: Annotated[list[HoldTable], BeforeValidator(_listed)] = Field(default_factory=list)
-    release: Annotated[list[ReleaseTable], BeforeValidator(_released)] = Field(default_factory=list)
-    path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
-    via: list[ViaTable] = Field(default_factory=list)
-
-
-class TermHead(Table):
-    """Keys of a term of one's own."""
-
-    name: str
-    role: str
-    digest: str
-    weight: Finite | None = None
-    unit: str | None = None
-    lower: list[Bound] | None = None
-    upper: list[Bound] | None = None
-    parameters: dict[str, VectorOrNumber] = Field(default_factory=dict)
-
-
-TermTable = merged(
-    "TermTable",
-    "What the text of a problem says of a term of one's own, whose function it does not hold.",
-    (SpanKeys,),
-    TermHead,
-)
-
-
-class ObstacleTable(Table):
-    """A shape that links keep away from."""
-
-    name: str | None = None
-    shape: str
-    radius: Finite | None = None
-    length: Finite | None = None
-    size: Triple = None
-    file: str | None = None
-    scale: Finite | list[Finite] | None = None
-    hull: bool = False
-    vertices: list[list[Finite]] | None = None
-    position: Triple = None
-    rpy: Triple = None
-    orientation: list[Finite] | None = Field(default=None, min_length=4, max_length=4)
-    frame: str | None = None
-    margin: Finite = 0.0
-    smoothing: Finite = SMOOTHING
-    movable: bool = False
-
-
-class SelfCollisionTable(Table):
-    """How links keep away from each other."""
-
-    margin: Finite = 0.0
-    disabled: list[list[str]] = Field(default_factory=list)
-    srdf: str | None = None
-
-
-class GuessTable(Table):
-    """Where the solver starts."""
-
-    kind: str | None = None
-    u: Control = None
-    q: list[VectorOrNamed] | None = None
-    file: str | None = None
-    at: float | None = None
-
-
-class IntegratorTable(Table):
-    """How time is discretised."""
-
-    scheme: str = "auto"
-    lie: str = "munthe_kaas"
-    substeps: int = 1
-    gamma_quaternion: Finite = Stabilisation.gamma_quaternion
-    gamma_dcm: Finite = Stabilisation.gamma_dcm
-    gamma_constraint: Finite = Stabilisation.gamma_constraint
-
-
-class SolverTable(Table):
-    """How the problem is solved; the defaults are those of `SolverOptions`."""
-
-    method: str = SolverOptions.method
-    globalisation: str = SolverOptions.globalisation
-    tolerance: Finite = SolverOptions.tolerance
-    max_iterations: int | None = SolverOptions.max_iterations
-    hessian: str = SolverOptions.hessian
-    adjoint: str = SolverOptions.adjoint
-    loop: str = SolverOptions.loop
-    theta_max: Finite = SolverOptions.theta_max
-    switch_residual: Finite = SolverOptions.switch_residual
-    switch_cost: Finite = SolverOptions.switch_cost
-    switch_iterations: int = SolverOptions.switch_iterations
-    time_limit: Finite | None = SolverOptions.time_limit
-    linear_solver: str = SolverOptions.linear_solver
-    starts: int = SolverOptions.starts
-    seed: int = SolverOptions.seed
-    threads: int | str = SolverOptions.threads
+    name: Annotated[
+        str,
+        Key("what a [phase](phases.md) is called; one table `[[phase]]` each, in the place of `[horizon]`"),
+    ]
+    steps: Annotated[
+        int,
+        whole(1),
+        Key("number of its steps that take time; with `horizon.accuracy` those with which the search begins"),
+    ]
+    duration: Annotated[Duration, Key("how long it takes: given, or found between `min` and `max`", "s")]
+    limits: Annotated[
+        LimitsTable,
+        Key(
+            "keys of `[limits]` that hold in it, component by component in the place of the problem's",
+            "",
+            "those of the problem",
+        ),
+    ] = LimitsTable.model_construct()
+    cost: Annotated[
+        PhaseCostTable,  # type: ignore[valid-type]  # made of its terms
+        Key(
+            f"weights in it: {', '.join(f'`{key}`' for key in PhaseCostTable.model_fields)}",
+            "",
+            "that of the problem",
+        ),
+    ] = PhaseCostTable.model_construct()
+    hold: Annotated[
+        list[HoldTable],
+        SEVERAL,
+        Key("[frames that are held](phases.md#what-is-held) throughout: with the keys of the next rows"),
+    ] = Field(default_factory=list)
+    release: Annotated[
+        list[ReleaseTable],
+        RELEASED,
+        Key(
+            'names of constraints of the robot that do not hold; as `{ name = string, meeting = "soft" }` '
+            "with the "
+            "way in which they are taken on again"
+        ),
+    ] = Field(default_factory=list)
+    path: Annotated[
+        list[PathTable],  # type: ignore[valid-type]
+        Key("path constraints in it, with the keys of `[[path]]`; `from` and `until` are parts of the phase"),
+    ] = Field(default_factory=list)
+    via: Annotated[
+        list[ViaTable],
+        Key("via points at its end, with the keys of `[[via]]` but `time`; `share` is a part of the phase"),
+    ] = Field(default_factory=list)
 
 
 class ProblemTable(Table):
     """A whole problem file."""
 
-    robot: Annotated[RobotKeys, BeforeValidator(_named_robot)]
-    coordinates: str = "joint"
-    horizon: HorizonTable = HorizonTable.model_construct()
-    phase: list[PhaseTable] = Field(default_factory=list)
-    start: StartTable = StartTable.model_construct()
-    goal: GoalTable = GoalTable.model_construct()
-    cost: CostTable = CostTable.model_construct()  # type: ignore[valid-type]  # made of its terms
-    limits: LimitsTable = LimitsTable.model_construct()
-    via: list[ViaTable] = Field(default_factory=list)
-    path: list[PathTable] = Field(default_factory=list)  # type: ignore[valid-type]
-    obstacle: list[ObstacleTable] = Field(default_factory=list)
-    self_collision: bool | SelfCollisionTable | None = None
-    terms: list[TermTable] = Field(default_factory=list)  # type: ignore[valid-type]
-    guess: GuessTable = GuessTable.model_construct()
-    integrator: IntegratorTable = IntegratorTable.model_construct()
-    solver: Annotated[SolverTable, BeforeValidator(_named_solver)] = SolverTable.model_construct()
+    robot: Annotated[
+        RobotKeys,
+        Kind("string or table", _named_robot, str),
+        Key("name or path; or a table with the keys below"),
+    ]
+    coordinates: Annotated[
+        str,
+        choice(COORDINATES),
+        Key(
+            "what the unknowns are: displacements of joints, or positions and directors of bodies: "
+            "[Natural coordinates](natural_coordinates.md)"
+        ),
+    ] = "joint"
+    horizon: Annotated[HorizonTable, Key("how long, and in how many steps")] = HorizonTable.model_construct()
+    phase: Annotated[list[PhaseTable], Key("[phases](phases.md) of the motion")] = Field(default_factory=list)
+    start: Annotated[StartTable, Key("state at t = 0")] = StartTable.model_construct()
+    goal: Annotated[GoalTable, Key("state at t = T")] = GoalTable.model_construct()
+    cost: Annotated[CostTable, Key("what is minimised")] = CostTable.model_construct()  # type: ignore[valid-type]
+    limits: Annotated[LimitsTable, Key("bounds along the motion")] = LimitsTable.model_construct()
+    via: Annotated[list[ViaTable], Key("[via points](#via-points)")] = Field(default_factory=list)
+    path: Annotated[
+        list[PathTable],  # type: ignore[valid-type]
+        Key("[path constraints](#path-constraints)"),
+    ] = Field(default_factory=list)
+    obstacle: Annotated[list[ObstacleTable], Key("[obstacles](obstacles.md)")] = Field(default_factory=list)
+    self_collision: Annotated[
+        bool | SelfCollisionTable | None,
+        Key("whether links [keep apart from each other](obstacles.md#self-collision)", "", "false"),
+    ] = None
+    terms: Annotated[list[TermTable], Key("[terms of one's own](terms.md)")] = Field(default_factory=list)  # type: ignore[valid-type]
+    guess: Annotated[GuessTable, Key("where the solver starts")] = GuessTable.model_construct()
+    integrator: Annotated[IntegratorTable, Key("how time is discretised")] = IntegratorTable.model_construct()
+    solver: Annotated[
+        SolverTable,
+        Kind("string or table", _named_solver, str),
+        Key(
+            "a method's name, or a table with the keys below; also `mbocp solve --solver NAME`",
+            "",
+            '`"auto"`',
+        ),
+    ] = SolverTable.model_construct()
+
+
+def problem_schema() -> dict[str, Any]:
+    """Return the JSON schema of problem files: editors complete keys by it, and check them."""
+    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "problem file of mbocp"}
+    return {**json_schema_of(ProblemTable), **about}
 
 
 def checked_tables(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,23 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, plain
-from mbocp.integrators import SCHEMES
-from mbocp.problem.cost import Cost
+from mbocp._arrays import plain
 from mbocp.problem.data import ProblemData
-from mbocp.problem.file.frame_table import frame_tables
-from mbocp.problem.file.named_values import joint_values
-from mbocp.problem.file.obstacle_table import obstacle_tables, self_collision_table
+from mbocp.problem.file.cost_table import write_cost
+from mbocp.problem.file.goal_table import write_goal
+from mbocp.problem.file.guess_table import write_guess
+from mbocp.problem.file.integrator_table import write_integrator
+from mbocp.problem.file.limits_table import write_limits
+from mbocp.problem.file.obstacle_table import obstacle_tables, write_self_collision
 from mbocp.problem.file.path_table import path_tables
-from mbocp.problem.file.periodic_table import free_table, periodic_table
-from mbocp.problem.file.phase_table import phase_tables, written_limits
+from mbocp.problem.file.phase_table import phase_tables
+from mbocp.problem.file.start_table import write_start
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
-from mbocp.problem.goals.goal import Goal
-from mbocp.problem.guess import Guess
 from mbocp.problem.timeline.times import written_duration
-from mbocp.robot import Robot
-from mbocp.terms import COST_TERMS
 
 
 def tables_of(problem: ProblemData) -> dict[str, Any]:
@@ -42,7 +39,7 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
         "via": via_tables(robot, problem.via) or None,
         "path": path_tables(robot, problem.path) or None,
         "obstacle": obstacle_tables(problem.obstacle) or None,
-        "self_collision": self_collision_table(problem.self_collision),
+        "self_collision": write_self_collision(problem.self_collision),
         "terms": term_tables(robot, problem.terms) or None,
         "robot": dict(robot.spec),
         "horizon": {
@@ -50,19 +47,12 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
             **_steps(problem),
             **({"controls": problem.controls} if problem.controls != "constant" else {}),
         },
-        "start": {
-            "q": problem.q_start,
-            "v": problem.v_start,
-            "a": problem.a_start if problem.a_start.any() else None,
-            "free": free_table(robot, problem.start_free),
-        },
-        "goal": {"any": [_goal(goal, robot, problem.scheme) for goal in problem.goals]}
-        if problem.goals
-        else _goal(problem.goal, robot, problem.scheme),
-        "cost": _cost(problem.cost),
-        "guess": _guess(problem.guess),
-        "limits": written_limits(problem.limits),
-        "integrator": _integrator(problem),
+        "start": write_start(problem),
+        "goal": write_goal(problem),
+        "cost": write_cost(problem.cost),
+        "guess": write_guess(problem.guess),
+        "limits": write_limits(problem.limits),
+        "integrator": write_integrator(problem),
         "solver": asdict(problem.solver),
     }
 
@@ -94,46 +84,6 @@ def to_toml(document: Mapping[str, Any]) -> str:
             lines += ["", f"[{_key(name)}]"]
             lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items() if value is not None]
     return "\n".join(lines).lstrip("\n") + "\n"
-
-
-def _goal(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
-    table: dict[str, Any] = {"enforce": goal.enforce}
-    options = {"guard": goal.guard, "redundant": goal.redundant}
-    table |= {key: value for key, value in options.items() if SCHEMES[scheme].takes(f"goal.{key}")}
-    for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
-        if active.any():
-            table[key] = _written(robot, value, active)
-    if goal.a_rule == "free":
-        table["a"] = "free"
-    elif goal.a_active.any() and goal.a_rule == "given":
-        table["a"] = _written(robot, goal.a, goal.a_active)
-    if goal.periodic is not None:
-        table["periodic"] = periodic_table(goal.periodic)
-    if goal.frames:
-        table["frame"] = frame_tables(goal.frames)
-    return table
-
-
-def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
-    return value if active.all() else joint_values(robot, value, active)
-
-
-def _cost(cost: Cost) -> dict[str, Any]:
-    table: dict[str, Any] = {}
-    for term in COST_TERMS:
-        table |= term.write(cost)
-    return table
-
-
-def _integrator(problem: ProblemData) -> dict[str, Any]:
-    options = {"lie": problem.lie, "substeps": problem.substeps, **asdict(problem.stabilisation)}
-    taken = {key: v for key, v in options.items() if SCHEMES[problem.scheme].takes(f"integrator.{key}")}
-    return {"scheme": problem.scheme, **taken}
-
-
-def _guess(guess: Guess) -> dict[str, Any]:
-    file = str(guess.path.resolve()) if guess.path else None
-    return {"kind": guess.kind, "u": guess.u, "q": guess.q, "file": file, "at": guess.at}
 
 
 def _key(name: str) -> str:

@@ -4,18 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from mbocp._arrays import frozen_array
+from mbocp._keys import Key, Table, merged
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
-from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.file.schema import TermHead
+from mbocp.problem._checks import ProblemWarning, choice
 from mbocp.robot import Robot
 from mbocp.terms.own import ROLES, OwnTerm
-from mbocp.terms.span import Span
+from mbocp.terms.span import Span, SpanKeys
+from mbocp.terms.written import Bound, Finite, VectorOrNumber
+
+
+class TermHead(Table):
+    """Keys of a term of one's own."""
+
+    name: Annotated[
+        str,
+        Key(
+            "a [term of one's own](terms.md), its role, and a digest of its function, which is not in the "
+            "file",
+            beside=("role", "digest"),
+        ),
+    ]
+    role: Annotated[str, choice(ROLES)]
+    digest: str
+    weight: Annotated[
+        Finite | None,
+        Key(
+            "its numbers",
+            "",
+            "those of the term",
+            "numbers, string, lists, table",
+            ("unit", "lower", "upper", "parameters"),
+        ),
+    ] = None
+    unit: str | None = None
+    lower: list[Bound] | None = None
+    upper: list[Bound] | None = None
+    parameters: dict[str, VectorOrNumber] = Field(default_factory=dict)
+
+
+TermTable = merged(
+    "TermTable",
+    "What the text of a problem says of a term of one's own, whose function it does not hold.",
+    (SpanKeys,),
+    TermHead,
+)
 
 
 def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
@@ -23,18 +62,20 @@ def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
     return [_table(robot, term) for term in terms]
 
 
-def terms_from(robot: Robot, tables: Sequence[TermHead], given: Sequence[OwnTerm]) -> tuple[OwnTerm, ...]:
-    """Terms with the numbers of the tables, then those `given` that no table names.
+def terms_from(
+    robot: Robot, terms_table: Sequence[TermHead], terms_given: Sequence[OwnTerm]
+) -> tuple[OwnTerm, ...]:
+    """Terms with the numbers of the tables, then those of `terms_given` that no table names.
 
     Raises
     ------
     ProblemError
         If a table names a term that is not given: its function is not in the text.
     """
-    by_name = {term.name: term for term in given}
-    found = [_term(robot, table, by_name.get(table.name)) for table in tables]
-    named = {table.name for table in tables}
-    return (*found, *(term for term in given if term.name not in named))
+    by_name = {term.name: term for term in terms_given}
+    found = [_term(robot, table, by_name.get(table.name)) for table in terms_table]
+    named = {table.name for table in terms_table}
+    return (*found, *(term for term in terms_given if term.name not in named))
 
 
 def _term(robot: Robot, table: TermHead, given: OwnTerm | None) -> OwnTerm:

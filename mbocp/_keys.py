@@ -1,0 +1,265 @@
+"""Keys of files, each declared once: name, kind of value, unit, default, check and meaning.
+
+A key is a field of a `Table` that is annotated with a `Key`. Whether a file is right follows from there, and
+so do the page of keys and the JSON schema that editors use.
+"""
+
+from __future__ import annotations
+
+import re
+import types
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    TypeAdapter,
+    create_model,
+)
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+_LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
+_WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
+
+
+class Table(BaseModel):
+    """A table of a problem file: keys that it does not have are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
+
+
+T = TypeVar("T", bound=Table)
+
+
+@dataclass(frozen=True)
+class Takes:
+    """What values of a kind are alone taken, for the page of keys and the JSON schema.
+
+    Attributes
+    ----------
+    takes : str
+        In words.
+    schema : mapping
+        Of JSON.
+    """
+
+    takes: str
+    schema: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """With what narrows the kind."""
+        return {**handler(schema), **self.schema}
+
+
+def _taken(name: str, value: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True)
+class Check(Takes):
+    """What is checked when a value of the problem is made of the key.
+
+    Attributes
+    ----------
+    work : callable
+        Takes the key's dotted name and a value; returns the value, or raises InvalidValue.
+    """
+
+    work: Callable[[str, Any], Any] = _taken
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of value: how it is read, and how people write it.
+
+    Attributes
+    ----------
+    takes : str
+        In words, for the page of keys.
+    read : callable
+        Takes what is written, and returns the value, or raises ValueError.
+    written : type
+        What people write; beside the annotated type, unless that is Any.
+    """
+
+    takes: str
+    read: Callable[[Any], Any]
+    written: Any
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read, then check the type."""
+        return core_schema.no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """What people write."""
+        inner, written = handler(schema), json_schema_of(self.written)
+        return {"anyOf": [written, inner]} if inner else written
+
+
+@dataclass(frozen=True)
+class OneOrSeveral(Kind):
+    """A list, of which one entry may stand by itself."""
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """One entry, or a list."""
+        several = handler(schema)
+        short = [] if self.written is None else [json_schema_of(self.written)]
+        one = {"anyOf": [*short, several["items"]]} if short else several["items"]
+        return {"anyOf": [one, {**several, "items": one}]}
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is said of a key, beside its name, kind and default.
+
+    Attributes
+    ----------
+    says, unit : str
+        Meaning and unit, in Markdown.
+    default, takes : str
+        In words, where the value, and the kind, do not say it.
+    beside : tuple of str
+        Keys that the same line describes.
+    """
+
+    says: str
+    unit: str = ""
+    default: str = ""
+    takes: str = ""
+    beside: tuple[str, ...] = ()
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """With what is said."""
+        says = _LINK.sub(r"\1", self.says)
+        unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
+        return {**handler(schema), "description": f"{says[:1].upper()}{says[1:]}{unit}.{default}"}
+
+    def joined(self, other: Key) -> Key:
+        """Return what is said of a key of several tables."""
+        units = dict.fromkeys([*self.unit.split(", "), *other.unit.split(", ")])
+        return replace(self, unit=", ".join(units), says=f"{self.says}; {other.says}")
+
+
+def key_of(info: FieldInfo) -> Key | None:
+    """Return what is said of a field of a table; None where another key's line says it."""
+    return next((item for item in reversed(info.metadata) if isinstance(item, Key)), None)
+
+
+def keys_of(table: type[BaseModel]) -> dict[str, Key]:
+    """Return what is said of the keys of a table, by name."""
+    said = {name: key_of(info) for name, info in table.model_fields.items()}
+    return {name: key for name, key in said.items() if key is not None}
+
+
+def checks_of(table: type[BaseModel]) -> dict[str, Callable[[str, Any], Any]]:
+    """Return the checks of the keys of a table, by name."""
+    fields = table.model_fields.items()
+    return {name: item.work for name, info in fields for item in info.metadata if isinstance(item, Check)}
+
+
+def row_of(name: str, keys: Mapping[str, Key]) -> str | None:
+    """Return the key whose line describes a key of this name."""
+    return next((first for first, key in keys.items() if name in (first, *key.beside)), None)
+
+
+def takes_of(info: FieldInfo) -> str:
+    """Return in words what a key takes."""
+    key = key_of(info)
+    return key.takes if key is not None and key.takes else _words(info.annotation, info.metadata)
+
+
+def default_of(info: FieldInfo) -> str:
+    """Return in words what holds where a key is left out."""
+    key = key_of(info)
+    if key is not None and key.default:
+        return key.default
+    if info.is_required():
+        return "required"
+    value = info.get_default(call_default_factory=True)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (int, float)):
+        return f"{value:g}".replace("e-0", "e-")
+    if isinstance(value, BaseModel):
+        return ""
+    return f'`"{value}"`' if isinstance(value, str) else "none"
+
+
+def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
+    """The words of a kind of value, or those of plain types."""
+    for item in reversed(metadata):
+        if isinstance(item, (Takes, Kind)):
+            return item.takes
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _words(arguments[0], arguments[1:])
+    if origin in (Union, types.UnionType):
+        return ", or ".join(_words(one) for one in arguments if one is not types.NoneType)
+    if origin is list:
+        return "tables" if tables_in(annotation) else f"list of {_words(arguments[0])}s"
+    return _WORDS.get(annotation, "table")
+
+
+def tables_in(annotation: Any) -> list[type[BaseModel]]:
+    """Return the tables that a key may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    found = (table for argument in get_args(annotation) for table in tables_in(argument))
+    return list(dict.fromkeys(found))
+
+
+def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
+    """Return `base` with the keys of all `parts`, in order; one that several have is common."""
+    fields: dict[str, FieldInfo] = {}
+    keys: dict[str, Key] = {}
+    for part in parts:
+        fields.update((key, info) for key, info in part.model_fields.items() if key not in fields)
+        for key, said in keys_of(part).items():
+            row = row_of(key, keys)
+            keys[row or key] = said if row is None else keys[row].joined(said)
+    return create_model(
+        name, __base__=base, __doc__=words, __module__=__name__, **dict(_annotated(fields, keys))
+    )
+
+
+def _annotated(fields: Mapping[str, FieldInfo], keys: Mapping[str, Key]) -> Iterator[tuple[str, Any]]:
+    for name, info in fields.items():
+        own = copy(info)
+        own.metadata = [item for item in info.metadata if not isinstance(item, Key)]
+        own.metadata += [keys[name]] if name in keys else []
+        yield name, (own.annotation, own)
+
+
+class _Generator(GenerateJsonSchema):
+    """JSON schemas of what TOML can say: it has no null, and a table that is left out needs no default."""
+
+    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
+        return self.generate_inner(schema["schema"])
+
+    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
+        if isinstance(schema.get("default"), (bool, int, float, str)):
+            return super().default_schema(schema)
+        return self.generate_inner(schema["schema"])
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def json_schema_of(kind: Any) -> dict[str, Any]:
+    """Return the JSON schema of what a type, or a table, is written as."""
+    return TypeAdapter(kind).json_schema(schema_generator=_Generator)

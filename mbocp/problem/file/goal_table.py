@@ -1,0 +1,178 @@
+"""`[goal]`: its keys, from what is written to goals, and back."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from mbocp._arrays import Array, BoolArray
+from mbocp._keys import Key, Table
+from mbocp.exceptions import ProblemError
+from mbocp.integrators import SCHEMES
+from mbocp.mechanisms.completion import assembled, assembled_velocity
+from mbocp.problem._checks import MAX_POSITION, check_size, choice
+from mbocp.problem.data import ProblemData
+from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
+from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
+from mbocp.problem.file.messages import located
+from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from
+from mbocp.problem.file.periodic_table import periodic_from, periodic_table
+from mbocp.problem.goals.drives import without_driven_velocities
+from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal
+from mbocp.problem.goals.goal_set import of_member
+from mbocp.robot import Robot
+from mbocp.terms.written import VectorOrNamed
+
+
+class GoalMemberTable(Table):
+    """State at t = T, one of several."""
+
+    q: Annotated[VectorOrNamed, Key("where the motion shall end", "m, rad", "nothing")] = None
+    v: Annotated[
+        Rate,
+        Key(
+            "velocity or momentum at the end; one of the two",
+            "m/s, rad/s; kg m/s, N m s",
+            "nothing",
+            "vector, or 0 for rest, also of a joint or part",
+            ("p",),
+        ),
+    ] = None
+    p: Rate = None
+    a: Annotated[
+        RateOrFree,
+        Key(
+            "acceleration at the end, the mean of the last step: `a = 0` with `v = 0` for a smooth stop",
+            "m/s^2, rad/s^2",
+            "0 of joints that stop and have limited jerk, else nothing",
+        ),
+    ] = None
+    frame: Annotated[
+        list[FrameGoalTable],
+        SEVERAL,
+        Key("pose of a frame at the end, or parts of it: [Goals of frames](#goals-of-frames)", "", "nothing"),
+    ] = Field(default_factory=list)
+    assemble: Annotated[bool, Key("the same for the goal")] = False
+    periodic: Annotated[
+        PeriodicWords,
+        Key("the end is the start, moved by a symmetry: [Periodic motion](#periodic-motion)", "", "no"),
+    ] = None
+    enforce: Annotated[
+        str | None,
+        choice(ENFORCE),
+        Key(
+            '`"exact"` (gamma = 1), `"penalty"` (beta_T), `"both"`, or `"none"`: then the goal is at most '
+            "the target of the tracking cost",
+            "",
+            '`"exact"` if the goal says anything, else `"none"`',
+        ),
+    ] = None
+    guard: Annotated[
+        bool,
+        Key("explicit schemes: keep the end less than a right angle from the goal: [why](#explicit-schemes)"),
+    ] = True
+    redundant: Annotated[
+        str, choice(REDUNDANT), Key("explicit schemes: end conditions that the dynamics meet by themselves")
+    ] = "drop"
+
+
+class GoalTable(GoalMemberTable):
+    """State at t = T; beside several that are given, what is common to them."""
+
+    any: Annotated[
+        list[GoalMemberTable],
+        Key("several goals, of which the best is taken: [Several goals](#several-goals)", "", "one goal"),
+    ] = Field(default_factory=list)
+
+
+def read_goals(goal_table: GoalTable, robot: Robot, said_q_start: Array) -> tuple[Goal, tuple[Goal, ...]]:
+    """The goal, and all of them where there are several."""
+    goals = _goals(goal_table, robot, said_q_start)
+    return (goals[0] if goals else _goal(goal_table, robot, said_q_start)), goals
+
+
+def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:
+    """Several goals, each with what is common to all where it says nothing itself."""
+    common = {key: getattr(table, key) for key in table.model_fields_set - {"any"}}
+    goals = []
+    for place, member in enumerate(table.any):
+        given = member.model_fields_set
+        own = given | (set(RATES) if given & set(RATES) else set())
+        inherited = {key: value for key, value in common.items() if key not in own}
+        with of_member(place):
+            goals.append(_goal(member.model_copy(update=inherited), robot, q_start))
+    return tuple(goals)
+
+
+def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
+    q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
+    value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
+    if table.q is not None:
+        with located("goal.q"):
+            q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
+            q = np.array(robot.normalise(q, name="goal.q"))
+            check_size("goal.q", q, robot.q_labels, MAX_POSITION)
+            if table.assemble:
+                q = assembled(robot, q, q_active, assemble=True, base=q_start, key="goal.q")
+    if table.v is not None and table.p is not None:
+        raise ProblemError("goal: give v or p, not both")
+    rate = "v" if table.v is not None else "p"
+    written = table.v if table.v is not None else table.p
+    if written is not None:
+        value, rate_active = rate_from(robot, written, f"goal.{rate}")
+    if table.assemble and rate == "v" and rate_active.all():
+        value = assembled_velocity(robot, q, value, rate_active, assemble=True)
+    a, a_active = (
+        rate_from(robot, table.a, "goal.a")
+        if table.a is not None and table.a != "free"
+        else (np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_))
+    )
+    says = [table.q is not None, written is not None, a_active.any(), bool(table.frame), table.periodic]
+    enforce = table.enforce if table.enforce is not None else ("exact" if any(says) else "none")
+    goal = Goal(
+        q=q,
+        a=a,
+        a_active=a_active,
+        a_rule="free" if table.a == "free" else "given",
+        q_active=q_active,
+        rate=rate,  # type: ignore[arg-type]
+        value=value,
+        rate_active=rate_active,
+        frames=frames_from(table.frame),
+        periodic=periodic_from(table.periodic),
+        enforce=enforce,  # type: ignore[arg-type]  # checked by the class
+        guard=table.guard,
+        redundant=table.redundant,  # type: ignore[arg-type]
+    )
+    return without_driven_velocities(robot, goal)
+
+
+def write_goal(problem: ProblemData) -> dict[str, Any]:
+    """Return the table that reads back as the same."""
+    if problem.goals:
+        return {"any": [_goal_table(goal, problem.robot, problem.scheme) for goal in problem.goals]}
+    return _goal_table(problem.goal, problem.robot, problem.scheme)
+
+
+def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
+    table: dict[str, Any] = {"enforce": goal.enforce}
+    options = {"guard": goal.guard, "redundant": goal.redundant}
+    table |= {key: value for key, value in options.items() if SCHEMES[scheme].takes(f"goal.{key}")}
+    for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
+        if active.any():
+            table[key] = _written(robot, value, active)
+    if goal.a_rule == "free":
+        table["a"] = "free"
+    elif goal.a_active.any() and goal.a_rule == "given":
+        table["a"] = _written(robot, goal.a, goal.a_active)
+    if goal.periodic is not None:
+        table["periodic"] = periodic_table(goal.periodic)
+    if goal.frames:
+        table["frame"] = frame_tables(goal.frames)
+    return table
+
+
+def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
+    return value if active.all() else joint_values(robot, value, active)

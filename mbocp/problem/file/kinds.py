@@ -1,0 +1,149 @@
+"""Kinds of values that only tables of a problem file have: rates, limits, durations, one table or several."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeAlias
+
+from mbocp._keys import Kind, OneOrSeveral
+from mbocp._numbers import finite_number, is_number
+from mbocp._text import shown
+from mbocp.terms.written import Named, Vector, range_of, sided, vector_or_named
+
+Limit: TypeAlias = float | list[float]
+
+
+def _listed(value: Any) -> Any:
+    """One table, or several."""
+    return [value] if isinstance(value, Mapping) else value
+
+
+def _rate(value: Any) -> Vector | Named | float:
+    """Velocities or momenta; 0 means that all are zero."""
+    if is_number(value) and value == 0:
+        return 0.0
+    if is_number(value):
+        raise ValueError(
+            f"got {shown(value)}, expected 0 for rest, a list of as many numbers as mbocp robots NAME "
+            "counts for v, or a table by joint name such as { elbow_joint = 0.5 }"
+        )
+    return vector_or_named(value)
+
+
+def _rate_or_free(value: Any) -> Any:
+    """Accelerations at the end, or that nothing is asked of them."""
+    return value if value == "free" else _rate(value)
+
+
+def _released(value: Any) -> Any:
+    """Names of constraints, or tables with more."""
+    entries = [value] if isinstance(value, (str, Mapping)) else value
+    if not isinstance(entries, list):
+        return entries
+    return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
+
+
+def _limit(value: Any, where: str = "") -> Limit:
+    return range_of(value, where) if isinstance(value, list) else sided(value, where)
+
+
+def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: _limit(entry, f" for {shown(name)}") for name, entry in value.items()}
+    if isinstance(value, str):
+        raise ValueError(f"got {shown(value)}, expected true, a number, a list or a table by name")
+    return sided(value)
+
+
+def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, list):
+        return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: range_of(entry, f" for {shown(name)}") for name, entry in value.items()}
+    raise ValueError(
+        f"got {shown(value)}, expected true, a list of [lower, upper] or a table of them by name"
+    )
+
+
+def _duration(value: Any) -> float | dict[str, float] | None:
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
+    return finite_number(value)
+
+
+def _via_time(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {
+            name: entry if name == "phase" else finite_number(entry, f" for {shown(name)}")
+            for name, entry in value.items()
+        }
+    return value if value is None or isinstance(value, str) else finite_number(value)
+
+
+def _free(value: Any) -> Any:
+    if value is None or value is True or value in ("q", "v") or isinstance(value, Mapping):
+        return value
+    raise ValueError(
+        f'got {shown(value)}, expected true, "q", "v" or a table with q and v such as '
+        '{ v = true, q = ["elbow"] }'
+    )
+
+
+def _periodic(value: Any) -> Any:
+    if value is None or value is True or isinstance(value, Mapping):
+        return value
+    raise ValueError(
+        f"got {shown(value)}, expected true, or a table with swap, mirror, combine, moved, except, impact"
+    )
+
+
+SEVERAL = OneOrSeveral("table, or several", _listed, None)
+RELEASED = OneOrSeveral("strings, or tables", _released, str)
+_Free = Literal[True] | list[str] | dict[str, Literal[True] | Vector]
+Rate = Annotated[Any, Kind("vector, or 0", _rate, Literal[0] | Vector | Named)]
+RateOrFree = Annotated[
+    Any, Kind('vector, 0, or `"free"`', _rate_or_free, Literal[0, "free"] | Vector | Named)
+]
+Limits = Annotated[
+    Any, Kind("true, number, list, table", _limits, bool | float | list[Limit] | dict[str, Limit])
+]
+Ranges = Annotated[
+    Any, Kind("true, list or table of pairs", _ranges, bool | list[Vector] | dict[str, Vector])
+]
+Duration = Annotated[
+    Any,
+    Kind(
+        "number > 0, or table with `min`, `max`, `guess`",
+        _duration,
+        float | dict[Literal["min", "max", "guess"], float],
+    ),
+]
+Free = Annotated[
+    Any,
+    Kind('`true`, `"q"`, `"v"`, or table', _free, Literal[True, "q", "v"] | dict[Literal["q", "v"], _Free]),
+]
+PeriodicWords = Annotated[
+    Any,
+    Kind(
+        "`true`, or table with `swap`, `mirror`, `combine`, `moved`, `except`, `impact`",
+        _periodic,
+        Literal[True] | dict[Literal["swap", "mirror", "combine", "moved", "except", "impact"], Any],
+    ),
+]
+ViaTime = Annotated[
+    Any,
+    Kind(
+        'number, `"free"`, table with some of `min`, `max`, `guess`, name of a phase, or '
+        "`{ phase = name, share = number }`",
+        _via_time,
+        float | str | dict[Literal["min", "max", "guess", "phase", "share"], float | str],
+    ),
+]
