@@ -496,13 +496,19 @@ def study(
 
 @app.command(epilog=examples("schema"))
 @reporting
-def schema() -> None:
-    """Print the JSON schema of problem files: editors complete and check keys by it."""
-    import json
+def schema(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.json", help="File to write. [default: the screen]"),
+    ] = None,
+) -> None:
+    """Write the JSON schema of problem files.
 
-    from mbocp.problem.file.schema import problem_schema
+    Editors complete, check and explain their keys by it.
+    """
+    from mbocp.cli.schema import write_schema
 
-    typer.echo(json.dumps(problem_schema(), indent=1))
+    write_schema(output)
 
 
 @app.command(epilog=examples("doctor"))

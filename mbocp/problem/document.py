@@ -21,7 +21,7 @@ from mbocp.problem.pipeline import run_steps
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
-_UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them
+UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def read_document(document: Document, before: tuple[Document, Mapping[str, Any]]
     before : tuple of Document and mapping, optional
         An earlier document with what followed from it: tables that are the same are not read again.
     """
-    given = {**_UNSAID, **document.values, **_tables(document, before), "robot": document.robot}
+    given = {**UNSAID, **document.values, **_tables(document, before), "robot": document.robot}
     given["terms_given"] = document.terms
     given["folder"] = document.source.parent if document.source is not None else Path()
     has_cost = "cost" in document.tables

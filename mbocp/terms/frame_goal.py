@@ -11,9 +11,6 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot import FrameTarget
 
-# Keys of a file beside those of the pose.
-FURTHER_KEYS = ("velocity", "angular_velocity", "position_tolerance", "orientation_tolerance", "weight")
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameGoal:

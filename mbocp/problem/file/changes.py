@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import plain
+from mbocp._keys import Table
 from mbocp._text import shown
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
-from mbocp.problem.document import Document
+from mbocp.problem.document import UNSAID, Document
+from mbocp.problem.file.overrides import SHORT
+from mbocp.problem.file.read import READ
+from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
+from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import checked_phase
 from mbocp.problem.timeline.sequence import in_order
@@ -24,37 +29,33 @@ from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import written_duration
 from mbocp.terms.written import AUTO
 
-# Of each field that is given as a value: its name among those that are said, and the table it stands for.
-FIELDS = {
-    "q_start": ("said_q_start", "start"),
-    "v_start": ("said_v_start", "start"),
-    "a_start": ("said_a_start", "start"),
-    "start_free": ("start_free", "start"),
-    "goal": ("said_goal", "goal"),
-    "goals": ("goals", "goal"),
-    "cost": ("said_cost", "cost"),
-    "limits": ("said_limits", "limits"),
-    "via": ("said_via", "via"),
-    "path": ("said_path", "path"),
-    "obstacle": ("said_obstacle", "obstacle"),
-    "self_collision": ("said_self_collision", "self_collision"),
-    "phase": ("said_phase", "phase"),
-    "lengths": ("said_lengths", "horizon"),
-    "guess": ("guess", "guess"),
-    "solver": ("solver", "solver"),
-    "holds": ("said_holds", ""),
-    "releases": ("said_releases", ""),
-    "impacts": ("said_impacts", ""),
-}
-_TABLES = ("start", "goal", "cost", "limits", "guess", "integrator", "solver")
-_LISTS = ("phase", "via", "path", "obstacle")
-_WHOLE = (*_LISTS, "guess")  # lists, and a kind with what belongs to it
+_TABLES = [
+    n for n, info in ProblemTable.model_fields.items() if isinstance(info.default, Table) and n != "horizon"
+]
+_LISTS = [n for n, info in ProblemTable.model_fields.items() if info.default_factory is list and n != "terms"]
+_WHOLE = (*_LISTS, "guess", "self_collision")  # lists, and kinds with what belongs to them
 _OBJECTS = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
-_HORIZON = ("num_steps", "duration", "duration_range", "accuracy", "lengths", "controls")
-_INTEGRATOR = ("scheme", "lie", "substeps", "stabilisation")
+_INNER = ("phases_unweighted", "cost_reader")  # between steps
 _ABOUT = ("robot", "terms", "source", "name", "coordinates")
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
-_SHORT = {"solver": "method"}  # `solver = "ipopt"` is short for its table
+
+
+def _table_of(step: Step) -> str:
+    """The table that a step reads: the first that it takes."""
+    return next((name.removesuffix("_table") for name in step.takes if name.endswith("_table")), "")
+
+
+# Of each field: its name among what is said, and the table that says it.
+_SAID = {name.removeprefix("said_"): (name, _table_of(step)) for step in READ for name in step.gives}
+_HORIZON, _INTEGRATOR = (
+    [name for name, (_, table) in _SAID.items() if table == one] for one in ("horizon", "integrator")
+)
+# Of each field that is given as a value, in the place of keys.
+FIELDS = {
+    name: said
+    for name, said in {**_SAID, **{name.removeprefix("said_"): (name, "") for name in UNSAID}}.items()
+    if name not in (*_HORIZON, *_INTEGRATOR, *_ABOUT, *_INNER)
+} | {"lengths": _SAID["lengths"]}
 
 Written = Callable[[], Mapping[str, Any]]
 
@@ -141,12 +142,12 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
 
 
 def _changed_table(name: str, old: Any, table: Any) -> Any:
-    if name in _WHOLE or name == "self_collision":
+    if name in _WHOLE:
         return table
     if old is None:
         old = {"velocity": AUTO} if name == "cost" else {}
     if isinstance(old, str):
-        old = {_SHORT[name]: old}
+        old = {SHORT[name]: old}
     if name == "goal" and "any" in {**old, **table}:
         return _goal_of_several(old, table)
     if name in ("start", "goal"):

@@ -12,7 +12,6 @@ from mbocp.problem.file.messages import located
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import FrameGoal
-from mbocp.terms.frame_goal import FURTHER_KEYS
 from mbocp.terms.written import Finite, NonNegative, Quaternion, Triple, TripleOrZero, VectorOrNumber
 
 
@@ -91,6 +90,9 @@ class FrameGoalTable(FramePoseTable):
     ] = None
 
 
+_FURTHER = [name for name in FrameGoalTable.model_fields if name not in FramePoseTable.model_fields]
+
+
 def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") -> tuple[FrameGoal, ...]:
     """Make the goals from the tables at `key`.
 
@@ -103,7 +105,7 @@ def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") ->
     for table in tables:
         words = table.model_dump(exclude_none=True)
         with located(key):
-            rates = {name: words.pop(name) for name in FURTHER_KEYS if name in words}
+            rates = {name: words.pop(name) for name in _FURTHER if name in words}
             found.append(FrameGoal(target=target_from_words(words), **rates))
     return tuple(found)
 
@@ -124,7 +126,7 @@ def _table(goal: FrameGoal) -> dict[str, Any]:
         table[key] = getattr(target, key)
     if target.relative_to != WORLD:
         table["relative_to"] = target.relative_to
-    table |= {key: getattr(goal, key) for key in FURTHER_KEYS if key != "weight"}
+    table |= {key: getattr(goal, key) for key in _FURTHER if key != "weight"}
     if goal.weight != 1.0:
         table["weight"] = goal.weight
     return {key: value for key, value in table.items() if value is not None}

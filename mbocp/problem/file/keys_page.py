@@ -14,7 +14,7 @@ from pathlib import Path
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mbocp._keys import default_of, key_of, keys_of, tables_in, takes_of
+from mbocp._keys import Key, default_of, key_of, keys_of, tables_in, takes_of
 from mbocp.problem.file.frame_table import FrameGoalTable
 from mbocp.problem.file.schema import ProblemTable
 
@@ -49,16 +49,23 @@ def all_keys(table: type[BaseModel] = ProblemTable, under: str = "") -> Iterator
 
 
 def rows() -> dict[str, Row]:
-    """Return the row that describes each key, by dotted name; keys of the same declaration share one."""
+    """Return the row that describes each key, by dotted name.
+
+    Keys of tables within tables (`phase.limits`, `goal.any`) share that of the same declaration further out.
+    """
     named = [(*_parted(name), info, key) for name, info in all_keys() if (key := key_of(info)) is not None]
-    homes = dict.fromkeys(keys_of(FrameGoalTable).items(), f"{FRAME}.")
+    homes: dict[tuple[str, Key], str] = {}
     for under, leaf, _, key in sorted(named, key=lambda one: one[0].count(".")):
         homes.setdefault((leaf, key), under)
+    frames = keys_of(FrameGoalTable)
     found: dict[str, Row] = {}
     for under, leaf, info, key in named:
-        leaves = (leaf, *key.beside)
-        names = tuple(homes[leaf, key] + one for one in leaves)
-        row = Row(names, takes_of(info), key.unit, default_of(info), key.says)
+        home, leaves = homes[leaf, key], (leaf, *key.beside)
+        if frames.get(leaf) == key:
+            home = f"{FRAME}."
+        elif home.count(".") == under.count("."):
+            home = under
+        row = Row(tuple(home + one for one in leaves), takes_of(info), key.unit, default_of(info), key.says)
         found |= {under + one: row for one in leaves}
     return found
 

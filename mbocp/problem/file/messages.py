@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import difflib
 import re
-import types
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from mbocp._keys import tables_in
 from mbocp._text import shown
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
@@ -141,14 +141,5 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
 def _tables(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, list[str]]]:
     yield prefix, [name for name in model.model_fields if name not in _HIDDEN]
     for name, field in model.model_fields.items():
-        inner = _model_in(field.annotation)
-        if inner is not None:
+        for inner in tables_in(field.annotation)[:1]:
             yield from _tables(inner, f"{prefix}.{name}" if prefix else name)
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    if get_origin(annotation) in (Union, types.UnionType, Annotated, list):
-        return next((m for m in map(_model_in, get_args(annotation)) if m is not None), None)
-    return None

@@ -15,10 +15,7 @@ from mbocp.exceptions import ProblemFileError, Unreadable
 # A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
 _BARE_WORD = re.compile(r"[A-Za-z_./~][\w./~+-]*")
 
-_SHORTHANDS: dict[tuple[str, ...], str] = {  # `robot = "ur5"` is short for `[robot] name = "ur5"`
-    ("robot",): "name",
-    ("solver",): "method",
-}
+SHORT = {"robot": "name", "solver": "method"}  # `robot = "ur5"` is short for `[robot] name = "ur5"`
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
@@ -92,7 +89,7 @@ def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
     table: Any = document
     for depth, name in enumerate(path[:-1], start=1):
         below = table[_place(table, name)] if isinstance(table, list) else table.setdefault(name, {})
-        short = _SHORTHANDS.get(path[:depth])
+        short = SHORT.get(name) if depth == 1 else None
         if short is not None and isinstance(below, str):
             below = table[name] = {short: below}
         if not (isinstance(below, dict) or _has_entry(below, path[depth])):

@@ -29,6 +29,7 @@ from mbocp.problem.file.integrator_table import IntegratorTable
 from mbocp.problem.file.kinds import RELEASED, SEVERAL, Duration, Rate, ViaTime
 from mbocp.problem.file.limits_table import LimitsTable
 from mbocp.problem.file.obstacle_table import ObstacleTable, SelfCollisionTable
+from mbocp.problem.file.overrides import SHORT
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.start_table import StartTable
 from mbocp.problem.file.term_table import TermTable
@@ -40,14 +41,14 @@ from mbocp.terms.written import Finite, Positive, Triple, VectorOrNamed
 
 def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
-        return {"name": value}
+        return {SHORT["robot"]: value}
     if not isinstance(value, Mapping):
         raise ValueError(f"got {shown(value)}, expected a name, a path or a table with the key name")
     return value
 
 
 def _named_solver(value: Any) -> Any:
-    return {"method": value} if isinstance(value, str) else value
+    return {SHORT["solver"]: value} if isinstance(value, str) else value
 
 
 class HorizonTable(Table):
