@@ -42,21 +42,12 @@ def clearance_of(
         If the robot has no frame of an obstacle's `frame`.
     """
     _check_names(obstacles)
-    links = robot.collision_spheres
-    if not links:
-        what = "obstacle" if obstacles else "self_collision"
-        raise ProblemError(
-            f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
-            "or give [[collision_sphere]] in its robot.toml"
-        )
-    balls = {
-        (i, j): _reach(robot, link, j, limits) for i, link in enumerate(links) for j in range(len(link.radii))
-    }
-    reasons = [_reasons_apart(robot, obstacle, balls) for obstacle in obstacles]
-    kept = [(ball, k) for k, told in enumerate(reasons) for ball in balls if not told[ball]]
-    found = None if own is None else _self_pairs(robot, own, limits)
+    balls = _balls(robot, limits, obstacles)
+    reasons = {obstacle.name: _reasons_apart(robot, obstacle, balls) for obstacle in obstacles}
+    kept = [(sphere, k) for k, told in enumerate(reasons.values()) for sphere in told if not told[sphere]]
+    found = _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
-    used = sorted({sphere for sphere, _ in kept} | {s for pair in between for s in pair})
+    used = sorted({sphere for sphere, _ in kept}.union(*between))
     place = {sphere: n for n, sphere in enumerate(used)}
     return Clearance(
         robot=robot,
@@ -65,12 +56,23 @@ def clearance_of(
         pairs=tuple((place[sphere], k) for sphere, k in kept),
         sphere_pairs=tuple((place[a], place[b]) for a, b in between),
         self_margin=0.0 if own is None else own.margin,
-        left_out={
-            obstacle.name: dict(Counter(filter(None, told.values())))
-            for obstacle, told in zip(obstacles, reasons, strict=True)
-        },
+        left_out={name: dict(Counter(filter(None, told.values()))) for name, told in reasons.items()},
         self_pairs=found,
     )
+
+
+def _balls(robot: Robot, limits: Bounds, obstacles: Sequence[Obstacle]) -> dict[_Sphere, _Ball]:
+    """A ball for each sphere of the robot, which it never leaves."""
+    links = robot.collision_spheres
+    if not links:
+        what = "obstacle" if obstacles else "self_collision"
+        raise ProblemError(
+            f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
+            "or give [[collision_sphere]] in its robot.toml"
+        )
+    return {
+        (i, j): _reach(robot, link, j, limits) for i, link in enumerate(links) for j in range(len(link.radii))
+    }
 
 
 def _check_names(obstacles: Sequence[Obstacle]) -> None:
@@ -135,7 +137,9 @@ def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float)
     return float(coal.distance(obstacle.geometry, shape, coal.Sphere(float(radius)), ball, request, result))
 
 
-def _self_pairs(robot: Robot, own: SelfCollision, limits: Bounds) -> SelfPairs:
+def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> SelfPairs | None:
+    if own is None:
+        return None
     disabled = {frozenset(pair) for pair in own.disabled}
     known = {link.link for link in robot.collision_spheres}
     for pair in own.disabled:
