@@ -40,7 +40,7 @@ T = TypeVar("T", bound=Table)
 
 @dataclass(frozen=True)
 class Takes:
-    """What values of a kind are alone taken, for the page of keys and the JSON schema.
+    """What a key takes of a kind of value: in words for the page of keys, and as JSON schema.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Takes:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """With what narrows the kind."""
+        """Return the schema of the kind, narrowed."""
         return {**handler(schema), **self.schema}
 
 
@@ -66,7 +66,7 @@ def _taken(name: str, value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Check(Takes):
-    """What is checked when a value of the problem is made of the key.
+    """What is checked when the key becomes a value of the problem.
 
     Attributes
     ----------
@@ -96,15 +96,15 @@ class Kind:
     written: Any
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Read, then check the type."""
+        """Read what is written, then check the type."""
         return core_schema.no_info_before_validator_function(self.read, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """What people write."""
+        """Return the schema of what people write."""
         inner, written = handler(schema), json_schema_of(self.written)
-        return {"anyOf": [written, inner]} if inner else written
+        return {"anyOf": [written, inner]} if inner and inner != written else written
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class OneOrSeveral(Kind):
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """One entry, or a list."""
+        """Return the schema of one entry, or a list of them."""
         several = handler(schema)
         short = [] if self.written is None else [json_schema_of(self.written)]
         one = {"anyOf": [*short, several["items"]]} if short else several["items"]
@@ -144,7 +144,7 @@ class Key:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """With what is said."""
+        """Return the schema of the value with what is said of it."""
         says = _LINK.sub(r"\1", self.says)
         unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
         return {**handler(schema), "description": f"{says[:1].upper()}{says[1:]}{unit}.{default}"}

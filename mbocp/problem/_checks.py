@@ -111,7 +111,7 @@ def check_size(key: str, value: Array, labels: Sequence[Label], largest: float) 
 
 
 def choice(words: Iterable[str]) -> Check:
-    """Of a key that takes one of some words."""
+    """Return the check of a key that takes one of some words."""
     allowed = tuple(words)
     return Check(
         ", ".join(f'`"{w}"`' for w in allowed), {"enum": [*allowed]}, partial(check_choice, allowed=allowed)
@@ -119,11 +119,11 @@ def choice(words: Iterable[str]) -> Check:
 
 
 def whole(minimum: int) -> Check:
-    """Of a key that takes a whole number of at least `minimum`."""
+    """Return the check of a key that takes a whole number of at least `minimum`."""
     words = f"whole number > {minimum - 1}"
     return Check(words, {"minimum": minimum}, partial(check_integer, minimum=minimum))
 
 
 def positive(unit: str = "") -> Check:
-    """Of a key that takes a number above zero."""
+    """Return the check of a key that takes a number above zero."""
     return Check("number > 0", {"exclusiveMinimum": 0}, partial(check_positive, unit=unit))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -107,46 +107,58 @@ def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:
 
 
 def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
-    q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
-    value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
-    if table.q is not None:
-        with located("goal.q"):
-            q, q_active = configuration_from(robot, table.q, q_start, "goal.q")
-            q = np.array(robot.normalise(q, name="goal.q"))
-            check_size("goal.q", q, robot.q_labels, MAX_POSITION)
-            if table.assemble:
-                q = assembled(robot, q, q_active, assemble=True, base=q_start, key="goal.q")
-    if table.v is not None and table.p is not None:
-        raise ProblemError("goal: give v or p, not both")
-    rate = "v" if table.v is not None else "p"
-    written = table.v if table.v is not None else table.p
-    if written is not None:
-        value, rate_active = rate_from(robot, written, f"goal.{rate}")
-    if table.assemble and rate == "v" and rate_active.all():
-        value = assembled_velocity(robot, q, value, rate_active, assemble=True)
-    a, a_active = (
-        rate_from(robot, table.a, "goal.a")
-        if table.a is not None and table.a != "free"
-        else (np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_))
-    )
-    says = [table.q is not None, written is not None, a_active.any(), bool(table.frame), table.periodic]
-    enforce = table.enforce if table.enforce is not None else ("exact" if any(says) else "none")
+    q, q_active = _configuration(table, robot, q_start)
+    rate, value, rate_active = _rate(table, robot, q)
+    is_free = table.a == "free"
+    a, a_active = _nothing(robot) if table.a is None or is_free else rate_from(robot, table.a, "goal.a")
+    says = a_active.any() or table.frame or table.periodic or not (table.q is table.v is table.p is None)
+    enforce: Any = table.enforce  # checked by the class, as is redundant
+    if enforce is None:
+        enforce = "exact" if says else "none"
     goal = Goal(
         q=q,
         a=a,
         a_active=a_active,
-        a_rule="free" if table.a == "free" else "given",
+        a_rule="free" if is_free else "given",
         q_active=q_active,
-        rate=rate,  # type: ignore[arg-type]
+        rate=rate,
         value=value,
         rate_active=rate_active,
         frames=frames_from(table.frame),
         periodic=periodic_from(table.periodic),
-        enforce=enforce,  # type: ignore[arg-type]  # checked by the class
+        enforce=enforce,
         guard=table.guard,
         redundant=table.redundant,  # type: ignore[arg-type]
     )
     return without_driven_velocities(robot, goal)
+
+
+def _nothing(robot: Robot) -> tuple[Array, BoolArray]:
+    return np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
+
+
+def _configuration(table: GoalMemberTable, robot: Robot, q_start: Array) -> tuple[Array, BoolArray]:
+    if table.q is None:
+        return np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
+    with located("goal.q"):
+        q, active = configuration_from(robot, table.q, q_start, "goal.q")
+        q = np.array(robot.normalise(q, name="goal.q"))
+        check_size("goal.q", q, robot.q_labels, MAX_POSITION)
+        if table.assemble:
+            q = assembled(robot, q, active, assemble=True, base=q_start, key="goal.q")
+    return q, active
+
+
+def _rate(table: GoalMemberTable, robot: Robot, q: Array) -> tuple[Literal["v", "p"], Array, BoolArray]:
+    """Velocity or momentum, and which components of it are written."""
+    if table.p is None and table.v is not None:
+        v, active = rate_from(robot, table.v, "goal.v")
+        if table.assemble and active.all():
+            v = assembled_velocity(robot, q, v, active, assemble=True)
+        return "v", v, active
+    if table.v is not None:
+        raise ProblemError("goal: give v or p, not both")
+    return "p", *(_nothing(robot) if table.p is None else rate_from(robot, table.p, "goal.p"))
 
 
 def write_goal(problem: ProblemData) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class Row:
 
 
 def all_keys(table: type[BaseModel] = ProblemTable, under: str = "") -> Iterator[tuple[str, FieldInfo]]:
-    """Dotted names of all keys with their fields, each table before what it holds."""
+    """Yield dotted names of all keys with their fields, each table before what it holds."""
     for field, info in table.model_fields.items():
         name = f"{under}{info.alias or field}"
         yield name, info

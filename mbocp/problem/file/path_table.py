@@ -85,21 +85,16 @@ def _constraint(
     robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal, folder: Path
 ) -> PathConstraint | ContactForce:
     kind = check_choice(f"{key}.kind", table.kind, PATH_KEYS)
-    written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
-    given = {name: value for name, value in written.items() if value is not None}
-    for name in given:
-        if name not in PATH_KEYS[kind].model_fields:
-            used = ", ".join(PATH_KEYS[kind].model_fields)
-            raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
+    given = _given(table, kind, key)
     if kind == ContactTerm.kind:
         return _contact(table, key, given)
     if table.frame is None:
         raise ProblemError(f'{key}.frame: this key is missing; kind = "{kind}" is about a frame')
-    term = PATH_TERMS[kind]
     if "file" in given:
         if "points" in given:
             raise ProblemError(f"{key}: points and file; which of the two? Give one")
         given |= read_points(folder / path_of(given.pop("file")), f"{key}.file")
+    term = PATH_TERMS[kind]
     frame = robot.frame_id(table.frame)
     start = robot.frame_placement(table.frame, q_start)
     values = term.read(
@@ -114,6 +109,17 @@ def _constraint(
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
     )
+
+
+def _given(table: PathHead, kind: str, key: str) -> dict[str, Any]:
+    """Values of the keys that are written, of which the kind has to know each."""
+    written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
+    given = {name: value for name, value in written.items() if value is not None}
+    for name in given:
+        if name not in PATH_KEYS[kind].model_fields:
+            used = ", ".join(PATH_KEYS[kind].model_fields)
+            raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
+    return given
 
 
 def _contact(table: PathHead, key: str, given: dict[str, Any]) -> ContactForce:
