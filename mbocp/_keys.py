@@ -34,6 +34,21 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """Return the schema, in which keys of one line are described alike; others are not for people."""
+        found, keys = handler(schema), keys_of(cls)
+        rows = {name: row_of(name, keys) for name in cls.model_fields}
+        table = handler.resolve_ref_schema(found)
+        table["properties"] = {
+            name: {**table["properties"][name], "description": keys[row].description}
+            for name, row in rows.items()
+            if row is not None
+        }
+        return found
+
 
 T = TypeVar("T", bound=Table)
 
@@ -141,13 +156,12 @@ class Key:
     takes: str = ""
     beside: tuple[str, ...] = ()
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """Return the schema of the value with what is said of it."""
+    @property
+    def description(self) -> str:
+        """What is said, as sentences for editors."""
         says = _LINK.sub(r"\1", self.says)
         unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
-        return {**handler(schema), "description": f"{says[:1].upper()}{says[1:]}{unit}.{default}"}
+        return f"{says[:1].upper()}{says[1:]}{unit}.{default}"
 
     def joined(self, other: Key) -> Key:
         """Return what is said of a key of several tables."""

@@ -22,6 +22,7 @@ LAYERS = (
     "_tolerances",
     "_numbers",
     "exceptions",
+    "_keys",
     "_environment",
     "_processes",
     "_threads",

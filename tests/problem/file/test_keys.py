@@ -108,6 +108,10 @@ def test_editors_explain_keys() -> None:
     assert found["description"].startswith("Wall time after which the solve is given up")
     assert "[s]" in found["description"]
     assert found["exclusiveMinimum"] == 0
+    for name, table in problem_schema()["$defs"].items():
+        if name not in ("PartTable", "PayloadTable"):
+            assert all(key["description"] for key in table["properties"].values()), name
+    assert set(problem_schema()["$defs"]["WeightsTable"]["properties"]) == {"q", "p"}
 
 
 def test_every_option_of_a_solver_is_a_key() -> None:
