@@ -75,10 +75,6 @@ class Takes:
         return {**handler(schema), **self.schema}
 
 
-def _taken(name: str, value: Any) -> Any:
-    return value
-
-
 @dataclass(frozen=True)
 class Check(Takes):
     """What is checked when the key becomes a value of the problem.
@@ -89,7 +85,7 @@ class Check(Takes):
         Takes the key's dotted name and a value; returns the value, or raises InvalidValue.
     """
 
-    work: Callable[[str, Any], Any] = _taken
+    work: Callable[[str, Any], Any] = field(kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -114,16 +114,18 @@ def choice(words: Iterable[str]) -> Check:
     """Return the check of a key that takes one of some words."""
     allowed = tuple(words)
     return Check(
-        ", ".join(f'`"{w}"`' for w in allowed), {"enum": [*allowed]}, partial(check_choice, allowed=allowed)
+        ", ".join(f'`"{w}"`' for w in allowed),
+        {"enum": [*allowed]},
+        work=partial(check_choice, allowed=allowed),
     )
 
 
 def whole(minimum: int) -> Check:
     """Return the check of a key that takes a whole number of at least `minimum`."""
     words = f"whole number > {minimum - 1}"
-    return Check(words, {"minimum": minimum}, partial(check_integer, minimum=minimum))
+    return Check(words, {"minimum": minimum}, work=partial(check_integer, minimum=minimum))
 
 
 def positive(unit: str = "") -> Check:
     """Return the check of a key that takes a number above zero."""
-    return Check("number > 0", {"exclusiveMinimum": 0}, partial(check_positive, unit=unit))
+    return Check("number > 0", {"exclusiveMinimum": 0}, work=partial(check_positive, unit=unit))

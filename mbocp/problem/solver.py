@@ -54,7 +54,7 @@ def _threads(key: str, value: Any) -> int | str:
     return check_integer(key, value, minimum=1)
 
 
-_THRESHOLD = Check("number >= 0", {"minimum": 0}, _threshold)
+_THRESHOLD = Check("number >= 0", {"minimum": 0}, work=_threshold)
 _THREADS = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": "auto"}]}
 
 
@@ -105,7 +105,7 @@ class SolverTable(Table):
     ] = SolverOptions.globalisation
     tolerance: Annotated[
         Finite,
-        Check("number > 0", {"exclusiveMinimum": 0, "maximum": _LARGEST_TOLERANCE}, _tolerance),
+        Check("number > 0", {"exclusiveMinimum": 0, "maximum": _LARGEST_TOLERANCE}, work=_tolerance),
         Key("of residual and increment"),
     ] = SolverOptions.tolerance
     max_iterations: Annotated[
@@ -149,7 +149,7 @@ class SolverTable(Table):
     )
     threads: Annotated[
         int | str,
-        Check('whole number > 0 or `"auto"`', _THREADS, _threads),
+        Check('whole number > 0 or `"auto"`', _THREADS, work=_threads),
         Key(
             'threads that share a solve, `"auto"`: as many as processors; the result is the same: '
             "[Threads](solver.md#threads)"
