@@ -29,25 +29,27 @@ _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 
 
-class Table(BaseModel):
-    """A table of a problem file: keys that it does not have are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
+class Declared(BaseModel):
+    """Some keys of a table, each declared."""
 
     @classmethod
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
-        """Return the schema, in which keys of one line are described alike; others are not for people."""
+        """Return the schema, in which keys of one line are described alike."""
         found, keys = handler(schema), keys_of(cls)
         rows = {name: row_of(name, keys) for name in cls.model_fields}
-        table = handler.resolve_ref_schema(found)
-        table["properties"] = {
-            name: {**table["properties"][name], "description": keys[row].description}
-            for name, row in rows.items()
-            if row is not None
-        }
+        properties = handler.resolve_ref_schema(found)["properties"]
+        for name, row in rows.items():
+            if row is not None:
+                properties[name] = {**properties[name], "description": keys[row].description}
         return found
+
+
+class Table(Declared):
+    """A table of a problem file: keys that it does not have are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
 
 T = TypeVar("T", bound=Table)

@@ -38,11 +38,10 @@ def described() -> dict[str, Row]:
 
 
 def _shared(name: str, rows: dict[str, Row]) -> Row | None:
-    """The row of a key of parts that is one of payloads, or of robots."""
+    """The row of a key of parts that is one of payloads, and of weights as a whole."""
     of_body = re.sub(r"^robot\.part\.(?:payload\.)?", "robot.payload.", name)
-    of_robot = re.sub(r"^robot\.part\.", "robot.", name)
     of_weights = re.sub(r"(_weights)\.\w+$", r"\1", name)
-    return next((rows[home] for home in (of_body, of_robot, of_weights) if home in rows), None)
+    return next((rows[home] for home in (of_body, of_weights) if home in rows), None)
 
 
 def _linked(row: Row, page: str) -> Row:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+from pydantic.json_schema import SkipJsonSchema
+
 from mbocp._keys import Key, Kind, Table
 from mbocp.terms.written import Control, Trajectory, Vector, VectorOrNamed
 
@@ -20,7 +22,7 @@ class TargetTable(Table):
 class WeightsTable(Table):
     """Diagonal weights on (q, p): one list, or `q` and `p` apart."""
 
-    qp: VectorOrNamed = None
+    qp: Annotated[VectorOrNamed, SkipJsonSchema()] = None  # where a plain list lands
     q: Annotated[Control, Key("weights on q, one for all or one for each", default="0")] = None
     p: Annotated[Control, Key("weights on p, or on v where the goal gives v", default="0")] = None
 

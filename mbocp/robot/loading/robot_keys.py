@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pinocchio as pin
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
+from mbocp._keys import Declared, Key, Kind
 from mbocp._numbers import finite_number, named_numbers
 from mbocp._text import has_control_characters, shown
 from mbocp.exceptions import InvalidValue, RobotError, suggest
@@ -45,25 +46,55 @@ def _lock(value: Any) -> Any:
     )
 
 
-Number = Annotated[float, BeforeValidator(finite_number)]
+_OWN = "what the robot says"
+Number = Annotated[float, Kind("number", finite_number, float)]
+Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
 
 _OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
 OF_FILES = ("free_flyer", "mimic", "damping", "friction", "friction_speed")  # how one file is read
 _OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
 
-class ReadingKeys(BaseModel):
+class ReadingKeys(Declared):
     """How a robot is read: keys of `[robot]`, and of each part beside others."""
 
-    free_flyer: bool | None = None
-    lock: Annotated[Any, BeforeValidator(_lock)] = None
-    actuated: list[str] | None = None
-    mimic: bool | None = None
-    damping: bool | None = None
-    friction: str | None = None
-    friction_speed: Number | None = None
-    package_dirs: list[str] = Field(default=[])
-    payload: list[PayloadTable] | None = None
+    free_flyer: Annotated[bool | None, Key("whether the root link floats", "", _OWN)] = None
+    lock: Annotated[Lock, Key("joints to make rigid, and where", "rad, m", _OWN)] = None
+    actuated: Annotated[
+        list[str] | None, Key("joints with motors, in the order of u", "", _OWN, "list of names")
+    ] = None
+    mimic: Annotated[
+        bool | None,
+        Key(
+            "whether mimic joints follow their leader",
+            default="true for files, false for a robot.yaml and names of example-robot-data",
+        ),
+    ] = None
+    damping: Annotated[
+        bool | None,
+        Key(
+            "whether the [viscous damping](robots.md#damping-and-friction) of the URDF acts",
+            default=f"{_OWN}, else true",
+        ),
+    ] = None
+    friction: Annotated[
+        str | None,
+        Key(
+            '`"smooth"`, `"none"`: whether the Coulomb friction of the URDF acts',
+            default=f"{_OWN}, else left out, and told",
+        ),
+    ] = None
+    friction_speed: Annotated[
+        Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
+    ] = None
+    package_dirs: Annotated[
+        list[str],
+        Key("folders that hold the packages of `package://` addresses", "", "none", "list of paths"),
+    ] = Field(default=[])
+    payload: Annotated[
+        list[PayloadTable] | None,
+        Key("[bodies that it carries](robots.md#payloads); one table `[[robot.payload]]` each", "", _OWN),
+    ] = None
 
     def folders(self, base: Path | None) -> tuple[Path, ...]:
         """Absolute paths of the folders with packages."""
@@ -136,9 +167,17 @@ class PartTable(ReadingKeys, ShapeTable):
         return placement_from(self.position, self.orientation)
 
 
-class _HeadKeys(BaseModel):
-    name: str | None = None
-    part: list[PartTable] | None = None
+class _HeadKeys(Declared):
+    name: Annotated[
+        str | None, Key("name of a robot, or path of a URDF or `robot.toml`", "", "required, or `robot.part`")
+    ] = None
+    part: Annotated[
+        list[PartTable] | None,
+        Key(
+            "[several robots in one world](robots.md#several-robots-in-one-world); "
+            "one table `[[robot.part]]` each"
+        ),
+    ] = None
 
 
 class RobotKeys(ReadingKeys, _HeadKeys):
@@ -146,11 +185,32 @@ class RobotKeys(ReadingKeys, _HeadKeys):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
 
-    gravity: list[Number] | None = Field(default=None, min_length=3, max_length=3)
-    rotations: str | None = None
-    label: str | None = None
-    constraint: list[dict[str, Any]] | None = None
-    initial: dict[str, Any] | None = None
+    gravity: Annotated[
+        list[Number] | None,
+        Field(min_length=3, max_length=3),
+        Key("acceleration of gravity in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+    ] = None
+    rotations: Annotated[
+        str | None,
+        Key(
+            "what explicit schemes integrate for free-flyers and ball joints: "
+            "[rotations](robots.md#rotations)",
+            default=f'{_OWN}, else `"quaternion"`',
+            takes='`"quaternion"` or `"dcm"`',
+        ),
+    ] = None
+    label: Annotated[str | None, Key("what to call it in output", "", "the robot's name")] = None
+    constraint: Annotated[
+        list[dict[str, Any]] | None,
+        Key(
+            "[what joins parts](robots.md#parts-that-are-joined); one table `[[robot.constraint]]` each",
+            takes="tables",
+        ),
+    ] = None
+    initial: Annotated[
+        dict[str, Any] | None,
+        Key("`q`, the initial pose of joined parts, by joint or part", "", "that of the parts", "table"),
+    ] = None
 
     @model_validator(mode="after")
     def _a_name_or_parts(self) -> RobotKeys:
