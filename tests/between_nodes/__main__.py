@@ -39,13 +39,15 @@ def main() -> int:
     groups = defaultdict(list)
     for row in rows:
         groups[row.get("controls", "refused")].append(row)
-    print("| controls | problems | converged | under_resolved | largest excess: told | so |")
-    print("|---|---|---|---|---|---|")
+    print("| controls | problems | told nothing | converged | under-resolved | largest excess: told | so |")
+    print("|---|---|---|---|---|---|---|")
     for name, members in sorted(groups.items()):
-        good = [row for row in members if row["status"] == "converged"]
-        coarse = sum(row["status"] == "under_resolved" for row in members)
+        followed = [row for row in members if "told" in row and not np.isnan(row["told"])]
+        good = [row for row in followed if row["status"] == "converged"]
+        coarse = sum(row["status"] == "under_resolved" for row in followed)
         told, true = (np.max([row[key] for row in good], initial=0.0) for key in ("told", "true"))
-        print(f"| {name} | {len(members)} | {len(good)} | {coarse} | {told:.2%} | {true:.2%} |")
+        silent = len(members) - len(followed)  # schemes of first order: the robot does something else anyway
+        print(f"| {name} | {len(members)} | {silent} | {len(good)} | {coarse} | {told:.2%} | {true:.2%} |")
     beyond = [row for row in rows if row.get("is_beyond")]
     print(f"\nbeyond what is told by more than {TOLERANCE:.0%} of the limit: {len(beyond)} of {len(rows)}")
     for row in beyond:
