@@ -172,23 +172,35 @@ def _is_plain_list(entry: Any) -> bool:
 
 def _as_array(entries: list[Any]) -> NDArray[Any]:
     present = [entry for entry in entries if entry is not None]
-    if present and all(isinstance(entry, bool) for entry in entries):
-        return np.array(entries, dtype=np.bool_)
-    if all(isinstance(entry, str) for entry in present) and present:
-        return np.array(["" if entry is None else entry for entry in entries])
-    if all(isinstance(entry, int) and not isinstance(entry, bool) for entry in entries) and present:
-        return np.array(entries, dtype=np.int64)
-    try:
-        shapes = {np.array(_with_nan(entry), dtype=np.float64).shape for entry in present}
-    except (TypeError, ValueError):  # words, tables or ragged lists
-        shapes = set()
-    if len(shapes) == 1 or not present:
-        shape = shapes.pop() if shapes else ()
+    kind = _kind_of(entries, present) if present else None
+    if kind is not None:
+        return np.array(["" if entry is None else entry for entry in entries], dtype=kind)
+    shape = _shape_of(present)
+    if shape is not None:
         filled = [np.full(shape, np.nan) if entry is None else _with_nan(entry) for entry in entries]
         return np.array(filled, dtype=np.float64)
     array = np.empty(len(entries), dtype=np.object_)
     array[:] = entries
     return array
+
+
+def _kind_of(entries: list[Any], present: list[Any]) -> type[np.generic] | None:
+    """Return the type of booleans, words or whole numbers; words alone may be missing."""
+    kinds = set(map(type, entries))
+    if kinds == {bool}:
+        return np.bool_
+    if kinds == {int}:
+        return np.int64
+    return np.str_ if all(isinstance(entry, str) for entry in present) else None
+
+
+def _shape_of(present: list[Any]) -> tuple[int, ...] | None:
+    """Return the shape of numbers or lists of numbers; None where they have none in common."""
+    try:
+        shapes = {np.array(_with_nan(entry), dtype=np.float64).shape for entry in present}
+    except (TypeError, ValueError):  # words, tables or ragged lists
+        return None
+    return shapes.pop() if len(shapes) == 1 else None if present else ()
 
 
 def _with_nan(entry: Any) -> Any:
