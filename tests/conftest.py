@@ -24,8 +24,7 @@ def interpreted_functions(
     deadline: float = math.inf,
 ) -> CompiledFunctions:
     if key not in _MADE:
-        texts = {name: function.serialize() for name, function in build().items()}
-        _MADE[key] = CompiledFunctions(None, texts, compiled_now=False)
+        _MADE[key] = CompiledFunctions.interpreted(build())
     return _MADE[key]
 
 

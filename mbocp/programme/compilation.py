@@ -63,8 +63,8 @@ _SOURCES = (
     *("composed.h", "lanes.h"),
 )
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
-_LONGEST = 4_000_000  # instructions of a function that is interpreted
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
+_LONGEST = 4_000_000  # instructions of a function that is interpreted
 
 
 class NoCompilerWarning(UserWarning):
@@ -95,6 +95,12 @@ class CompiledFunctions:
     ) -> None:
         self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
         self.later = later
+
+    @classmethod
+    def interpreted(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
+        """Functions that no compiler is asked for: the kernel executes their instructions."""
+        texts = {name: _as_operations(function).serialize() for name, function in functions.items()}
+        return cls(None, texts, compiled_now=False)
 
     def with_later(self, later: Later) -> CompiledFunctions:
         """These functions and further ones."""
@@ -205,8 +211,9 @@ def load_functions(
     check_deadline(deadline, "the functions were built")
     if cc is None:
         _warn_no_compiler()
-        place.serialised = {name: _as_operations(f).serialize() for name, f in functions.items()}
-        return CompiledFunctions(None, place.serialised, compiled_now=False)
+        interpreted = CompiledFunctions.interpreted(functions)
+        place.serialised = interpreted.serialised
+        return interpreted
     flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE, has_lanes=bool(in_lanes))
     unit = _Unit(cc, flags, _source(functions, wide))
     check_deadline(deadline, "the functions were written in C")
