@@ -12,7 +12,8 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 Conditions on velocities are chosen by what the constraints leave free at `goal.q`, which is a guess where the
 goal does not give every joint. At another configuration they may leave velocities free that should be zero:
 `rates_missed` looks at the configuration in which the motion ends. What it finds across the constraints is
-the scheme's: those of index 3 keep velocities in the constraints to some order alone.
+the scheme's: those of index 3 keep velocities in the constraints to some order alone. A part of that may be
+seen along the constraints, until the conditions are chosen where the motion ends.
 """
 
 from __future__ import annotations
@@ -143,10 +144,13 @@ class RatesMissed(NamedTuple):
         steps leave velocities across the constraints.
     words : str
         By how much, and what to do.
+    is_small : bool
+        Whether it is no more than a scheme may leave.
     """
 
     is_free: bool
     words: str
+    is_small: bool = False
 
 
 def rates_missed(formulation: Formulation, motion: Motion) -> RatesMissed | None:
@@ -164,19 +168,19 @@ def rates_missed(formulation: Formulation, motion: Motion) -> RatesMissed | None
     scale = _largest_of_unit(formulation, motion, is_momentum)
     tolerance = np.maximum(_REACHED * scale, _REACHED)
     by_scheme = np.maximum(_SHARE * scale, tolerance)
-    # Of what is left across the constraints a part may be seen along them, and velocities of bodies in
-    # natural coordinates are those of joints to the order of the scheme.
-    is_exact = free.shape[1] == robot.nv and formulation.counts_turns
+    # Velocities of bodies in natural coordinates are those of joints to the order of the scheme alone.
+    smallest = tolerance if formulation.counts_turns else by_scheme
+    largest = smallest if free.shape[1] == robot.nv else by_scheme
     labels = robot.p_labels if is_momentum else robot.v_labels
-    for is_free, part, limit, remedy in (
-        (True, along, tolerance if is_exact else by_scheme, _UNSAID),
-        (False, error - along, by_scheme, _ACROSS),
+    for is_free, part, least, most, remedy in (
+        (True, along, smallest, largest, _UNSAID),
+        (False, error - along, by_scheme, by_scheme, _ACROSS),
     ):
-        worst = int(np.argmax(np.abs(part) / limit))
-        if abs(part[worst]) > limit[worst]:
-            label = labels[worst]
-            off = f"{label.name} ends {abs(part[worst]):.3g} {label.unit} off goal.{goal.rate}"
-            return RatesMissed(is_free, f"{off}: {remedy}")
+        worst = int(np.argmax(np.abs(part) / least))
+        size = abs(part[worst])
+        if size > least[worst]:
+            off = f"{labels[worst].name} ends {size:.3g} {labels[worst].unit} off goal.{goal.rate}"
+            return RatesMissed(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
     return None
 
 

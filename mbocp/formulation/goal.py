@@ -91,7 +91,7 @@ def end_condition_rows(
     the configuration in which the motion ends. Conditions on rates are then entries of them: as many as the
     constraints leave free, those that say most of the others there. They say all wherever the constraints can
     be solved for the others, where a basis of the tangent space at the guess may be at right angles to
-    velocities that the constraints allow.
+    velocities that the constraints allow. Where `goal.q` is the end of a motion, it is that basis.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def end_condition_rows(
     reachable = free if speeds is None else speeds(goal.q)
     moments = robot.mass_matrix(goal.q) @ reachable if goal.rate == "p" else reachable
     D_q = independent_rows(goal.q_active, basis, basis)
-    if ties is None or goal.q_active.all():
+    if ties is None or goal.q_active.all() or goal.q_is_reached:
         D_rate = independent_rows(goal.rate_active, moments, reachable)
     else:
         entries = np.flatnonzero(goal.rate_active)

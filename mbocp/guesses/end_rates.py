@@ -2,8 +2,8 @@
 
 Which entries of the velocity are conditions of the end follows from the constraints at `goal.q`. Where the
 goal does not give every joint, that is a guess, and feet that land, say, stand elsewhere in the end. Where
-the chosen entries say nothing of the others there, the problem is solved again from where it is, with those
-that do: they are numbers of a parameter, and compile nothing.
+the chosen entries leave velocities that the constraints allow there, the problem is solved again from where
+it is, with conditions on just these: they are numbers of a parameter, and compile nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mbocp.formulation.end_reached import rates_missed
 from mbocp.programme.carried import Carried
 from mbocp.solvers import Outcome, Status
 
-_ROUNDS = 4  # of solving again
+_ROUNDS = 6  # of solving again: each leaves a tenth or less, since the end moves with the conditions
 
 Again = Callable[[Formulation, Carried], Outcome]
 
@@ -43,8 +43,10 @@ def with_rates_at_end(
             break
         motion = known.motion_of(shown.result.iterate)
         missed = rates_missed(known, motion)
-        if missed is None or not missed.is_free:
-            return known, shown
+        if missed is None or not missed.is_free or missed.is_small:
+            formulation, outcome = known, shown  # of use, whatever comes of a further round
+        if missed is None or not missed.is_free or known.problem.goal.q_active.all():
+            break
         moved = _with_end_at(known, motion.qs[-1])
         if np.array_equal(moved.end_rows.of_joints, known.end_rows.of_joints):
             break
@@ -56,7 +58,7 @@ def with_rates_at_end(
 def _with_end_at(formulation: Formulation, q: Array) -> Formulation:
     """The same problem, its conditions of the end chosen at another configuration."""
     problem = formulation.problem
-    return formulate(problem.with_(goal=replace(problem.goal, q=q)))
+    return formulate(problem.with_(goal=replace(problem.goal, q=q, q_is_reached=True)))
 
 
 def _fit(carried: Carried, formulation: Formulation) -> Carried:

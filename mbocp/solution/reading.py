@@ -202,7 +202,7 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
 def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
     """Status and advice of a motion that does not end with the velocities that were asked for."""
     missed = rates_missed(formulation, motion) if status is Status.CONVERGED else None
-    if missed is None:
+    if missed is None or missed.is_small:
         return status, advice
     status = Status.OTHER_ROOT if missed.is_free else Status.UNDER_RESOLVED
     return status, f"{missed.words}; the optimality conditions hold: {advice}"

@@ -37,7 +37,8 @@ KINDS: dict[str, tuple[str, str, tuple[int, ...]]] = {
     "ur5_slides": ("ur5", "plane", (2,)),
     "ur5_leans": ("ur5", "point", (0, 1, 2)),
 }
-_SMALL = {"place": 1e-7, "rate": 1e-6, "goal": 1e-6, "force": 1e-6}  # [m, rad], m/s, [m, rad], of the sizes
+# [m, rad]; m/s, at the end of the fastest; [m, rad]; of the sizes.
+_SMALL = {"place": 1e-7, "rate": 1e-6, "goal": 1e-6, "force": 1e-6}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +144,7 @@ def _judged(task: Landing, s: mbocp.Solution, at: int) -> Iterator[tuple[str, fl
     yield "goal q", _largest(system.away(task.q_goal, s.qs[-1])[task.wanted])
     yield (
         "rate at the end, of what the hold leaves",
-        _largest(s.vs[-1] - np.linalg.pinv(last, 1e-8) @ (last @ s.vs[-1])),
+        _largest(s.vs[-1] - np.linalg.pinv(last, 1e-8) @ (last @ s.vs[-1])) / max(_largest(s.vs), 1.0),
     )
     yield (
         "place of the frame",

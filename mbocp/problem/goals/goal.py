@@ -37,6 +37,8 @@ class Goal:
         configuration that the constraints allow.
     q_active : ndarray of bool, shape (nv,)
         Which tangent directions of `q` are asked for.
+    q_is_reached : bool
+        Whether entries of `q` that are not active are those with which a motion ends, and no guess of them.
     rate : {"p", "v"}
         Whether `value` is a momentum [kg m/s, N m s] or a velocity [m/s, rad/s].
     value : ndarray, shape (nv,)
@@ -82,6 +84,7 @@ class Goal:
         default_factory=lambda: frozen_mask(np.zeros(0, dtype=np.bool_), size=0, name="a")
     )
     a_rule: AccelerationRule = "given"
+    q_is_reached: bool = False
 
     def __post_init__(self) -> None:
         for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):
