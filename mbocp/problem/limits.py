@@ -189,10 +189,9 @@ def _ends(robot: Robot, goal: Goal) -> Iterator[tuple[str, str, Array, BoolArray
 
 def _configuration_mask(robot: Robot, active: BoolArray) -> BoolArray:
     """Which numbers of q belong to joints whose directions are all active, shape (nq,)."""
-    mask = np.zeros(robot.nq, dtype=np.bool_)
-    for name in robot.joint_names:
-        mask[robot.configuration_indices(name)] = active[robot.velocity_indices(name)].all()
-    return mask
+    model = robot.model
+    whole = [active[first : first + n].all() for first, n in zip(model.idx_vs, model.nvs, strict=True)]
+    return np.repeat(np.array(whole, dtype=np.bool_), model.nqs)
 
 
 def check_within(bounds: Bounds, where: str, letter: str, value: Array, labels: Sequence[Label]) -> None:

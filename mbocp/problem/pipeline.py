@@ -37,14 +37,19 @@ class Step:
 
     def run(self, values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
         """Return what it gives for these values: what it gave before, if it took the same then."""
-        if self._gave(before) and all(_is_same(values[name], before.get(name, self)) for name in self.takes):
+        if before and self._takes_same(values, before):
             return {name: before[name] for name in self.gives}
         result = self.work(*(values[name] for name in self.takes))
         made = (result,) if len(self.gives) == 1 else result if self.gives else ()
         return dict(zip(self.gives, made, strict=True))
 
-    def _gave(self, before: Mapping[str, Any]) -> bool:
-        return bool(before) and all(name in before for name in self.gives)
+    def _takes_same(self, values: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
+        """Whether it gave something before, and took the same; asked of each step of each change."""
+        for name in self.takes:
+            now, then = values[name], before.get(name, self)
+            if now is not then and not _equals(now, then):
+                return False
+        return all(name in before for name in self.gives)
 
 
 def run_steps(
@@ -69,12 +74,11 @@ def run_steps(
     return values
 
 
-def _is_same(now: Any, then: Any) -> bool:
-    return now is then or (type(now) is type(then) and isinstance(now, _PLAIN) and _equals(now, then))
-
-
 def _equals(now: Any, then: Any) -> bool:
     """Whether plain values are equal; tuples by their entries, since arrays have no truth value."""
+    if type(now) is not type(then) or not isinstance(now, _PLAIN):
+        return False
     if isinstance(now, tuple):
-        return len(now) == len(then) and all(map(_is_same, now, then))
+        pairs = zip(now, then, strict=False)
+        return len(now) == len(then) and all(a is b or _equals(a, b) for a, b in pairs)
     return bool(now == then)

@@ -117,10 +117,10 @@ def joint_names(model: pin.Model) -> tuple[str, ...]:
 
 def joint_id(model: pin.Model, name: str, robot: str) -> int:
     """Index of a joint; raises `UnknownJoint` with near misses."""
-    names = joint_names(model)
-    if name not in names:
-        raise UnknownJoint(name, robot, names)
-    return names.index(name) + 1
+    found: int = model.getJointId(name)
+    if not 0 < found < model.njoints:
+        raise UnknownJoint(name, robot, joint_names(model))
+    return found
 
 
 def why_without_numbers(model: pin.Model, name: str) -> str:
