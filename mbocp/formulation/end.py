@@ -40,8 +40,8 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
     derivatives = space.at_zero_tangents([x], derivatives, [eta, rho], [d])
     found = {
-        "terminal_values": ca.Function("terminal_values", [x, rho], ca.cse(derivatives[:2])),
-        "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], ca.cse(derivatives)),
+        "terminal_values": ca.Function("terminal_values", [x, rho], derivatives[:2]),
+        "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], derivatives),
     }
     if signature.guarded:
         found["guard"] = _guard(mechanics.joint_space, signature, x, x[at.z], goal["q"], rho)

@@ -215,7 +215,7 @@ def _makers(at: StepSymbols, step: StepDerivatives) -> dict[str, Callable[[], ca
     all_inputs, with_m = [*arguments, *parameters], [*arguments, at.m, *parameters]
 
     def function(name: str, inputs: list[ca.SX], outputs: Sequence[ca.SX]) -> ca.Function:
-        return ca.Function(name, inputs, ca.cse(list(step.written(outputs))))
+        return ca.Function(name, inputs, list(step.written(outputs)))
 
     makers: dict[str, Callable[[], ca.Function]] = {
         "values": partial(function, "values", all_inputs, derivatives[:2]),
@@ -225,5 +225,5 @@ def _makers(at: StepSymbols, step: StepDerivatives) -> dict[str, Callable[[], ca
     }
     slope = step.lengthening
     if slope is not None:
-        makers["lengthening"] = lambda: ca.Function("lengthening", with_m, ca.cse([slope()]))
+        makers["lengthening"] = lambda: ca.Function("lengthening", with_m, [slope()])
     return makers
