@@ -46,23 +46,23 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     """Parameters that the stage functions of `signature` take."""
     theta: dict[str, int] = {"dt": 1, "force": 1}
     stage: dict[str, int] = {}
+    terminal, weights = _terminal_parameters(signature, sizes)
     for term in signature.cost:
         _add(theta, term.parameters(sizes))
         _add(stage, term.stage_parameters(sizes))
+        weights.update(term.weights)
     if signature.asks_for_first:
         stage[HAS_BEFORE] = 1
     for feature in signature.features:
         _add(stage, feature.stage_parameters)
         _add(theta, feature.parameters)
     _add(theta, signature.steps.parameters)
-    blocks = (block for feature in signature.features for block in feature.blocks(0, 0))
-    _add(theta, {unit_of(block.name): 1 for block in blocks if block.has_unit})
+    for feature in signature.features:
+        _add(theta, {unit_of(block.name): 1 for block in feature.blocks(0, 0) if block.has_unit})
     for k, constraint in enumerate(signature.path):
         _add(theta, {path_parameters(k, name): size for name, size in constraint.sizes.items()})
-    terminal, weights = _terminal_parameters(signature, sizes)
     if signature.num_numbers:
         theta[NUMBERS] = terminal[NUMBERS] = signature.num_numbers
-    weights.update(name for term in signature.cost for name in term.weights)
     return ParameterLayout(theta, stage, terminal, frozenset(weights))
 
 

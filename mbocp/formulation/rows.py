@@ -189,17 +189,28 @@ def _limits(
     speeds: tuple[Label, ...],
 ) -> list[str]:
     """What limits of the entries of a state, of the controls and of the path functions are called."""
-    robot = problem.robot
+    words = _state_limits(problem, space, features, at, speeds)
+    path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
+    path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
+    of_controls = [word for feature in features for word in feature.control_words(problem)]
+    return [*(words.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
+
+
+def _state_limits(
+    problem: Problem,
+    space: ConfigurationSpace | NaturalSpace,
+    features: Sequence[Feature],
+    at: StateLayout,
+    speeds: tuple[Label, ...],
+) -> dict[int, str]:
+    """Names of those of a state's entries that have one, by their places."""
     names = {at.s.start + i: f"velocity limit of {speeds[i].name}" for i in range(at.ns)}
     for part in space.parts:
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
-            label = robot.q_labels[part.at_q.start + i]
+            label = problem.robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
     words = joined(feature.state_words(problem) for feature in features)
     for name in words.keys() & at.states.keys():
         where = at.states[name]
         names |= dict.fromkeys(range(where.start, where.stop), words[name])
-    path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
-    path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
-    of_controls = [word for feature in features for word in feature.control_words(problem)]
-    return [*(names.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
+    return names

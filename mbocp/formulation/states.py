@@ -5,7 +5,7 @@ All formulations store coordinates and speeds in the same way; the rest is what 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, joined
 from mbocp.formulation.features.passage import Passage
-from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
@@ -94,20 +94,22 @@ def with_memory(
     controls = {name: us[:, where] for name, where in at.controls.items()}
     known: dict[str, Array] = {}
     filled = np.array(xs)
-    for feature in features:
-        for block in feature.blocks(at.ns, problem.robot.nu):
-            if not block.is_remembered:
-                continue
-            taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
-            before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
-            step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces)
-            after = feature.following(block.name, step)
-            begin = first.get(block.name, np.zeros(after.shape[1]))
-            after = begin + np.cumsum(after, axis=0) if block.adds_up else after
-            known[block.name] = np.vstack([begin, after])
-            nodes = np.cumsum(np.append(0, taken))  # for each its place among those after such steps
-            filled[:, at.states[block.name]] = known[block.name][nodes]
+    for feature, block in _remembered_blocks(features, at.ns, problem.robot.nu):
+        taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
+        before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
+        step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces)
+        after = feature.following(block.name, step)
+        begin = first.get(block.name, np.zeros(after.shape[1]))
+        after = begin + np.cumsum(after, axis=0) if block.adds_up else after
+        known[block.name] = np.vstack([begin, after])
+        nodes = np.cumsum(np.append(0, taken))  # for each its place among those after such steps
+        filled[:, at.states[block.name]] = known[block.name][nodes]
     return filled
+
+
+def _remembered_blocks(features: Sequence[Feature], ns: int, nu: int) -> Iterator[tuple[Feature, Block]]:
+    for feature in features:
+        yield from ((feature, block) for block in feature.blocks(ns, nu) if block.is_remembered)
 
 
 def _passage(

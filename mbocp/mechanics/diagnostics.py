@@ -11,6 +11,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.mechanics.symmetries import find_symmetries, momentum_map
+from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 
@@ -60,14 +61,19 @@ def control_momenta(
     for name, array, width in widths:
         if array.shape != (nodes, width):
             raise DimensionMismatch(name, array.shape, (nodes, width))
+    symmetries = kept_symmetries(robot, tracked, weighs_changes=weighs_changes)
+    columns = [momentum_map(s, qs, vs, costates) for s in symmetries]
+    momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
+    return momenta, tuple(s.name for s in symmetries)
+
+
+def kept_symmetries(robot: Robot, tracked: Any = None, *, weighs_changes: bool = False) -> list[Symmetry]:
+    """Symmetries of the robot that the running cost keeps; parameters and errors of `control_momenta`."""
     mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
     if mask.shape != (2 * robot.nv,):
         raise DimensionMismatch("tracked", mask.shape, (2 * robot.nv,))
     symmetries = [s for s in find_symmetries(robot) if not s.touches(mask)]
-    symmetries = [s for s in symmetries if not (weighs_changes and s.control.any())]
-    columns = [momentum_map(s, qs, vs, costates) for s in symmetries]
-    momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
-    return momenta, tuple(s.name for s in symmetries)
+    return [s for s in symmetries if not (weighs_changes and s.control.any())]
 
 
 @dataclass(frozen=True)

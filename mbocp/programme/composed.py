@@ -61,13 +61,34 @@ _DECLARED = r"[* ]*\w+(?:=(?:w|arg|res)\+\d+)?"
 _DECLARATION = re.compile(
     rf"(?:const )?casadi_real {_DECLARED}(?:, {_DECLARED})*;|(?:const )?casadi_real\* \*\w+;"
 )
-_CONSTANT = re.compile(r"(w\d+) = (-?[\d.e+-]+);")
-_FLOOR = re.compile(rf"({_LOOP}\*rr\+\+ = )floor\( \*cs\+\+ \);")
-_INPUT = re.compile(rf"({_ARRAY}) = arg\[(\d+)\] \? arg\[\2\](\+\d+)? : casadi_zeros;")
 _CALL = re.compile(r"if \((\w+)\((arg1?), (res1?), iw, w, 0\)\) return 1;")
-_HELPER = re.compile(r"((?:if \(res\[\d+\]\) )?)casadi_(copy|clear|trans)\(([\w\[\]+, ]+)\);")
-_TAKE = re.compile(rf"{_COLUMNS}\{{ i=k\+j; \*rr\+\+ = i>=0 && i<(\d+) \? (w\d+)\[i\] : casadi_nan; \}}")
-_ADD = re.compile(rf"{_COLUMNS}\{{ i=k\+j; if \(i>=0 && i<(\d+)\) (w\d+)\[i\] \+= \*cs; cs\+\+; \}}")
+# Loop over columns that all lanes agree on.
+_BY_COLUMN = r"\1 if (!mbocp_agree(*cr)) return 1; else for (j=(int) mbocp_first(*cr), k=0;k<\2;k+=1)"
+# Lines with a number in each lane, of the parts of plain ones.
+_IN_LANES = tuple(
+    (re.compile(form), wide)
+    for form, wide in (
+        (r"(w\d+) = (-?[\d.e+-]+);", r"\1 = mbocp_all(\2);"),
+        (rf"({_LOOP}\*rr\+\+ = )floor\( \*cs\+\+ \);", r"\1mbocp_wide_floor(*cs++);"),
+        (
+            rf"({_ARRAY}) = arg\[(\d+)\] \? arg\[\2\](\+\d+)? : casadi_zeros;",
+            rf"\1 = arg[\2] ? arg[\2]\3 : {ZEROS};",
+        ),
+        (_CALL.pattern, r"if (\1_wide(\2, \3, iw, w)) return 1;"),
+        (
+            r"((?:if \(res\[\d+\]\) )?)casadi_(copy|clear|trans)\(([\w\[\]+, ]+)\);",
+            r"\1mbocp_wide_\2(\3);",
+        ),
+        (
+            rf"{_COLUMNS}\{{ i=k\+j; \*rr\+\+ = i>=0 && i<(\d+) \? (w\d+)\[i\] : casadi_nan; \}}",
+            rf"{_BY_COLUMN} {{ i=k+j; *rr++ = i>=0 && i<\3 ? \4[i] : mbocp_all(casadi_nan); }}",
+        ),
+        (
+            rf"{_COLUMNS}\{{ i=k\+j; if \(i>=0 && i<(\d+)\) (w\d+)\[i\] \+= \*cs; cs\+\+; \}}",
+            rf"{_BY_COLUMN} {{ i=k+j; if (i>=0 && i<\3) \4[i] += *cs; cs++; }}",
+        ),
+    )
+)
 _COMMENT = re.compile(r"/\* .* \*/")
 
 _ZEROS = re.compile(r"^static const casadi_real casadi_zeros\[(\d+)\]", re.M)
@@ -98,14 +119,9 @@ class Composed:
         yield ""
 
 
-def _wide_name(name: str) -> str:
-    """Name of a function in lanes that is called as the plain one is."""
-    return f"{name}_wide"
-
-
 def head_of(name: str) -> str:
     """First line of such a function."""
-    return f"static int {_wide_name(name)}(const {KIND}** arg, {KIND}** res, casadi_int* iw, {KIND}* w) {{"
+    return f"static int {name}_wide(const {KIND}** arg, {KIND}** res, casadi_int* iw, {KIND}* w) {{"
 
 
 def read_composed(name: str, body: Sequence[str]) -> Composed | None:
@@ -133,28 +149,8 @@ def _wide(text: str) -> str | None:
         return text
     if _DECLARATION.fullmatch(text):
         return text.replace("casadi_real", KIND)
-    if match := _CONSTANT.fullmatch(text):
-        return f"{match[1]} = mbocp_all({match[2]});"
-    if match := _FLOOR.fullmatch(text):
-        return f"{match[1]}mbocp_wide_floor(*cs++);"
-    if match := _INPUT.fullmatch(text):
-        return f"{match[1]} = arg[{match[2]}] ? arg[{match[2]}]{match[3] or ''} : {ZEROS};"
-    if match := _CALL.fullmatch(text):
-        return f"if ({_wide_name(match[1])}({match[2]}, {match[3]}, iw, w)) return 1;"
-    if match := _HELPER.fullmatch(text):
-        return f"{match[1]}mbocp_wide_{match[2]}({match[3]});"
-    if match := _TAKE.fullmatch(text):
-        taken = f"*rr++ = i>=0 && i<{match[3]} ? {match[4]}[i] : mbocp_all(casadi_nan);"
-        return f"{_by_column(match)} {{ i=k+j; {taken} }}"
-    if match := _ADD.fullmatch(text):
-        return f"{_by_column(match)} {{ i=k+j; if (i>=0 && i<{match[3]}) {match[4]}[i] += *cs; cs++; }}"
-    return None
-
-
-def _by_column(match: re.Match[str]) -> str:
-    """Loop over columns that all lanes agree on."""
-    first = "if (!mbocp_agree(*cr)) return 1; else"
-    return f"{match[1]} {first} for (j=(int) mbocp_first(*cr), k=0;k<{match[2]};k+=1)"
+    matches = ((form.fullmatch(text), wide) for form, wide in _IN_LANES)
+    return next((match.expand(wide) for match, wide in matches if match), None)
 
 
 @cache
@@ -207,7 +203,7 @@ def entry(function: str, name: str, sizes: tuple[int, int, int, int]) -> Iterato
     yield f"  const casadi_int n={name}_n_in(), m={name}_n_out();"
     yield f"  for (i=0; i<n; ++i) x[i]=(const {KIND}*)arg[i];"
     yield f"  for (i=0; i<m; ++i) y[i]=({KIND}*)res[i];"
-    yield f"  if (!{_wide_name(function)}(x, y, iw, w)) return 0;"
+    yield f"  if (!{function}_wide(x, y, iw, w)) return 0;"
     one_by_one = f"{function}, {name}_sparsity_in, {name}_sparsity_out"
     rest = f"n, m, {num_in}, {num_out}, arg, res, iw, (casadi_real*)w"
     yield f"  return mbocp_one_by_one({one_by_one}, {rest});"

@@ -37,8 +37,7 @@ from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
-from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
-from mbocp.mechanics.symmetries import find_symmetries
+from mbocp.mechanics.diagnostics import ConstraintViolation, kept_symmetries, worst_violation
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
 
@@ -197,14 +196,11 @@ class NaturalFormulation:
 
         In the duals c of (z, w) it is c . (X z, X w) with the rotation X: exactly what a step keeps.
         """
-        at, robot = self.layout, self.problem.robot
-        nodes, tracked = len(iterate.xs), weighed_components(self.problem)
-        if self.problem.inequalities or breaks_symmetries(self.problem):
+        at, problem, nodes = self.layout, self.problem, len(iterate.xs)
+        if problem.inequalities or breaks_symmetries(problem):
             return np.zeros((nodes, 0)), ()
-        mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
-        kept = [s for s in find_symmetries(robot) if not s.touches(mask)]
-        if weighs_control_changes(self.problem):  # see `mbocp.mechanics.diagnostics.control_momenta`
-            kept = [s for s in kept if not s.control.any()]
+        changes = weighs_control_changes(problem)
+        kept = kept_symmetries(problem.robot, weighed_components(problem), weighs_changes=changes)
         zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
         states = duals.states[:, : at.nw + at.ns]
         columns = [np.einsum("ni,ni->n", states, self.space.generator(s, zs, ws)) for s in kept]
