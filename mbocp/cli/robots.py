@@ -13,7 +13,7 @@ from rich.table import Table
 
 from mbocp.cli.console import output
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.summary import payload_words
+from mbocp.cli.summary import payload_words, print_rows
 from mbocp.robot import describe, list_robots
 
 
@@ -41,9 +41,8 @@ def print_robot(name: str, options: RobotOptions, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
         return
+    print_rows(facts["name"], _facts(facts))
     console = output()
-    console.print(facts["name"], style="bold underline")
-    console.print(_facts(facts))
     for title, table in (
         ("joints", _joints(facts)),
         ("controls", _actuators(facts)),
@@ -54,34 +53,32 @@ def print_robot(name: str, options: RobotOptions, *, as_json: bool) -> None:
             console.print(table)
 
 
-def _facts(facts: Mapping[str, Any]) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    if facts["description"]:
-        table.add_row("what", facts["description"])
-    table.add_row("URDF", facts["source"] or "none")
+def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What a robot is and has, those rows that say something."""
     rows = [row for constraint in facts["constraints"] for row in constraint["rows"]]
     redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
+    of_them = f" (of {len(rows)} rows)" if redundant else ""
     sizes = [f"nq = {facts['nq']}, nv = {facts['nv']}", _count(facts["nu"], "control")]
-    if rows:
-        of_them = f" (of {len(rows)} rows)" if redundant else ""
-        sizes.append(f"{_count(facts['nc'], 'constraint')}{of_them}")
-    table.add_row("size", ", ".join(sizes))
+    sizes += [f"{_count(facts['nc'], 'constraint')}{of_them}"] if rows else []
+    drives = {}
     if rows or facts["passive"]:
-        table.add_row("mobility", _mobility(facts))
-        table.add_row("actuated", ", ".join(facts["actuated"]) or "none")
-        table.add_row("passive", ", ".join(facts["passive"]) or "none")
-    if redundant:
-        table.add_row("redundant", f"{', '.join(redundant)}: left out, the other rows imply them")
-    table.add_row("mass", f"{facts['mass']:.4g} kg")
-    if facts["payloads"]:
-        table.add_row("carries", payload_words(facts["payloads"]))
-    table.add_row("gravity", f"{_numbers(facts['gravity'])} m/s^2")
-    table.add_row("q0", _numbers(facts["q0"]))
-    table.add_row("trace", ", ".join(facts["trace_frames"]) or "none")
-    table.add_row("frames", ", ".join(facts["frames"]))
-    return table
+        names = {kind: ", ".join(facts[kind]) or "none" for kind in ("actuated", "passive")}
+        drives = {"mobility": _mobility(facts), **names}
+    words = {
+        "what": facts["description"],
+        "URDF": facts["source"] or "none",
+        "size": ", ".join(sizes),
+        **drives,
+        "redundant": f"{', '.join(redundant)}: left out, the other rows imply them" if redundant else "",
+        "mass": f"{facts['mass']:.4g} kg",
+        "carries": payload_words(facts["payloads"]),
+        "gravity": f"{_numbers(facts['gravity'])} m/s^2",
+        "q0": _numbers(facts["q0"]),
+        "trace": ", ".join(facts["trace_frames"]) or "none",
+        "frames": ", ".join(facts["frames"]),
+    }
+    always = ("frames", "size")
+    return [(name, text) for name, text in words.items() if text or name in always]
 
 
 def _mobility(facts: Mapping[str, Any]) -> str:
@@ -105,16 +102,14 @@ def _joints(facts: Mapping[str, Any]) -> Table:
     losses = [key for key in ("damping", "friction") if any(joint[key] for joint in facts["joints"])]
     table = _table("name", "type", "driven", "from", "to", "speed", "unit", *losses)
     for joint in facts["joints"]:
-        units = [unit for unit in dict.fromkeys(joint["units"]) if unit]
-        one = joint["nq"] == 1
+        has_limits = joint["nq"] == 1
         table.add_row(
             joint["name"],
             joint["type"],
             "prescribed" if joint["driven"] else "yes" if joint["actuated"] else "no",
-            _limit(joint["lower"][0]) if one else "",
-            _limit(joint["upper"][0]) if one else "",
+            *(_limit(joint[side][0]) if has_limits else "" for side in ("lower", "upper")),
             _limit(joint["velocity"][0]) if joint["nv"] == 1 else "",
-            ", ".join(units) or "rad",
+            ", ".join(filter(None, dict.fromkeys(joint["units"]))) or "rad",
             *(f"{joint[key]:.4g}" if joint[key] else "" for key in losses),
         )
     return table

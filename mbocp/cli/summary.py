@@ -53,7 +53,7 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     print_rows(solution.problem_name or problem.name, rows)
 
 
-def print_rows(title: str, rows: _Rows) -> None:
+def print_rows(title: str, rows: Sequence[tuple[str, str | Text]]) -> None:
     """Print a title and named rows on stdout."""
     console = output()
     table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))

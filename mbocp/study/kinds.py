@@ -13,13 +13,13 @@ from typing import Any
 from mbocp.study.study import Study, Task
 
 _NUMBERS_MATTER = ("robot", "integrator", "path", "horizon.steps")  # each value makes a kind
-_PARAMETERS = (
+_PARAMETERS = {
     "payload",
     "mass",
     "com",
     "inertia",
     "lock",
-)  # words of keys below "robot" whose numbers make none
+}  # words of keys below "robot" whose numbers make none
 _ZEROS_MATTER = ("cost", "limits")  # terms that are zero are left out of the functions
 _MAX_KINDS = 64
 
@@ -48,8 +48,7 @@ def _distinct(points: Any) -> Iterator[int]:
 
 def _kind_of(key: str, value: Any) -> str:
     """Words that are the same for values that make no difference to the functions."""
-    is_parameter = key.startswith("robot.") and any(word in _PARAMETERS for word in key.split("."))
-    if not is_parameter and any(key == prefix or key.startswith(f"{prefix}.") for prefix in _NUMBERS_MATTER):
+    if _is_built_in(key):
         return repr(value)
     if isinstance(value, Mapping):
         return repr(sorted((name, _kind_of(key, entry)) for name, entry in value.items()))
@@ -58,3 +57,10 @@ def _kind_of(key: str, value: Any) -> str:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return repr(value)
     return "zero" if key.split(".")[0] in _ZEROS_MATTER and value == 0.0 else "number"
+
+
+def _is_built_in(key: str) -> bool:
+    """Whether functions are made for each value of a key."""
+    if key.startswith("robot.") and not _PARAMETERS.isdisjoint(key.split(".")):
+        return False
+    return any(key == prefix or key.startswith(f"{prefix}.") for prefix in _NUMBERS_MATTER)

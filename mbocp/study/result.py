@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -131,21 +131,23 @@ class StudyResult:
         ResultFileError
             If the file cannot be written.
         """
-        names, columns = [], []
-        for name in self.columns:
-            entries = self._entries(name)
-            width = max((len(e) for e in entries if _is_plain_list(e)), default=0)
-            if width and all(e is None or _is_plain_list(e) for e in entries):
-                names += [f"{name}[{i}]" for i in range(width)]
-                columns += [[e[i] if e and i < len(e) else None for e in entries] for i in range(width)]
-            else:
-                names.append(name)
-                columns.append([json.dumps(e) if isinstance(e, (list, dict)) else e for e in entries])
+        names, columns = zip(*(column for name in self.columns for column in self._flat(name)), strict=True)
         with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(names)
             writer.writerows(zip(*columns, strict=True))
         return Path(path)
+
+    def _flat(self, name: str) -> Iterator[tuple[str, list[Any]]]:
+        """Columns of a table that a column of the result becomes, with their names."""
+        entries = self._entries(name)
+        lists = [entry for entry in entries if _is_plain_list(entry)]
+        width = max(map(len, lists), default=0)
+        if not width or len(lists) + entries.count(None) < len(entries):
+            yield name, [json.dumps(e) if isinstance(e, (list, dict)) else e for e in entries]
+            return
+        for i in range(width):
+            yield f"{name}[{i}]", [e[i] if e and i < len(e) else None for e in entries]
 
     def plot(self, path: str | Path, by: Sequence[str] | None = None) -> Path:
         """Draw the summary as bars: PNG, PDF or SVG by the suffix."""

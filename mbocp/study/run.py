@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -85,33 +86,34 @@ def run_study(
         If no task at all can be made, the first one's error.
     """
     study = study if isinstance(study, Study) else Study.load(study)
-    if resume and overwrite:
-        raise StudyError("resume and overwrite: give one of the two")
-    if workers is not None and workers < 1:
-        raise StudyError(f"workers: got {workers}, expected a whole number above 0")
-    if solve is not None and executor is None:
-        check_picklable(solve)
+    _check_call(executor, workers, solve, begins_twice=resume and overwrite)
     kinds = first_of_each_kind(study)
     _check_kinds(study, kinds)
-    file = RowFile(Path(output), _header(study), resume=resume, overwrite=overwrite)
-    pool: Pool | None = None
-    try:
+    with ExitStack() as opened:
+        file = RowFile(Path(output), _header(study), resume=resume, overwrite=overwrite)
+        opened.callback(file.close)
         _check_version(file)
         done = {int(row["index"]) for row in file.rows}
         if progress is not None:
             progress(len(done), len(study))
         if len(done) < len(study):
             pool = ExecutorPool(executor, workers) if executor is not None else LocalPool(workers)
+            opened.callback(pool.close)
             run = _Run(study, pool, file, solve, callback, progress, len(done))
             run.rehearse(kinds)
             run.run(index for index in range(len(study)) if index not in done)
-    finally:
-        try:
-            if pool is not None:
-                pool.close()
-        finally:
-            file.close()
     return StudyResult.load(output)
+
+
+def _check_call(
+    executor: Executor | None, workers: int | None, solve: Solve | None, *, begins_twice: bool
+) -> None:
+    if begins_twice:
+        raise StudyError("resume and overwrite: give one of the two")
+    if workers is not None and workers < 1:
+        raise StudyError(f"workers: got {workers}, expected a whole number above 0")
+    if solve is not None and executor is None:
+        check_picklable(solve)
 
 
 def _check_kinds(study: Study, kinds: Sequence[Task]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -238,15 +238,18 @@ def _definition(table: StudyTable, document: Mapping[str, Any]) -> dict[str, Any
     return {"problem": plain(document), **written}
 
 
+def _first_of(names: Iterable[str], others: Container[str]) -> str | None:
+    """First of the names that is among the others, too."""
+    return next((name for name in names if name in others), None)
+
+
 def _check_names(study: Study, table: StudyTable) -> None:
     for one, other in combinations(study.dimensions, 2):
-        both = next((key for key in one.keys if key in other.keys), None)
-        if both is None:
-            both = next((name for name in one.names if name in other.names), None)
+        both = _first_of(one.keys, other.keys) or _first_of(one.names, other.names)
         if both is not None:
             raise StudyError(f"{other.kind}: {both!r} is varied by {one.kind}, too; vary it in one place")
     for dimension in study.dimensions:
-        fixed = next((key for key in dimension.keys if key in table.fixed), None)
+        fixed = _first_of(dimension.keys, table.fixed)
         if fixed is not None:
             raise StudyError(f"fixed.{fixed}: is varied by {dimension.kind}; fix it or vary it")
     for name in study.by or ():

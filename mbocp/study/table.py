@@ -14,7 +14,7 @@ import json
 import os
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -187,14 +187,8 @@ def _line(content: Mapping[str, Any]) -> bytes:
 def _parse(content: bytes, path: Path) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
     """Header, rows, and how many bytes of the file they are; a line that is cut off counts as not there."""
     lines = content.split(b"\n")
-    header = _object(lines[0]) if len(lines) > 1 else None
-    if header is None or header.get("format") != FORMAT:
-        raise ResultFileError(path, "is not the table of a study")
-    if header.get("format_version") != FORMAT_VERSION:
-        reason = f"has format version {header.get('format_version')}, this mbocp reads {FORMAT_VERSION}"
-        raise ResultFileError(path, f"{reason}; use the mbocp that wrote it ({header.get('mbocp')})")
-    if not is_header(header):
-        raise ResultFileError(path, "is damaged: its first line does not say what the study is")
+    header = _header_of(lines, path)
+    tasks = header.get("tasks", 0)
     rows: list[dict[str, Any]] = []
     seen: set[int] = set()
     length = len(lines[0]) + 1
@@ -203,12 +197,24 @@ def _parse(content: bytes, path: Path) -> tuple[dict[str, Any], list[dict[str, A
         row = _object(line)
         if row is None and number == len(whole) + 1:
             break  # blocks that never reached the disk before the power went
-        if row is None or not is_row(row) or row["index"] >= header.get("tasks", 0) or row["index"] in seen:
+        if row is None or not is_row(row) or row["index"] >= tasks or row["index"] in seen:
             raise ResultFileError(path, f"is damaged: line {number} is no row of this study, or a second one")
         seen.add(row["index"])
         rows.append(row)
         length += len(line) + 1
     return header, rows, length
+
+
+def _header_of(lines: Sequence[bytes], path: Path) -> dict[str, Any]:
+    header = _object(lines[0]) if len(lines) > 1 else None
+    if header is None or header.get("format") != FORMAT:
+        raise ResultFileError(path, "is not the table of a study")
+    if header.get("format_version") != FORMAT_VERSION:
+        reason = f"has format version {header.get('format_version')}, this mbocp reads {FORMAT_VERSION}"
+        raise ResultFileError(path, f"{reason}; use the mbocp that wrote it ({header.get('mbocp')})")
+    if not is_header(header):
+        raise ResultFileError(path, "is damaged: its first line does not say what the study is")
+    return header
 
 
 def _object(line: bytes) -> dict[str, Any] | None:
