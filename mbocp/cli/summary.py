@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,15 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from mbocp._arrays import BoolArray
+from mbocp._arrays import Array, BoolArray
 from mbocp.cli.console import output
 from mbocp.integrators.schemes import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
+from mbocp.robot.parts import Label
 
 if TYPE_CHECKING:
-    from mbocp.problem import Problem
+    from mbocp.problem import Goal, Problem
+    from mbocp.robot import Robot
     from mbocp.solution import Accuracy, ActiveLimit, Solution
 
 _Rows = list[tuple[str, str | Text]]
@@ -36,21 +38,35 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     """Print what was solved, how it went, and what was written."""
     robot = problem.robot
     rows = solution_rows(solution, robot_words(robot.name, robot.nv, robot.nu, robot.nc))
-    if robot.redundant_rows:
-        names = ", ".join(robot.closure_labels[row].name for row in robot.redundant_rows)
-        rows.insert(1, ("redundant", f"{names}: left out, the other rows imply them"))
-    error = goal_error(solution, problem)
-    if error:
-        rows.insert([name for name, _ in rows].index("constraints"), ("goal", error))
+    after: dict[str, tuple[str, str | Text]] = {
+        "robot": ("redundant", _redundant(robot)),
+        "status": ("cause", _cause(solution, problem)),
+        "residual": ("goal", goal_error(solution, problem)),
+    }
+    listed: _Rows = []
+    for name, text in rows:
+        listed.append((name, text))
+        if name in after and after[name][1]:
+            listed.append(after[name])
     if problem.clearance is not None:
-        rows.append(("kept apart", "\n".join(problem.clearance.words)))
-    if not solution.status.is_stationary and str(solution.status) not in _STOPPED:
-        from mbocp.cli.cause import first_cause
+        listed.append(("kept apart", "\n".join(problem.clearance.words)))
+    listed += [(kind, str(path)) for kind, path in written]
+    print_rows(solution.problem_name or problem.name, listed)
 
-        why = first_cause(problem) or "unknown; `mbocp explain` looks for the limit that has to give"
-        rows.insert([name for name, _ in rows].index("status") + 1, ("cause", Text(why, style="bold")))
-    rows += [(kind, str(path)) for kind, path in written]
-    print_rows(solution.problem_name or problem.name, rows)
+
+def _redundant(robot: Robot) -> str:
+    names = ", ".join(robot.closure_labels[row].name for row in robot.redundant_rows)
+    return f"{names}: left out, the other rows imply them" if names else ""
+
+
+def _cause(solution: Solution, problem: Problem) -> Text:
+    """Why there is no solution; nothing where there is one, or somebody stopped the search."""
+    if solution.status.is_stationary or str(solution.status) in _STOPPED:
+        return Text()
+    from mbocp.cli.cause import first_cause
+
+    why = first_cause(problem) or "unknown; `mbocp explain` looks for the limit that has to give"
+    return Text(why, style="bold")
 
 
 def print_rows(title: str, rows: Sequence[tuple[str, str | Text]]) -> None:
@@ -180,35 +196,40 @@ def goal_error(solution: Solution, problem: Problem) -> str:
     robot, goal = problem.robot, problem.member(solution.goal_place).goal
     if goal.enforce == "none":
         return ""
+    of_v = robot.v_labels
     parts = []
     if goal.q_active.any():
-        error = np.where(goal.q_active, robot.difference(goal.q, solution.q_final), 0.0)
-        worst = int(np.abs(error).argmax())
-        label = robot.v_labels[worst]
-        parts.append(f"off by {abs(error[worst]):.2e} {label.unit.removesuffix('/s')} at {label.name}")
-    if goal.rate_active.any():
-        reached, labels = (
-            (solution.p_final, robot.p_labels) if goal.rate == "p" else (solution.vs[-1], robot.v_labels)
-        )
-        error = np.where(goal.rate_active, reached - goal.value, 0.0)
-        worst = int(np.abs(error).argmax())
-        word = "momentum" if goal.rate == "p" else "velocity"
-        parts.append(f"{word} by {abs(error[worst]):.2e} {labels[worst].unit} at {labels[worst].name}")
+        of_q = [Label(label.name, label.unit.removesuffix("/s")) for label in of_v]
+        parts.append(f"off by {_worst(robot.difference(goal.q, solution.q_final), goal.q_active, of_q)}")
+    if goal.rate == "p" and goal.rate_active.any():
+        away = solution.p_final - goal.value
+        parts.append(f"momentum by {_worst(away, goal.rate_active, robot.p_labels)}")
+    elif goal.rate_active.any():
+        parts.append(f"velocity by {_worst(solution.vs[-1] - goal.value, goal.rate_active, of_v)}")
     if goal.a_active.any():
-        error = np.where(goal.a_active, solution.accelerations[-1] - goal.a, 0.0)
-        worst = int(np.abs(error).argmax())
         why = ", 0 since jerk is limited," if goal.a_rule == "rest" else ""
-        label = robot.v_labels[worst]
-        parts.append(f"acceleration{why} by {abs(error[worst]):.2e} {label.unit}^2 at {label.name}")
+        of_a = [Label(label.name, f"{label.unit}^2") for label in of_v]
+        away = solution.accelerations[-1] - goal.a
+        parts.append(f"acceleration{why} by {_worst(away, goal.a_active, of_a)}")
     if goal.periodic is not None:
         parts.append(_cycle_error(solution, problem))
-    if goal.poses:
-        from mbocp.problem.goals.frames import pose_errors
+    return ", ".join([*parts, *_frames_off(robot, goal, solution.q_final)])
 
-        errors = pose_errors(robot, goal, solution.q_final)
-        for frame, distance, angle in zip(goal.poses, errors.positions, errors.angles, strict=True):
-            parts.append(f"{frame.name} off by {1e3 * distance:.2e} mm and {np.degrees(angle):.2e} deg")
-    return ", ".join(parts)
+
+def _worst(away: Array, asked: BoolArray, labels: Sequence[Label]) -> str:
+    """Size of the largest error among those that count, and where it is."""
+    worst = int(np.abs(np.where(asked, away, 0.0)).argmax())
+    return f"{abs(away[worst]):.2e} {labels[worst].unit} at {labels[worst].name}"
+
+
+def _frames_off(robot: Robot, goal: Goal, q: Array) -> Iterator[str]:
+    if not goal.poses:
+        return
+    from mbocp.problem.goals.frames import pose_errors
+
+    errors = pose_errors(robot, goal, q)
+    for frame, distance, angle in zip(goal.poses, errors.positions, errors.angles, strict=True):
+        yield f"{frame.name} off by {1e3 * distance:.2e} mm and {np.degrees(angle):.2e} deg"
 
 
 def _cycle_error(solution: Solution, problem: Problem) -> str:

@@ -72,16 +72,11 @@ def pose_handles(problem: Problem) -> list[PoseHandle]:
     """Poses that the goal asks for; of a goal in joints the bodies that move freely, or else the tool."""
     if problem.goals or problem.goal.periodic is not None or problem.goal.enforce == "none":
         return []
-    frames = [_of_frame(problem, place) for place, frame in enumerate(problem.goal.frames) if frame.has_pose]
-    bodies = [
-        _of_body(problem.robot, joint)
-        for joint in _asked_joints(problem)
-        if _joint(problem.robot, joint).nv in (3, 6) and _stands(problem.robot, joint)
-    ]
-    if frames or bodies:
-        return [*frames, *bodies]
-    tool = problem.robot.trace_frames and problem.goal.q_active.all() and problem.robot.nv >= _FULL_POSE
-    return [_of_tool(problem.robot)] if tool else []
+    robot, goal = problem.robot, problem.goal
+    found = [_of_frame(problem, place) for place, frame in enumerate(goal.frames) if frame.has_pose]
+    found += [_of_body(robot, joint) for joint in _asked_joints(problem) if _is_body(robot, joint)]
+    has_tool = robot.trace_frames and goal.q_active.all() and robot.nv >= _FULL_POSE
+    return found or ([_of_tool(robot)] if has_tool else [])
 
 
 def joint_handles(problem: Problem) -> list[JointHandle]:
@@ -103,6 +98,10 @@ def _asked_joints(problem: Problem) -> list[str]:
 
 def _joint(robot: Robot, name: str) -> pin.JointModel:
     return robot.model.joints[robot.model.getJointId(name)]
+
+
+def _is_body(robot: Robot, joint: str) -> bool:
+    return _joint(robot, joint).nv in (3, 6) and _stands(robot, joint)
 
 
 def _stands(robot: Robot, name: str) -> bool:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -155,31 +155,37 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
     data = {name: _dataset(group, name, np.float64) for name in names}
     words = {name: _dataset(text, name, np.uint8) for name in text}
     robot, contents = _robot_of(file)
-    every = [*data.items(), *words.items(), *robot.items(), *contents.items()]
+    _check_sizes(path, [*data.items(), *words.items(), *robot.items(), *contents.items()], largest)
+    structures, texts = _read_words(words)
+    summary = _member(file, "summary", h5py.Group)
+    return FileContent(
+        arrays={name: dataset[()] for name, dataset in data.items()},
+        columns={name: _columns(dataset) for name, dataset in data.items()},
+        summary={name: _attribute(summary, name) for name in summary.attrs},
+        structures=structures,
+        texts=texts,
+        meanings={name: _meanings(dataset) for name, dataset in data.items()},
+        robot_list=_listed(robot[_LIST]) if robot else None,
+        robot_contents={name: dataset[()].tobytes() for name, dataset in contents.items()},
+    )
+
+
+def _check_sizes(path: str | Path, every: Sequence[tuple[str, h5py.Dataset]], largest: int) -> None:
+    """Refuse what a file declares and cannot hold."""
     declared = sum(dataset.nbytes for _, dataset in every)
     if declared > largest:
         raise ResultFileError(path, f"is damaged: it declares {declared} bytes, and {largest} are possible")
     for name, dataset in every:
         _check_written(name, dataset)
-    structures, texts = _read_words(words)
-    summary = _member(file, "summary", h5py.Group)
-    return FileContent(
-        arrays={name: dataset[()] for name, dataset in data.items()},
-        columns={
-            name: tuple(zip(_texts(dataset, "columns"), _texts(dataset, "units"), strict=True))
-            for name, dataset in data.items()
-        },
-        summary={name: _attribute(summary, name) for name in summary.attrs},
-        structures=structures,
-        texts=texts,
-        meanings={
-            # Files of 0.1.0 have none.
-            name: _texts(dataset, "meanings") if "meanings" in dataset.attrs else ()
-            for name, dataset in data.items()
-        },
-        robot_list=_listed(robot[_LIST]) if robot else None,
-        robot_contents={name: dataset[()].tobytes() for name, dataset in contents.items()},
-    )
+
+
+def _columns(dataset: h5py.Dataset) -> tuple[tuple[str, str], ...]:
+    return tuple(zip(_texts(dataset, "columns"), _texts(dataset, "units"), strict=True))
+
+
+def _meanings(dataset: h5py.Dataset) -> tuple[str, ...]:
+    """What columns mean; files of 0.1.0 do not say it."""
+    return _texts(dataset, "meanings") if "meanings" in dataset.attrs else ()
 
 
 def _robot_of(file: h5py.File) -> tuple[dict[str, h5py.Dataset], dict[str, h5py.Dataset]]:
@@ -240,15 +246,18 @@ def _attribute(item: h5py.Group | h5py.Dataset, name: str) -> Any:
         raise ValueError(f"attribute {name} is too long")
     value = item.attrs[name]
     if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "O":
-        value = tuple(value.tolist())
-    elif isinstance(value, np.generic):
-        value = value.item()
-    for text in value if isinstance(value, tuple) else (value,):
-        if isinstance(text, str):
-            text.encode()  # raises where the bytes are no UTF-8
-        elif isinstance(value, tuple) or not isinstance(value, (int, float)):
-            raise ValueError(f"attribute {name} is neither a number nor text")
-    return value
+        texts = tuple(value.tolist())
+        if all(isinstance(text, str) for text in texts):
+            return tuple(_as_utf8(text) for text in texts)
+    value = value.item() if isinstance(value, np.generic) else value
+    if not isinstance(value, (int, float, str)):
+        raise ValueError(f"attribute {name} is neither a number nor text")
+    return _as_utf8(value) if isinstance(value, str) else value
+
+
+def _as_utf8(text: str) -> str:
+    text.encode()  # raises where the bytes are no UTF-8
+    return text
 
 
 def _text(item: h5py.Dataset, name: str) -> str:
