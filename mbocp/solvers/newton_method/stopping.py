@@ -111,9 +111,12 @@ def _is_centred(state: NewtonState, tolerance: float) -> bool:
 
 def is_within_round_off(state: NewtonState, tolerance: float) -> bool:
     """Whether round-off is above the tolerance, has a say in the residual, and leaves no more to gain."""
-    if relative_increment(state.native) > tolerance:
+    native, is_still = state.native, state.still >= STILL
+    if not (is_still or is_resolved(state, tolerance, round_off(native))):  # the quickest of the questions
         return False
-    return is_resolved(state, tolerance, _allowed(state)) and has_a_say(state.native, state.evaluation)
+    if relative_increment(native) > tolerance or not is_resolved(state, tolerance, _allowed(state)):
+        return False
+    return has_a_say(native, state.evaluation)
 
 
 def stillness(state: NewtonState, evaluation: Evaluation, increment: float) -> int:
