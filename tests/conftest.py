@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Collection
 
 import casadi as ca
@@ -11,6 +12,9 @@ import pytest
 from mbocp.accuracy import flow
 from mbocp.formulation import build
 from mbocp.programme.compilation import CompiledFunctions
+
+# Results must not depend on when a compiler is through; processes that tests start take it over.
+os.environ.setdefault("MBOCP_FUNCTIONS", "compiled")
 
 _MADE: dict[str, CompiledFunctions] = {}
 
@@ -22,6 +26,7 @@ def interpreted_functions(
     of_end: bool = False,
     in_lanes: Collection[str] = (),
     deadline: float = math.inf,
+    at_once: bool = False,
 ) -> CompiledFunctions:
     if key not in _MADE:
         _MADE[key] = CompiledFunctions.interpreted(build())

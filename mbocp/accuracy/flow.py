@@ -67,7 +67,10 @@ class Flow:
         """
         ties = "" if acting is None else f"{acting.signature} "
         key = f"flow {robot.shape_fingerprint} {ties}{sources_digest()} {_own_digest()}"
-        return cls(robot, acting, load_functions(key, lambda: _functions(robot, acting), deadline=deadline))
+        functions = load_functions(
+            key, lambda: _functions(robot, acting), deadline=deadline, at_once=True
+        )  # CasADi calls them
+        return cls(robot, acting, functions)
 
     def ends(self, qs: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States after flows over every step, each from its own node.

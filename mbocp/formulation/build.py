@@ -149,6 +149,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     robot, space, layout = problem.robot, pieces.space, pieces.parameters
     theta, rho, rho_terminal = _parameters(pieces, layout)
     bounds = state_bounds(problem, space, signature.features, at, pieces.speed_bounds)
+    at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
     return StagewiseProgramme(
         num_steps=problem.num_steps,
         kinds=(_kind(pieces, sum(layout.stage.values())),),
@@ -160,8 +161,9 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
             lambda: build_first_functions(signature.steps.mechanics(robot), signature),
             in_lanes=AT_EVERY_STEP,
             deadline=deadline,
-        ).with_later(_later(signature, robot, deadline)),
-        end_functions=load_end_functions(signature, robot, deadline),
+            at_once=at_once,
+        ).with_later(_later(signature, robot, deadline, at_once=at_once)),
+        end_functions=load_end_functions(signature, robot, deadline, at_once=at_once),
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
@@ -182,24 +184,28 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     )
 
 
-def load_end_functions(signature: FunctionSignature, robot: Robot, deadline: float) -> CompiledFunctions:
-    """Functions of the end, compiled or from the cache."""
+def load_end_functions(
+    signature: FunctionSignature, robot: Robot, deadline: float, *, at_once: bool
+) -> CompiledFunctions:
+    """Functions of the end; see `load_functions`."""
     return load_functions(
         "end " + signature.end_text,
         lambda: build_end_functions(signature.steps.mechanics(robot), signature),
         of_end=True,
         deadline=deadline,
+        at_once=at_once,
     )
 
 
-def _later(signature: FunctionSignature, robot: Robot, deadline: float) -> Later:
-    """Functions that are compiled when they are asked for: in a solve before its deadline, or after it."""
+def _later(signature: FunctionSignature, robot: Robot, deadline: float, *, at_once: bool) -> Later:
+    """Functions that are loaded when they are asked for: in a solve before its deadline, or after it."""
 
     def load() -> CompiledFunctions:
         return load_functions(
             "later " + signature.stage_text,
             lambda: build_functions(signature.steps.mechanics(robot), signature, LATER),
             deadline=deadline if time.perf_counter() < deadline else math.inf,
+            at_once=at_once,
         )
 
     return Later(LATER, load)

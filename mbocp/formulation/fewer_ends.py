@@ -73,7 +73,9 @@ def _with_end_of(
     return replace(
         programme,
         ng=signature.end_rows,
-        end_functions=load_end_functions(signature, problem.robot, deadline),
+        end_functions=load_end_functions(
+            signature, problem.robot, deadline, at_once=problem.solver.is_interior_point
+        ),
         rho_terminal=concatenated(numbers, layout.terminal),
         terminal_weights=layout.weighing(layout.terminal),
         describe_row=row_describer(

@@ -32,7 +32,7 @@ _TRAILER = len(_MAGIC) + 64
 _BUILD, _PRIVATE, _LOCK = "build-", "mbocp-stages-", "lock"
 _TRIES = 100  # to make a folder that no other process sweeps away before it is locked
 _LIMIT = 2000  # [MB]
-_VARIABLES = ("MBOCP_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "CC", "PATH")
+_VARIABLES = ("MBOCP_CACHE_DIR", "XDG_CACHE_HOME", "HOME", "CC", "PATH", "MBOCP_FUNCTIONS")
 _IN_USE = 3600 * 10**9  # [ns] after its last use in which an entry is not removed
 
 
@@ -65,7 +65,7 @@ def is_trusted(folder: Path) -> bool:
 
 
 def environment() -> tuple[str | None, ...]:
-    """Variables that say where functions are kept, and by which compiler they are translated."""
+    """Variables that say where functions are kept, whether they are compiled, and by which compiler."""
     return tuple(map(os.environ.get, _VARIABLES))
 
 
@@ -118,6 +118,12 @@ def sealed(body: bytes) -> bytes:
     return body + _MAGIC + hashlib.sha256(body).hexdigest().encode()
 
 
+def unsealed(path: Path) -> bytes | None:
+    """Content of an entry without its checksum; None where it is not the user's, or damaged."""
+    content = own_content(path)
+    return content[:-_TRAILER] if content is not None and sealed(content[:-_TRAILER]) == content else None
+
+
 @contextlib.contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """Folder for work in progress below another one, removed at the end; what dead processes left goes first.
@@ -139,7 +145,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
     """Entries of a folder: regular files of the user's, those used longest ago first."""
     found = []
-    for path in folder.glob("*.so"):
+    for path in (*folder.glob("*.so"), *folder.glob("*.tape")):
         with contextlib.suppress(OSError):  # removed by another process meanwhile
             state = path.lstat()
             if _is_own_file(state):
@@ -222,11 +228,7 @@ def is_sound(library: Path) -> bool:
 @lru_cache(maxsize=1024)
 def _has_checksum(library: Path, inode: int, changed_ns: int, size: int) -> bool:
     """Whether the file ends with the checksum of the rest; looked at once for each state of the file."""
-    content = own_content(library)
-    if content is None:
-        return False
-    body, trailer = content[:-_TRAILER], content[-_TRAILER:]
-    if trailer != _MAGIC + hashlib.sha256(body).hexdigest().encode():
+    if unsealed(library) is None:
         return False
     with contextlib.suppress(OSError):  # in a read-only folder nothing is removed either
         os.utime(library, ns=(time.time_ns(), changed_ns))  # used now: it is the last to be removed

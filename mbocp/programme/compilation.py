@@ -1,74 +1,48 @@
-"""Stage functions as machine code, compiled once and cached on disk.
+"""Stage functions as the kernel calls them: tapes at once, machine code where it pays; both cached on disk.
 
 An entry has two keys, what the functions depend on and their C code, see `mbocp.programme.keys`. It is one
 shared library with a checksum behind it, written under a temporary name and moved into place, so that
 several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Where the
-folder cannot be written, a temporary one takes its place. Without a C compiler the kernel executes the
-instructions of the functions, for many stages at a time.
+folder cannot be written, a temporary one takes its place. Until there is a library, the kernel executes the
+instructions of the functions, for many stages at a time; see `mbocp.programme.tapes`. Once that has taken as
+long as a compiler would, one runs beside the solves, and the next one takes its library.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
-import hashlib
 import math
-import os
-import platform
 from collections.abc import Callable, Collection, Mapping
+from copy import copy
 from dataclasses import dataclass, field
-from functools import cache, cached_property, lru_cache
-from importlib.metadata import version
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from threading import Lock
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from mbocp._environment import available_threads
 from mbocp._warn import warn_caller
-from mbocp.exceptions import CompilationError, CompilationTimeout
-from mbocp.programme.cache import (
-    cache_folder,
-    cached,
-    environment,
-    is_private,
-    is_sound,
-    is_trusted,
-    private_folder,
-    scratch_folder,
-    sealed,
-    trim,
-)
-from mbocp.programme.compiler import check_deadline, compiler, run_compiler
-from mbocp.programme.keys import key_of, library_of, remember
+from mbocp.exceptions import CompilationTimeout
+from mbocp.programme.background import BackgroundCompiler
+from mbocp.programme.cache import environment, is_sound, is_trusted
+from mbocp.programme.compiler import check_deadline, compiler
+from mbocp.programme.keys import key_of, library_of
 from mbocp.programme.lanes import Lanes
-from mbocp.programme.processor import instruction_flags, number_of_lanes
+from mbocp.programme.library import Translation, casadi_version, make_library, sources_digest
+from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy
 
-_FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
-# All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
-_OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
-# Passes of GCC that find nothing in functions in lanes, which say everything once: a fifth of the time.
-_LEFT_OUT = (
-    *("-fno-tree-fre", "-fno-tree-sink", "-fno-tree-sra", "-fno-tree-ccp", "-fno-tree-copy-prop"),
-    *("-fno-tree-dominator-opts", "-fno-tree-dse", "-fno-tree-dce", "-fno-dse", "-fno-cprop-registers"),
-    *("-fno-ipa-modref", "-fno-ipa-pure-const", "-fno-ipa-reference"),
-)
-# Before registers are chosen: of dense functions 4 % less, and after it nothing more; of others 5 % more.
-_SCHEDULE = ("-fschedule-insns", "-fsched-pressure", "-fno-schedule-insns2")
-_DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
-_MOST_FILES = 4
-# What turns functions into C, beside this module; imported when there is something to compile.
-_SOURCES = (
-    *("splitting.py", "pieces.py", "generated.py", "rewriting.py", "composed.py", "lanes.py", "processor.py"),
-    *("composed.h", "lanes.h"),
-)
-_LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
-_LARGE_END = 20_000  # the same for what is called once where others are called at every step
-_LONGEST = 4_000_000  # instructions of a function that is interpreted
+if TYPE_CHECKING:
+    from mbocp._native._kernel import StageFunction
 
 
 class NoCompilerWarning(UserWarning):
     """No C compiler at run time: stage functions are interpreted, two to four times slower."""
+
+
+class BackgroundCompilerWarning(UserWarning):
+    """Functions could not be compiled beside the solves: they stay tapes in this process."""
 
 
 class CompiledFunctions:
@@ -84,7 +58,14 @@ class CompiledFunctions:
         Whether this call had to compile.
     later : Later, optional
         Further functions of the shape.
+    opened : dict of str to StageFunction
+        Tapes that the kernel has read, which are only copied, as reading takes long.
+    compile_now : callable, optional
+        Gives the same functions as a library.
     """
+
+    opened: dict[str, StageFunction]
+    compile_now: Callable[[], CompiledFunctions] | None = None
 
     def __init__(
         self,
@@ -94,28 +75,46 @@ class CompiledFunctions:
         later: Later | None = None,
     ) -> None:
         self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
-        self.later = later
+        self.later, self.opened = later, {}
 
     @classmethod
     def interpreted(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
         """Functions that no compiler is asked for: the kernel executes their instructions."""
-        texts = {name: _as_operations(function).serialize() for name, function in functions.items()}
-        return cls(None, texts, compiled_now=False)
+        return cls(None, Tapes.of(functions).serialised, compiled_now=False)
 
     def with_later(self, later: Later) -> CompiledFunctions:
         """These functions and further ones."""
-        return CompiledFunctions(self.library, self.serialised, self.compiled_now, later)
+        both = copy(self)
+        both.later = later
+        return both
 
     def with_name(self, name: str) -> CompiledFunctions:
         """Where a function is: among those that come later, if it is there."""
         return self.later.functions_beside(self) if self.later and name in self.later.names else self
+
+    def compiled(self) -> CompiledFunctions:
+        """The same functions, compiled first if they are tapes and there is a compiler.
+
+        Raises
+        ------
+        CompilationError
+            If the compiler refuses the generated code, or nothing can be written.
+        """
+        if self.library is not None or self.compile_now is None:
+            return self
+        found = self.compile_now()
+        return found if self.later is None else found.with_later(self.later)
 
     def function(self, name: str) -> ca.Function:
         """One of the functions, for CasADi's own solvers."""
         home = self.with_name(name)
         if home.library is not None:
             return _external(name, str(home.library))
-        return ca.Function.deserialize(home.serialised[name])
+        return _deserialised(home.serialised[name])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For another process, which reads tapes anew and does not know how functions are made."""
+        return {**self.__dict__, "opened": {}, "compile_now": None}
 
 
 class Later:
@@ -165,6 +164,11 @@ def _external(name: str, library: str) -> ca.Function:
     return ca.external(name, library)
 
 
+@lru_cache(maxsize=64)
+def _deserialised(text: str) -> ca.Function:
+    return ca.Function.deserialize(text)
+
+
 def load_functions(
     key: str,
     build: Callable[[], dict[str, ca.Function]],
@@ -172,8 +176,9 @@ def load_functions(
     of_end: bool = False,
     in_lanes: Collection[str] = (),
     deadline: float = math.inf,
+    at_once: bool = False,
 ) -> CompiledFunctions:
-    """Functions of the shape `key`, from the cache or compiled now.
+    """Functions of the shape `key`: as a library if there is one, else as tapes, or compiled now.
 
     Parameters
     ----------
@@ -187,6 +192,8 @@ def load_functions(
         Names of those that are called at many steps at once.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
+    at_once : bool
+        Whether they are compiled now unless $MBOCP_FUNCTIONS forbids it: CasADi's solvers know no tapes.
 
     Raises
     ------
@@ -195,35 +202,28 @@ def load_functions(
     CompilationTimeout
         If the deadline passes before the functions are there.
     """
-    wide = Lanes(number_of_lanes(), frozenset(in_lanes))
-    place = _place(f"{key}{_sources_digest()}", wide, environment())
+    policy = function_policy()
+    how = Translation(Lanes(number_of_lanes(), frozenset(in_lanes)), of_end)
+    place = _place(f"{key}{sources_digest()}", how.wide, environment())
+    asked = _Asked(key, build, how, place, deadline)
+    if policy == TAPES:
+        return asked.as_tapes()
     if place.is_sound:
-        return CompiledFunctions(place.library, {}, compiled_now=False)
+        return asked.as_library()
+    compiles = at_once or policy == COMPILED
+    if place.tapes is not None and not compiles and not asked.is_compiled_meanwhile():
+        return asked.as_tapes()
     cc = compiler()
-    if cc is None and place.serialised:
-        return CompiledFunctions(None, place.serialised, compiled_now=False)
-    depends_on = key_of(key, str(wide), _sources_digest(), _casadi_version(), *_translation(cc, _flags()))
-    place.library = library_of(depends_on)
+    place.library = library_of(how.depends_on(key, cc))
     if place.library is not None:
-        return CompiledFunctions(place.library, {}, compiled_now=False)
-    check_deadline(deadline, "the functions were to be built")
-    functions = build()
-    check_deadline(deadline, "the functions were built")
+        return asked.as_library()
     if cc is None:
-        _warn_no_compiler()
-        interpreted = CompiledFunctions.interpreted(functions)
-        place.serialised = interpreted.serialised
-        return interpreted
-    functions = {name: _merged(function) for name, function in functions.items()}
-    check_deadline(deadline, "equal parts of the functions were merged")
-    flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE, has_lanes=bool(in_lanes))
-    unit = _Unit(cc, flags, _source(functions, wide))
-    check_deadline(deadline, "the functions were written in C")
-    known = cached(unit.name)
-    library = _compiled(unit, deadline) if known is None else known
-    remember(depends_on, library)
-    place.library = library
-    return CompiledFunctions(library, {}, compiled_now=known is None)
+        if compiles:
+            _warn_no_compiler()
+        return asked.as_tapes()
+    if not compiles and asked.tapes.is_plain:
+        return asked.as_tapes()
+    return asked.compiled(cc)
 
 
 @dataclass(eq=False)
@@ -231,7 +231,9 @@ class _Place:
     """Where this process has found functions before."""
 
     library: Path | None = None
-    serialised: Mapping[str, str] = field(default_factory=dict)
+    tapes: Tapes | None = None
+    opened: dict[str, StageFunction] = field(default_factory=dict)
+    beside: BackgroundCompiler | None = None
 
     @property
     def is_sound(self) -> bool:
@@ -242,7 +244,77 @@ class _Place:
             return False
 
 
-@lru_cache(maxsize=1024)
+@dataclass(frozen=True)
+class _Asked:
+    """What `load_functions` was asked for, and where this process has found it before."""
+
+    key: str
+    build: Callable[[], dict[str, ca.Function]]
+    how: Translation
+    place: _Place
+    deadline: float
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        check_deadline(self.deadline, "the functions were to be built")
+        built = self.build()
+        check_deadline(self.deadline, "the functions were built")
+        return built
+
+    @property
+    def tapes(self) -> Tapes:
+        """What this process has read before, what is in the cache, or written now."""
+        place = self.place
+        if place.tapes is None:
+            key = key_of(self.key, sources_digest(), casadi_version())
+            place.tapes = Tapes.kept(key) or Tapes.of(self.functions).keep(key, self.functions)
+        return place.tapes
+
+    def as_tapes(self) -> CompiledFunctions:
+        found = CompiledFunctions(None, self.tapes.serialised, compiled_now=False)
+        found.opened, found.compile_now = self.place.opened, self._compile_now
+        return found
+
+    def as_library(self, *, is_new: bool = False) -> CompiledFunctions:
+        self.place.tapes = None  # it is not needed any more
+        return CompiledFunctions(self.place.library, {}, is_new)
+
+    def compiled(self, cc: tuple[str, ...]) -> CompiledFunctions:
+        self.place.library, is_new = make_library(
+            self.functions, self.how, cc, self.how.depends_on(self.key, cc), deadline=self.deadline
+        )
+        return self.as_library(is_new=is_new)
+
+    def is_compiled_meanwhile(self) -> bool:
+        """Whether a compiler has run beside the solves; one is started as soon as that pays."""
+        beside = self.place.beside
+        if beside is None:
+            executed = sum(tape.num_executed for tape in self.place.opened.values())
+            if self.tapes.pay_compiling(executed):
+                self._begin_compiling()
+            return False
+        if beside.is_running:
+            return False
+        if beside.failure:
+            _warn_failure(beside.failure)
+        return not beside.failure
+
+    def _begin_compiling(self) -> None:
+        cc, file = compiler(), self.tapes.file
+        if cc is None:
+            _warn_no_compiler()
+        elif file is not None:
+            names = self.how.wide.functions
+            self.place.beside = BackgroundCompiler(
+                file, self.how.depends_on(self.key, cc), names, of_end=self.how.of_end
+            )
+
+    def _compile_now(self) -> CompiledFunctions:
+        given = partial(load_functions, self.key, self.build, in_lanes=self.how.wide.functions, at_once=True)
+        return given(of_end=self.how.of_end)
+
+
+@lru_cache(maxsize=256)
 def _place(key: str, wide: Lanes, set_by_user: tuple[str | None, ...]) -> _Place:
     """Of functions that depend on `key`: nothing is hashed, and no folder is searched, a second time."""
     return _Place()
@@ -257,156 +329,10 @@ def _warn_no_compiler() -> None:
     )
 
 
-def _as_operations(function: ca.Function) -> ca.Function:
-    """Return a function of the same values whose instructions are operations on numbers, if there is one.
-
-    One that calls another library, or would become too long, is returned as it is.
-    """
-    if function.is_a("SXFunction") or _operations(function) * _most_calls(function) > _LONGEST:
-        return function
-    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    try:
-        outputs = function.call(inputs, True, False)
-    except RuntimeError:  # CasADi: what it calls has numbers alone
-        return function
-    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
-
-
-def _merged(function: ca.Function) -> ca.Function:
-    """Return a function that works out equal subexpressions once; tapes do so by themselves, and faster."""
-    if not function.is_a("SXFunction"):
-        return function
-    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    outputs = ca.cse(function.call(inputs))
-    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
-
-
-def _most_calls(function: ca.Function) -> int:
-    """Return a bound of how often a function is called within another one."""
-    calls = sum(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
-    maps = [inner.size2_in(0) for inner in function.find_functions() if inner.is_a("Map")]
-    return max(calls, 1) * max(maps, default=1)
-
-
 @cache
-def _casadi_version() -> str:
-    return version("casadi")
-
-
-def _flags() -> tuple[str, ...]:
-    return (*_OPTIMISE, *instruction_flags(), *_FLAGS)
-
-
-@cache
-def _sources_digest() -> str:
-    """Digest of what turns functions into C: a change there makes old entries stale."""
-    own = Path(__file__)
-    sources = (own, *(own.with_name(name) for name in _SOURCES))
-    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-
-
-def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[str, ...]:
-    """What C is translated for and how; options of the compiler may change what is computed."""
-    return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
-
-
-def _flags_for(
-    cc: tuple[str, ...], functions: Collection[ca.Function], most: int, *, has_lanes: bool
-) -> tuple[str, ...]:
-    """Flags by the largest function; `most` operations are worth optimising."""
-    largest = max(functions, key=_operations)
-    operations = _operations(largest)
-    if operations > most:
-        return ("-O0", *instruction_flags(), *_FLAGS)
-    if _is_clang(cc):
-        return _flags()
-    is_dense = operations >= _DENSE * (largest.nnz_in() + largest.nnz_out())
-    return (*_flags(), *(_LEFT_OUT if has_lanes else ()), *(_SCHEDULE if is_dense else ()))
-
-
-def _operations(function: ca.Function) -> int:
-    """Of a function and of what it calls, each once."""
-    called = {inner.__hash__(): inner for inner in function.find_functions()}.values()
-    inside = sum(inner.n_instructions() for inner in called if inner.is_a("SXFunction"))
-    return int(function.n_instructions() + inside)
-
-
-def _is_clang(cc: tuple[str, ...]) -> bool:
-    """Whether the compiler, or what a wrapper calls, is named Clang: it refuses options of GCC's."""
-    names = (Path(word).resolve().name for word in cc if not word.startswith("-"))
-    return any("clang" in name or "ziglang" in name for name in names)
-
-
-def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:
-    """Functions in C, some of them in lanes."""
-    from mbocp.programme.splitting import split_functions  # what is compiled already needs none of it
-
-    generator = ca.CodeGenerator("stage.c")
-    for function in functions.values():
-        generator.add(function)
-    return split_functions(generator.dump(), of_lanes=wide if wide.number > 1 and wide.functions else None)
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """What is compiled together: by which compiler, with which flags."""
-
-    cc: tuple[str, ...]
-    flags: tuple[str, ...]
-    source: str
-
-    @cached_property
-    def name(self) -> str:
-        """Of the library."""
-        return f"{key_of(self.source, *_translation(self.cc, self.flags))}.so"
-
-    @cached_property
-    def files(self) -> list[str]:
-        """Of the source, for the cores that there are; one where this process is a worker among others."""
-        from mbocp.programme.files import spread
-
-        return spread(self.source, min(available_threads(), _MOST_FILES))
-
-
-def _compiled(unit: _Unit, deadline: float) -> Path:
-    """Compile into the folder that is used; where it cannot be written, into a temporary one."""
-    folder = cache_folder()
-    try:
-        if not is_private(folder):
-            try:
-                return _compile(unit, folder / unit.name, deadline)
-            except OSError as error:
-                folder = private_folder(folder, str(error))
-        return _compile(unit, folder / unit.name, deadline)
-    except OSError as error:
-        raise CompilationError(
-            f"compiled functions cannot be written: {error}; make room, or set MBOCP_CACHE_DIR to a folder "
-            "that can be written to"
-        ) from error
-
-
-def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
-    if library.is_dir():  # nothing could be moved into its place
-        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(library))
-    with scratch_folder(library.parent) as scratch:
-        built = scratch / "stage.so"
-        files = [scratch / f"stage{i}.c" for i in range(len(unit.files))]
-        for file, text in zip(files, unit.files, strict=True):
-            file.write_text(text, encoding="utf-8")
-        compile_one = [*unit.cc, *unit.flags]
-        if len(files) == 1:
-            run_compiler([*compile_one, "-o", str(built), str(files[0]), "-lm"], scratch, deadline)
-        else:
-            objects = [str(file.with_suffix(".o")) for file in files]
-            parts = [[*compile_one, "-c", "-o", o, str(file)] for o, file in zip(objects, files, strict=True)]
-            run_compiler([*compile_one, "-o", str(built), *objects, "-lm"], scratch, deadline, before=parts)
-        body = built.read_bytes() if built.is_file() else b""
-        if not body:
-            raise CompilationError(
-                f"the C compiler {unit.cc[0]} reports no error, but has made no library; set CC to one that "
-                "works"
-            )
-        built.write_bytes(sealed(body))
-        built.replace(library)
-    trim(library.parent)
-    return library
+def _warn_failure(reason: str) -> None:
+    warn_caller(
+        f"functions cannot be compiled beside the solves ({reason}); they stay tapes in this process: "
+        "`mbocp doctor` says whether the C compiler works, MBOCP_FUNCTIONS=compiled what it says",
+        BackgroundCompilerWarning,
+    )

@@ -18,7 +18,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -155,6 +155,46 @@ def _outcome(command: Sequence[str], scratch: Path, deadline: float) -> tuple[in
     folders = {"ZIG_GLOBAL_CACHE_DIR": str(scratch.parent / "zig"), "ZIG_LOCAL_CACHE_DIR": str(scratch)}
     environment = {**folders, **os.environ, "TMPDIR": str(scratch), "LC_ALL": "C"}
     left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
+    try:
+        return run_watched(command, environment, timeout=left)
+    except subprocess.TimeoutExpired as error:
+        raise CompilationTimeout("the C compiler ran") from error
+    except FileNotFoundError as error:
+        raise CompilationError(f"cannot run the C compiler: there is no {_SHELL}") from error
+
+
+def run_watched(
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    *,
+    timeout: float | None = None,
+    begun: Callable[[int], None] = lambda group: None,
+) -> tuple[int, bytes]:
+    """Run a command in a process group of its own, which ends with this process at the latest.
+
+    Parameters
+    ----------
+    command : sequence of str
+    environment : mapping of str to str
+    timeout : float, optional
+        Seconds after which it is killed.
+    begun : callable
+        Called with the number of the process group.
+
+    Returns
+    -------
+    code : int
+        Exit code.
+    said : bytes
+        What it wrote to standard output and standard error.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        If it was killed.
+    OSError
+        If it cannot be started.
+    """
     watched, held = os.pipe()  # neither is inherited, but for what is passed on as standard input
     try:
         with subprocess.Popen(
@@ -166,15 +206,12 @@ def _outcome(command: Sequence[str], scratch: Path, deadline: float) -> tuple[in
             start_new_session=True,
         ) as process:
             try:
-                messages, _ = process.communicate(timeout=left)
-            except subprocess.TimeoutExpired as error:
-                raise CompilationTimeout("the C compiler ran") from error
+                begun(process.pid)
+                said, _ = process.communicate(timeout=timeout)
             finally:
                 if process.poll() is None:
                     os.killpg(process.pid, signal.SIGKILL)
-            return process.returncode, messages
-    except FileNotFoundError as error:
-        raise CompilationError(f"cannot run the C compiler: there is no {_SHELL}") from error
+            return process.returncode, said
     finally:
         os.close(watched)
         os.close(held)

@@ -196,14 +196,10 @@ def sides(bounds: StateBounds) -> dict[str, Array]:
 def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:
     if functions.library is not None:
         return _opened(str(functions.library), name).copy()
-    read = _read(functions.serialised[name])
+    read = functions.opened.get(name)
+    if read is None:
+        read = functions.opened[name] = native.StageFunction.from_string(functions.serialised[name])
     return read.copy() or native.StageFunction.from_string(functions.serialised[name])
-
-
-@lru_cache(maxsize=64)
-def _read(serialised: str) -> StageFunction:
-    """A function that is only copied, as reading it takes long."""
-    return kernel().StageFunction.from_string(serialised)
 
 
 @lru_cache(maxsize=256)

@@ -10,7 +10,7 @@ Nothing here knows of robots: what a state consists of is the formulation's affa
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme.bounds import StateBounds
@@ -123,6 +123,17 @@ class StagewiseProgramme:
     path_names: tuple[str, ...] = ()
     has_free_lengths: bool = False
     easing: Array | None = None
+
+    def compiled(self) -> StagewiseProgramme:
+        """The same programme with compiled functions, unless there is no compiler; see `load_functions`.
+
+        Raises
+        ------
+        CompilationError
+            If the compiler refuses the generated code, or nothing can be written.
+        """
+        functions, end_functions = self.functions.compiled(), self.end_functions.compiled()
+        return replace(self, functions=functions, end_functions=end_functions)
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:

@@ -53,7 +53,10 @@ def check_can_be_saved(formulation: Formulation, *, is_plain: bool) -> None:
             'make of what is measured; take coordinates = "joint", rotations = "quaternion" and no drives'
         )
     if programme.functions.library is None or programme.end_functions.library is None:
-        raise ProblemError("receding horizon: there is no C compiler, so that there is nothing to save")
+        raise ProblemError(
+            "receding horizon: there is no C compiler, or MBOCP_FUNCTIONS forbids it, so that there is nothing "
+            "to save"
+        )
 
 
 def _keeps_configurations(formulation: Formulation) -> bool:

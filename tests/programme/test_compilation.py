@@ -15,7 +15,7 @@ import mbocp
 from mbocp.exceptions import CompilationError, InvalidValue
 from mbocp.formulation import transcribe
 from mbocp.problem import Problem
-from mbocp.programme import compilation
+from mbocp.programme import compilation, library
 from mbocp.programme.compilation import NoCompilerWarning, load_functions
 from mbocp.programme.compiler import compiler
 from mbocp.robot.payload import Payload
@@ -254,7 +254,7 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
 def flags(
     functions: list[ca.Function], most: int, cc: tuple[str, ...] = GCC, *, has_lanes: bool = False
 ) -> tuple[str, ...]:
-    return compilation._flags_for(cc, functions, most, has_lanes=has_lanes)
+    return library._flags_for(cc, functions, most, has_lanes=has_lanes)
 
 
 def long_function() -> ca.Function:

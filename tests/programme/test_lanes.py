@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
-from mbocp.programme import StagewiseProgramme, compilation
+from mbocp.programme import StagewiseProgramme, library
 from mbocp.programme.compilation import load_functions
 from mbocp.programme.kernel import kernel_programme
 from mbocp.programme.lanes import in_lanes
@@ -71,7 +71,7 @@ def test_every_operation_in_lanes(
     number: int, worth_optimising: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each lane has the numbers of CasADi's virtual machine, whatever is in the others."""
-    monkeypatch.setattr(compilation, "_LARGE", worth_optimising)
+    monkeypatch.setattr(library, "_LARGE", worth_optimising)
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("MBOCP_LANES", str(number))
     f = function_of(UNARY, BINARY)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbocp.exceptions import CompilationError
-from mbocp.programme import compilation, files
+from mbocp.programme import files, library
 from mbocp.programme.compilation import load_functions
 from mbocp.programme.compiler import compiler
 from mbocp.programme.files import spread
@@ -117,15 +117,15 @@ def test_what_casadi_brings_is_in_no_other_file(count: int, tmp_path: Path) -> N
 @needs_compiler
 def test_a_library_of_several_files_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compilation, "available_threads", lambda: 3)
+    monkeypatch.setattr(library, "available_threads", lambda: 3)
     seen: list[int] = []
-    run = compilation.run_compiler
+    run = library.run_compiler
 
     def counted(*arguments: object, **options: list[list[str]]) -> None:
         seen.append(len(options.get("before", [])))
         run(*arguments, **options)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(compilation, "run_compiler", counted)
+    monkeypatch.setattr(library, "run_compiler", counted)
     function = tangled()
     made = load_functions("several", lambda: {"tangled": function})
     assert made.compiled_now
@@ -148,6 +148,6 @@ def test_a_file_that_fails_is_an_error(tmp_path: Path, monkeypatch: pytest.Monke
     script.chmod(0o700)
     monkeypatch.setenv("CC", str(script))
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(compilation, "available_threads", lambda: 2)
+    monkeypatch.setattr(library, "available_threads", lambda: 2)
     with pytest.raises(CompilationError, match=rf"(?s)C compiler .*/cc failed .*exit 3.*no {bad} today"):
         load_functions("several", lambda: {"tangled": tangled()})

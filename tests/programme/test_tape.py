@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.programme.compilation import _as_operations
 from mbocp.programme.kernel import kernel
+from mbocp.programme.tapes import as_operations
 
 UNARY = (
     *(ca.sin, ca.cos, ca.fabs, ca.sqrt, ca.exp, ca.tanh, ca.sign, ca.floor, ca.logic_not),
@@ -42,7 +42,7 @@ def compare(function: ca.Function, count: int) -> None:
     patterns = [function.sparsity_in(i) for i in range(function.n_in())]
     stages = [[ca.DM(p, row[n]) for p, row in zip(patterns, inputs, strict=True)] for n in range(count)]
     expected = [function.call(stage) for stage in stages]
-    tape = kernel().StageFunction.from_string(_as_operations(function).serialize())
+    tape = kernel().StageFunction.from_string(as_operations(function).serialize())
     for own in (tape, tape.copy()):
         for is_in_lanes in (True, False):
             found = own.evaluate([row.ravel() for row in inputs], count, is_in_lanes)
@@ -70,7 +70,7 @@ def test_functions_that_call_others_are_written_out() -> None:
     outer = ca.Function("outer", [x], [inner(once)[0], product * inner(2 * once)[1]], {"never_inline": True})
     X = ca.MX.sym("X", 3, 5)
     for function in (outer, ca.Function("rows", [X], list(outer.map(5)(X)))):
-        assert _as_operations(function).is_a("SXFunction")
+        assert as_operations(function).is_a("SXFunction")
         compare(function, 40)
 
 
@@ -78,7 +78,7 @@ def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:
     x = ca.MX.sym("x", 2)
     table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [1.0, 3.0, 2.0])
     function = ca.Function("f", [x], [table(x[0]) * x[1]])
-    own = kernel().StageFunction.from_string(_as_operations(function).serialize())
+    own = kernel().StageFunction.from_string(as_operations(function).serialize())
     assert (own.num_lanes, own.copy()) == (1, None)
     (values,) = own.evaluate([np.array([0.5, 2.0, 1.5, 1.0])], 2, True)
     np.testing.assert_allclose(values, [4.0, 2.5])

@@ -119,6 +119,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("copy", &StageFunction::copy, "The same function of its library with memory of its own.")
         .def("evaluate", &evaluate, nb::arg("inputs"), nb::arg("count"), nb::arg("is_in_lanes"),
              "Numbers of the outputs at so many stages, one stage after another, as inputs have theirs.")
+        .def_prop_ro("num_executed", &StageFunction::num_executed)
         .def_ro("num_lanes", &StageFunction::num_lanes)
         .def_ro("num_inputs", &StageFunction::num_inputs);
 

@@ -1,6 +1,7 @@
 // One evaluated function of a stage: compiled C from a shared library, a tape, or CasADi's virtual machine.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -53,6 +54,8 @@ public:
     // The same function with memory of its own, in a fraction of the time that `from_library` takes; null where it
     // cannot be copied.
     virtual std::shared_ptr<StageFunction> copy() const { return nullptr; }
+    // Instructions of a tape that it and its copies have executed so far, each for all stages of a call; else 0.
+    virtual std::int64_t num_executed() const { return 0; }
     // The function of each of so many threads, which call it side by side; of thread 0 it is this one. False: it cannot
     // be copied.
     bool copy_for(int num_threads);

@@ -149,6 +149,9 @@ public:
     }
     Taped(const Taped& other) : StageFunction(other), tape_(other.tape_) { begin(); }
     std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Taped>(*this); }
+    std::int64_t num_executed() const override {
+        return tape_->num_passes * static_cast<std::int64_t>(tape_->code.size());
+    }
 
     bool call() override {
         double* to = one_.data();
@@ -156,6 +159,7 @@ public:
             for (int k = 0; k < input_sizes[i]; ++k) to[k] = arg[i] ? arg[i][k] : 0.0;
             to += input_sizes[i] + 1;
         }
+        ++tape_->num_passes;
         execute<0>(*tape_, one_.data(), 1);
         for (std::size_t i = 0; i < outputs.size(); ++i) dense::copy(to + first[i], res[i], outputs[i].nnz());
         return true;
@@ -165,6 +169,7 @@ protected:
     bool call_all(int count) override {
         count = std::min(count, num_lanes);
         double* memory = lanes_.data();
+        ++tape_->num_passes;
         if (count > 16)
             execute<8>(*tape_, memory, num_lanes);
         else if (count > 8)

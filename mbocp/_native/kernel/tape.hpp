@@ -7,6 +7,7 @@
 //   inputs, each followed by one place more | outputs | a zero | constants | intermediate values
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -54,6 +55,7 @@ struct Tape {
     std::vector<Instruction> code;
     int first_constant = 0, num_places = 0;
     Other other = nullptr;
+    mutable std::atomic<std::int64_t> num_passes{0};  // so far, by all functions that execute it
 };
 
 // The function that executes a tape, in as many lanes as the processor's cache has room for.

@@ -1,0 +1,112 @@
+"""Functions of tapes are compiled beside the solves that call them, by a process of low priority.
+
+The process writes C from the file of the tapes, and starts a compiler. It ends with the process that started
+it, however that one ends, as compilers do: see `mbocp.programme.compiler`. A thread waits for it.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import fcntl
+import os
+import signal
+import sys
+from collections.abc import Collection
+from pathlib import Path
+from threading import Lock, Thread
+
+from mbocp._processes import python_command
+from mbocp.programme.compiler import compiler, run_watched
+from mbocp.programme.keys import library_of
+from mbocp.programme.lanes import Lanes
+from mbocp.programme.library import Translation, make_library
+from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.tapes import functions_in
+
+_PRIORITY = 19  # the lowest one
+_PATIENCE = 0.5  # [s] for a process that is asked to end
+_COMMAND = "from mbocp.programme.background import run\nrun(*sys.argv[1:])"
+_TURN = Lock()  # one after another
+_running: list[BackgroundCompiler] = []
+
+
+class BackgroundCompiler:
+    """A compiler that runs beside the solves of this process.
+
+    Parameters
+    ----------
+    file : Path
+        Of the tapes; the library is put beside it.
+    key : str
+        Of all that the library depends on.
+    in_lanes : collection of str
+        Names of functions that are called at many steps at once.
+    of_end : bool
+        Whether functions are called once where others are called at every step.
+    """
+
+    def __init__(self, file: Path, key: str, in_lanes: Collection[str], *, of_end: bool) -> None:
+        self.failure = ""
+        self._command = python_command(_COMMAND, str(file), key, "end" if of_end else "", *in_lanes)
+        self._group: int | None = None
+        self._thread = Thread(target=self._run, name="mbocp-compiler", daemon=True)
+        _running.append(self)
+        self._thread.start()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has not ended; a process that was forked off does not wait for it."""
+        return self._thread.is_alive()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait for its end."""
+        self._thread.join(seconds)
+
+    def stop(self) -> None:
+        """End it, and all that it has started."""
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            group = self._group
+            if group is not None and self.is_running:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(group, number)
+                self.wait(_PATIENCE)
+
+    def _run(self) -> None:
+        with _TURN:
+            try:
+                code, said = run_watched(self._command, dict(os.environ), begun=self._begun)
+            except (OSError, RuntimeError) as error:  # no process can be started
+                code, said = 1, str(error).encode()
+        if code != 0:
+            self.failure = said.decode(errors="replace").strip().rpartition("\n")[2] or f"exit {code}"
+        _running.remove(self)
+
+    def _begun(self, group: int) -> None:
+        self._group = group
+
+
+@atexit.register
+def _stop() -> None:
+    """End what runs at the end of this process, which does not wait for it."""
+    for beside in tuple(_running):
+        beside.stop()
+
+
+def run(file: str, key: str, end: str, *in_lanes: str) -> None:
+    """Compile functions of tapes, in a process of its own; if another one does so, wait for it.
+
+    Parameters
+    ----------
+    file, key, end, *in_lanes : str
+        As `BackgroundCompiler` takes them.
+    """
+    os.nice(_PRIORITY)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    with Path(file).open("rb") as held:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(held, fcntl.LOCK_EX)
+        cc = compiler()
+        if library_of(key) is None and cc is not None:
+            how = Translation(Lanes(number_of_lanes(), frozenset(in_lanes)), bool(end))
+            make_library(functions_in(Path(file)), how, cc, key, folder=Path(file).parent)

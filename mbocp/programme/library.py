@@ -1,0 +1,252 @@
+"""Functions as a shared library: written in C, compiled, kept under the key of all that they depend on."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import math
+import os
+import platform
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.metadata import version
+from pathlib import Path
+
+import casadi as ca
+
+from mbocp._environment import available_threads
+from mbocp.exceptions import CompilationError
+from mbocp.programme.cache import (
+    cache_folder,
+    cached,
+    is_private,
+    private_folder,
+    scratch_folder,
+    sealed,
+    trim,
+)
+from mbocp.programme.compiler import check_deadline, run_compiler
+from mbocp.programme.keys import key_of, remember
+from mbocp.programme.lanes import Lanes
+from mbocp.programme.processor import instruction_flags
+from mbocp.programme.tapes import count_operations
+
+_FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
+# All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
+_OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
+# Passes of GCC that find nothing in functions in lanes, which say everything once: a fifth of the time.
+_LEFT_OUT = (
+    *("-fno-tree-fre", "-fno-tree-sink", "-fno-tree-sra", "-fno-tree-ccp", "-fno-tree-copy-prop"),
+    *("-fno-tree-dominator-opts", "-fno-tree-dse", "-fno-tree-dce", "-fno-dse", "-fno-cprop-registers"),
+    *("-fno-ipa-modref", "-fno-ipa-pure-const", "-fno-ipa-reference"),
+)
+# Before registers are chosen: of dense functions 4 % less, and after it nothing more; of others 5 % more.
+_SCHEDULE = ("-fschedule-insns", "-fsched-pressure", "-fno-schedule-insns2")
+_DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
+_MOST_FILES = 4
+# What turns functions into C, beside this module; imported when there is something to compile.
+_SOURCES = (
+    *("splitting.py", "pieces.py", "generated.py", "rewriting.py", "composed.py", "lanes.py", "processor.py"),
+    *("composed.h", "lanes.h"),
+)
+_LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
+_LARGE_END = 20_000  # the same for what is called once where others are called at every step
+
+
+@dataclass(frozen=True)
+class Translation:
+    """How functions become a library.
+
+    Attributes
+    ----------
+    wide : Lanes
+    of_end : bool
+        They are called once in an evaluation, and not at every step: compiling is worth less.
+    """
+
+    wide: Lanes
+    of_end: bool
+
+    def depends_on(self, key: str, cc: tuple[str, ...] | None) -> str:
+        """Return the key of the library of functions that depend on `key`."""
+        return key_of(key, str(self.wide), sources_digest(), casadi_version(), *_translation(cc, _flags()))
+
+
+def make_library(
+    functions: Mapping[str, ca.Function],
+    how: Translation,
+    cc: tuple[str, ...],
+    depends_on: str,
+    *,
+    deadline: float = math.inf,
+    folder: Path | None = None,
+) -> tuple[Path, bool]:
+    """Compile functions, unless there is a library of the same C code.
+
+    Parameters
+    ----------
+    functions : mapping of str to casadi.Function
+    how : Translation
+    cc : tuple of str
+        The compiler.
+    depends_on : str
+        Under this key the library is found again.
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
+    folder : Path, optional
+        Where it is kept; else in the folder that is used.
+
+    Returns
+    -------
+    library : Path
+    is_new : bool
+        Whether it was compiled now.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler refuses the generated code, or nothing can be written.
+    CompilationTimeout
+        If the deadline passes before the library is there.
+    """
+    functions = {name: _merged(function) for name, function in functions.items()}
+    check_deadline(deadline, "equal parts of the functions were merged")
+    most = _LARGE_END if how.of_end else _LARGE
+    flags = _flags_for(cc, functions.values(), most, has_lanes=bool(how.wide.functions))
+    unit = _Unit(cc, flags, _source(functions, how.wide))
+    check_deadline(deadline, "the functions were written in C")
+    library = cached(unit.name)
+    is_new = library is None
+    if library is None:
+        given = None if folder is None else folder / unit.name
+        library = _compiled(unit, deadline) if given is None else _compile(unit, given, deadline)
+    remember(depends_on, library)
+    return library, is_new
+
+
+@cache
+def casadi_version() -> str:
+    """Version of the package that writes functions."""
+    return version("casadi")
+
+
+def _flags() -> tuple[str, ...]:
+    return (*_OPTIMISE, *instruction_flags(), *_FLAGS)
+
+
+@cache
+def sources_digest() -> str:
+    """Digest of what turns functions into C: a change there makes old entries stale."""
+    own = Path(__file__)
+    sources = (own, *(own.with_name(name) for name in _SOURCES))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+
+
+def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[str, ...]:
+    """What C is translated for and how; options of the compiler may change what is computed."""
+    return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
+
+
+def _flags_for(
+    cc: tuple[str, ...], functions: Collection[ca.Function], most: int, *, has_lanes: bool
+) -> tuple[str, ...]:
+    """Flags by the largest function; `most` operations are worth optimising."""
+    largest = max(functions, key=count_operations)
+    operations = count_operations(largest)
+    if operations > most:
+        return ("-O0", *instruction_flags(), *_FLAGS)
+    if _is_clang(cc):
+        return _flags()
+    is_dense = operations >= _DENSE * (largest.nnz_in() + largest.nnz_out())
+    return (*_flags(), *(_LEFT_OUT if has_lanes else ()), *(_SCHEDULE if is_dense else ()))
+
+
+def _merged(function: ca.Function) -> ca.Function:
+    """Return a function that works out equal subexpressions once; tapes do so by themselves, and faster."""
+    if not function.is_a("SXFunction"):
+        return function
+    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    outputs = ca.cse(function.call(inputs))
+    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
+
+
+def _is_clang(cc: tuple[str, ...]) -> bool:
+    """Whether the compiler, or what a wrapper calls, is named Clang: it refuses options of GCC's."""
+    names = (Path(word).resolve().name for word in cc if not word.startswith("-"))
+    return any("clang" in name or "ziglang" in name for name in names)
+
+
+def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:
+    """Functions in C, some of them in lanes."""
+    from mbocp.programme.splitting import split_functions  # what is compiled already needs none of it
+
+    generator = ca.CodeGenerator("stage.c")
+    for function in functions.values():
+        generator.add(function)
+    return split_functions(generator.dump(), of_lanes=wide if wide.number > 1 and wide.functions else None)
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """What is compiled together: by which compiler, with which flags."""
+
+    cc: tuple[str, ...]
+    flags: tuple[str, ...]
+    source: str
+
+    @cached_property
+    def name(self) -> str:
+        """Of the library."""
+        return f"{key_of(self.source, *_translation(self.cc, self.flags))}.so"
+
+    @cached_property
+    def files(self) -> list[str]:
+        """Of the source, for the cores that there are; one where this process is a worker among others."""
+        from mbocp.programme.files import spread
+
+        return spread(self.source, min(available_threads(), _MOST_FILES))
+
+
+def _compiled(unit: _Unit, deadline: float) -> Path:
+    """Compile into the folder that is used; where it cannot be written, into a temporary one."""
+    folder = cache_folder()
+    try:
+        if not is_private(folder):
+            try:
+                return _compile(unit, folder / unit.name, deadline)
+            except OSError as error:
+                folder = private_folder(folder, str(error))
+        return _compile(unit, folder / unit.name, deadline)
+    except OSError as error:
+        raise CompilationError(
+            f"compiled functions cannot be written: {error}; make room, or set MBOCP_CACHE_DIR to a folder "
+            "that can be written to"
+        ) from error
+
+
+def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
+    if library.is_dir():  # nothing could be moved into its place
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(library))
+    with scratch_folder(library.parent) as scratch:
+        built = scratch / "stage.so"
+        files = [scratch / f"stage{i}.c" for i in range(len(unit.files))]
+        for file, text in zip(files, unit.files, strict=True):
+            file.write_text(text, encoding="utf-8")
+        compile_one = [*unit.cc, *unit.flags]
+        if len(files) == 1:
+            run_compiler([*compile_one, "-o", str(built), str(files[0]), "-lm"], scratch, deadline)
+        else:
+            objects = [str(file.with_suffix(".o")) for file in files]
+            parts = [[*compile_one, "-c", "-o", o, str(file)] for o, file in zip(objects, files, strict=True)]
+            run_compiler([*compile_one, "-o", str(built), *objects, "-lm"], scratch, deadline, before=parts)
+        body = built.read_bytes() if built.is_file() else b""
+        if not body:
+            raise CompilationError(
+                f"the C compiler {unit.cc[0]} reports no error, but has made no library; set CC to one that "
+                "works"
+            )
+        built.write_bytes(sealed(body))
+        built.replace(library)
+    trim(library.parent)
+    return library

@@ -1,0 +1,170 @@
+"""Stage functions as tapes: data that the kernel executes, kept in the folder of compiled functions.
+
+A file holds the functions of a shape twice: each by itself, as operations on numbers, which is what the
+kernel reads; and all together as they were built, what they share once, which is what is compiled. It carries
+a checksum, as libraries do, and is read under the same conditions.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import casadi as ca
+
+from mbocp.exceptions import InvalidValue
+from mbocp.programme.cache import cache_folder, cached, scratch_folder, sealed, trim, unsealed
+
+AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
+_POLICIES = (AUTO, COMPILED, TAPES)
+_LONGEST = 4_000_000  # instructions of a function that is interpreted
+_TOGETHER, _OPERATIONS, _EACH = "together", "operations", "each/"  # entries of a file
+# Processor time [s], measured: of an instruction of a tape; of a compiler, to begin and for an operation.
+_INSTRUCTION, _COMPILER, _COMPILED_OPERATION = 8e-9, 0.1, 45e-6
+
+
+def function_policy() -> str:
+    """How functions are called: as $MBOCP_FUNCTIONS says, "compiled", "tapes" or "auto"; else "auto".
+
+    Raises
+    ------
+    InvalidValue
+        If that is set to another word.
+    """
+    named = os.environ.get("MBOCP_FUNCTIONS") or AUTO
+    if named not in _POLICIES:
+        raise InvalidValue("MBOCP_FUNCTIONS", repr(named), f"one of {', '.join(_POLICIES)}")
+    return named
+
+
+@dataclass(frozen=True)
+class Tapes:
+    """Functions of a shape as data.
+
+    Attributes
+    ----------
+    serialised : mapping of str to str
+        CasADi's text of each function, of operations on numbers where it can be written so.
+    operations : int
+        How many a compiler has to translate.
+    is_plain : bool
+        Whether the kernel can execute all of them; else CasADi's virtual machine calls some.
+    file : Path or None
+        Where they are kept.
+    """
+
+    serialised: Mapping[str, str]
+    operations: int
+    is_plain: bool = True
+    file: Path | None = None
+
+    @classmethod
+    def of(cls, functions: Mapping[str, ca.Function]) -> Tapes:
+        """Write functions as data, in no file."""
+        written = {name: as_operations(function) for name, function in functions.items()}
+        return cls(
+            {name: function.serialize() for name, function in written.items()},
+            sum(map(count_operations, functions.values())),
+            all(map(_is_plain, written.values())),
+        )
+
+    @classmethod
+    def kept(cls, key: str) -> Tapes | None:
+        """Read what `keep` wrote, where it is the user's and sound."""
+        file = cached(f"{key}.tape")
+        content = None if file is None else unsealed(file)
+        if content is None:
+            return None
+        try:
+            with zipfile.ZipFile(io.BytesIO(content)) as held:
+                names = [name for name in held.namelist() if name.startswith(_EACH)]
+                texts = {name.removeprefix(_EACH): held.read(name).decode() for name in names}
+                return cls(texts, int(held.read(_OPERATIONS)), file=file)
+        except (zipfile.BadZipFile, zlib.error, KeyError, ValueError):
+            return None
+
+    def keep(self, key: str, functions: Mapping[str, ca.Function]) -> Tapes:
+        """Write them into the folder, with the functions themselves; where that fails they are in no file.
+
+        What needs CasADi's virtual machine is not kept: it is compiled where there is a compiler.
+        """
+        if not self.is_plain:
+            return self
+        packed = ca.StringSerializer()
+        packed.pack(list(functions.values()))
+        content = io.BytesIO()
+        with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as held:
+            held.writestr(_OPERATIONS, str(self.operations))
+            held.writestr(_TOGETHER, packed.encode())
+            for name, text in self.serialised.items():
+                held.writestr(f"{_EACH}{name}", text)
+        with contextlib.suppress(OSError):
+            file = cache_folder() / f"{key}.tape"
+            with scratch_folder(file.parent) as scratch:
+                built = scratch / "tape"
+                built.write_bytes(sealed(content.getvalue()))
+                built.replace(file)
+            trim(file.parent)
+            return replace(self, file=file)
+        return self
+
+    def pay_compiling(self, executed: int) -> bool:
+        """Whether so many instructions took as long as a compiler would take for the functions."""
+        return executed * _INSTRUCTION >= _COMPILER + self.operations * _COMPILED_OPERATION
+
+
+def functions_in(file: Path) -> dict[str, ca.Function]:
+    """Read the functions as they were built from a file of tapes.
+
+    Raises
+    ------
+    OSError
+        If it is not the user's, or damaged.
+    """
+    content = unsealed(file)
+    if content is None:
+        raise OSError(f"{file} is damaged")
+    with zipfile.ZipFile(io.BytesIO(content)) as held:
+        names = [name.removeprefix(_EACH) for name in held.namelist() if name.startswith(_EACH)]
+        functions = ca.StringDeserializer(held.read(_TOGETHER).decode()).unpack()
+    return dict(zip(names, functions, strict=True))
+
+
+def _is_plain(function: ca.Function) -> bool:
+    """Whether all its instructions are operations on numbers, in what it calls, too."""
+    return all(inner.is_a("SXFunction") for inner in (function, *function.find_functions()))
+
+
+def as_operations(function: ca.Function) -> ca.Function:
+    """Return a function of the same values whose instructions are operations on numbers, if there is one.
+
+    One that calls another library, or would become too long, is returned as it is.
+    """
+    if function.is_a("SXFunction") or count_operations(function) * _most_calls(function) > _LONGEST:
+        return function
+    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    try:
+        outputs = function.call(inputs, True, False)
+    except RuntimeError:  # CasADi: what it calls has numbers alone
+        return function
+    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
+
+
+def count_operations(function: ca.Function) -> int:
+    """Of a function and of what it calls, each once."""
+    called = {inner.__hash__(): inner for inner in function.find_functions()}.values()
+    inside = sum(inner.n_instructions() for inner in called if inner.is_a("SXFunction"))
+    return int(function.n_instructions() + inside)
+
+
+def _most_calls(function: ca.Function) -> int:
+    """Return a bound of how often a function is called within another one."""
+    calls = sum(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
+    maps = [inner.size2_in(0) for inner in function.find_functions() if inner.is_a("Map")]
+    return max(calls, 1) * max(maps, default=1)
