@@ -39,8 +39,8 @@ _PLACES = {
     """,
     # Damaged files, killed processes, full disks, spoilt functions.
     "hostile": """
-        attack cli/signals programme/cache_faults solution/atomic solution/damage solvers/failures
-        solvers/interruption solvers/tough study/dask study/kill view/replay_hostile
+        attack cli/signals programme/background programme/cache_faults solution/atomic solution/damage
+        solvers/failures solvers/interruption solvers/tough study/dask study/kill view/replay_hostile
     """,
 }
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
 
 from mbocp.formulation.base import Formulation
 from mbocp.integrators import PAIRS, TABLEAUX
@@ -63,6 +65,18 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
     names = ", ".join(whole.programme.describe_row(-1, row) for row in rows)
     fewer = without_end_rows(whole, rows, deadline=deadline)
     return fewer, f"; left out, since the dynamics imply it: {names}"
+
+
+def with_compiled_functions(formulation: Formulation) -> Formulation:
+    """The formulation with compiled functions, unless there is no compiler: for loops that go on for long.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler refuses the generated code, or nothing can be written.
+    """
+    programme = formulation.programme.compiled()
+    return cast(Formulation, replace(cast(Any, formulation), programme=programme))
 
 
 def _formulate(problem: Problem, deadline: float) -> Formulation:

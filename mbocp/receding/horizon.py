@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
-from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.formulate import formulate_with_independent_ends, with_compiled_functions
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.in_turn import solve_from_guesses
 from mbocp.job import Job
@@ -116,7 +116,7 @@ class RecedingHorizon:
         check_can_recede(self.problem)
         self._iterations = _checked(iterations)
         formulation, _ = formulate_with_independent_ends(self.problem, math.inf)
-        self._formulation = replace(formulation, programme=formulation.programme.compiled())
+        self._formulation = with_compiled_functions(formulation)
         check_functions(self._formulation)
         iterate = _solved(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)

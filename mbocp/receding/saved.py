@@ -54,8 +54,8 @@ def check_can_be_saved(formulation: Formulation, *, is_plain: bool) -> None:
         )
     if programme.functions.library is None or programme.end_functions.library is None:
         raise ProblemError(
-            "receding horizon: there is no C compiler, or MBOCP_FUNCTIONS forbids it, so that there is nothing "
-            "to save"
+            "receding horizon: there is no C compiler, or MBOCP_FUNCTIONS forbids one, so that there is "
+            "nothing to save"
         )
 
 
