@@ -67,7 +67,7 @@ ALONE = {
     "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
     "storage": {"exceptions", "_arrays", "_files", "_processes"},
     "_native": set(),
-    "programme": {"_warn", "exceptions", "_exports", "_arrays", "_environment", "_native"},
+    "programme": {"_warn", "exceptions", "_exports", "_arrays", "_environment", "_native", "_processes"},
     "solvers": {"exceptions", "_exports", "_arrays", "_linear", "_processes", "programme"},
     "exceptions": {"_text"},
 }

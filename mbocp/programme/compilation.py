@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
-from copy import copy
 from dataclasses import dataclass, field
 from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
@@ -84,8 +83,8 @@ class CompiledFunctions:
 
     def with_later(self, later: Later) -> CompiledFunctions:
         """These functions and further ones."""
-        both = copy(self)
-        both.later = later
+        both = CompiledFunctions(self.library, self.serialised, self.compiled_now, later)
+        both.opened, both.compile_now = self.opened, self.compile_now
         return both
 
     def with_name(self, name: str) -> CompiledFunctions:

@@ -1,4 +1,4 @@
-"""Tapes at once, and a compiler beside the solves: when it runs, how it fails, that it ends with its process."""
+"""Tapes at once, and a compiler beside the solves: when it runs, how it fails, how it ends."""
 
 from __future__ import annotations
 
@@ -325,6 +325,19 @@ def test_a_solve_needs_no_compiler_and_a_horizon_has_one(folder: Path, tmp_path:
     horizon = RecedingHorizon(swing)
     assert len(list(folder.glob("*.so"))) == 2
     horizon.save(tmp_path / "saved")
+
+
+@pytest.mark.usefixtures("pays")
+def test_solves_take_over_what_is_compiled_beside_them(folder: Path) -> None:
+    problem = mbocp.load_problem(EXAMPLES / "paper" / "rigid_pendulum.toml", ["horizon.steps=10"])
+    by_tapes = mbocp.solve(problem)
+    limit = time.monotonic() + PATIENCE
+    while len(list(folder.glob("*.so"))) < 2 and time.monotonic() < limit:
+        mbocp.solve(problem)  # the first of them starts the compiler
+    compiled = mbocp.solve(problem)
+    assert mbocp.formulation.transcribe(problem).functions.library is not None
+    assert compiled.iterations == by_tapes.iterations
+    assert np.allclose(compiled.us, by_tapes.us, atol=1e-12)
 
 
 def test_interior_point_methods_call_compiled_functions(folder: Path) -> None:
