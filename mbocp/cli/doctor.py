@@ -109,7 +109,7 @@ def _compiler() -> tuple[Verdict, str, str]:
     if command is None:
         advice = (
             "pip install mbocp[compiler], or install gcc (Debian: apt install gcc), or set CC; until then "
-            "solving takes two to four times as long"
+            "loops of many solves take up to twice as long"
         )
         return "warn", "none found", advice
     path = " ".join(command)
@@ -125,7 +125,7 @@ def _cache() -> tuple[Verdict, str, str]:
     folder = cache_folder()
     held = entries(folder)
     size = sum(state.st_size for _, state in held) / 1e6  # [MB]
-    found = f"{folder}: {len(held)} compiled shapes, {size:.1f} of {cache_limit() / 1e6:.0f} MB"
+    found = f"{folder}: {len(held)} libraries and tapes, {size:.1f} of {cache_limit() / 1e6:.0f} MB"
     advice = "every run compiles anew; set MBOCP_CACHE_DIR to a folder of yours"
     if is_private(folder):
         return "warn", found, f"temporary: {advice}"

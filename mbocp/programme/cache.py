@@ -153,6 +153,11 @@ def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
     return sorted(found, key=lambda entry: entry[1].st_atime_ns)
 
 
+def counter_of(tape: Path) -> Path:
+    """Return the file beside a tape that says how many of its instructions were executed."""
+    return tape.with_suffix(".executed")
+
+
 def cache_limit() -> int:
     """How large the entries may become together [bytes]: $MBOCP_CACHE_LIMIT in MB, else 2000 MB."""
     megabytes = number_from("MBOCP_CACHE_LIMIT", "a number of megabytes", may_be_zero=True, below=1e12)
@@ -173,6 +178,7 @@ def trim(folder: Path) -> None:
             return
         with contextlib.suppress(OSError):  # removed by another process, or not ours to remove
             path.unlink()
+            counter_of(path).unlink(missing_ok=True)
         total -= state.st_size
 
 

@@ -10,6 +10,7 @@ long as a compiler would, one runs beside the solves, and the next one takes its
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -220,7 +221,7 @@ def load_functions(
         if compiles:
             _warn_no_compiler()
         return asked.as_tapes()
-    if not compiles and asked.tapes.is_plain:
+    if not compiles and asked.tapes.is_plain and not asked.tapes.pay_compiling():
         return asked.as_tapes()
     return asked.compiled(cc)
 
@@ -233,6 +234,16 @@ class _Place:
     tapes: Tapes | None = None
     opened: dict[str, StageFunction] = field(default_factory=dict)
     beside: BackgroundCompiler | None = None
+
+    @property
+    def executed(self) -> int:
+        """Instructions of tapes that the kernel has executed so far."""
+        return sum(tape.num_executed for tape in self.opened.values())
+
+    def add_executed(self) -> None:
+        """Tell later processes, at the end of this one, unless there is a library."""
+        if self.tapes is not None:
+            self.tapes.add_executed(self.executed)
 
     @property
     def is_sound(self) -> bool:
@@ -267,6 +278,7 @@ class _Asked:
         if place.tapes is None:
             key = key_of(self.key, sources_digest(), casadi_version())
             place.tapes = Tapes.kept(key) or Tapes.of(self.functions).keep(key, self.functions)
+            atexit.register(place.add_executed)
         return place.tapes
 
     def as_tapes(self) -> CompiledFunctions:
@@ -288,8 +300,7 @@ class _Asked:
         """Whether a compiler has run beside the solves; one is started as soon as that pays."""
         beside = self.place.beside
         if beside is None:
-            executed = sum(tape.num_executed for tape in self.place.opened.values())
-            if self.tapes.pay_compiling(executed):
+            if self.tapes.pay_compiling(self.place.executed):
                 self._begin_compiling()
             return False
         if beside.is_running:

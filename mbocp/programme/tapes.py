@@ -19,7 +19,16 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import InvalidValue
-from mbocp.programme.cache import cache_folder, cached, scratch_folder, sealed, trim, unsealed
+from mbocp.programme.cache import (
+    cache_folder,
+    cached,
+    counter_of,
+    own_content,
+    scratch_folder,
+    sealed,
+    trim,
+    unsealed,
+)
 
 AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
 _POLICIES = (AUTO, COMPILED, TAPES)
@@ -57,12 +66,15 @@ class Tapes:
         Whether the kernel can execute all of them; else CasADi's virtual machine calls some.
     file : Path or None
         Where they are kept.
+    executed_before : int
+        Instructions that processes before this one have executed.
     """
 
     serialised: Mapping[str, str]
     operations: int
     is_plain: bool = True
     file: Path | None = None
+    executed_before: int = 0
 
     @classmethod
     def of(cls, functions: Mapping[str, ca.Function]) -> Tapes:
@@ -79,13 +91,14 @@ class Tapes:
         """Read what `keep` wrote, where it is the user's and sound."""
         file = cached(f"{key}.tape")
         content = None if file is None else unsealed(file)
-        if content is None:
+        if file is None or content is None:
             return None
         try:
             with zipfile.ZipFile(io.BytesIO(content)) as held:
                 names = [name for name in held.namelist() if name.startswith(_EACH)]
                 texts = {name.removeprefix(_EACH): held.read(name).decode() for name in names}
-                return cls(texts, int(held.read(_OPERATIONS)), file=file)
+                operations = int(held.read(_OPERATIONS))
+                return cls(texts, operations, file=file, executed_before=_executed_before(file))
         except (zipfile.BadZipFile, zlib.error, KeyError, ValueError):
             return None
 
@@ -114,9 +127,24 @@ class Tapes:
             return replace(self, file=file)
         return self
 
-    def pay_compiling(self, executed: int) -> bool:
-        """Whether so many instructions took as long as a compiler would take for the functions."""
-        return executed * _INSTRUCTION >= _COMPILER + self.operations * _COMPILED_OPERATION
+    def pay_compiling(self, executed: int = 0) -> bool:
+        """Whether so many instructions, and those before, took as long as a compiler takes for all of it."""
+        taken = (self.executed_before + executed) * _INSTRUCTION
+        return taken >= _COMPILER + self.operations * _COMPILED_OPERATION
+
+    def add_executed(self, executed: int) -> None:
+        """Tell later processes how many instructions this one has executed, where that can be written."""
+        if self.file is None or executed == 0:
+            return
+        with contextlib.suppress(OSError), scratch_folder(self.file.parent) as scratch:
+            written = scratch / "executed"
+            written.write_text(str(_executed_before(self.file) + executed), encoding="ascii")
+            written.replace(counter_of(self.file))
+
+
+def _executed_before(file: Path) -> int:
+    digits = own_content(counter_of(file)) or b""
+    return int(digits) if digits.isdigit() else 0
 
 
 def functions_in(file: Path) -> dict[str, ca.Function]:

@@ -187,6 +187,20 @@ def test_the_library_is_the_one_that_is_compiled_at_once(
     assert beside.name == at_once.name
 
 
+def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each says at its end how many instructions it has executed."""
+    calls = "from tests.programme.test_background import *\nexecute(load())"
+    for seconds, suffixes in ((1e-9, {".tape", ".executed"}), (1.0, {".tape", ".executed", ".key", ".so"})):
+        monkeypatch.setattr(tapes, "_INSTRUCTION", seconds)
+        for _ in range(2):
+            subprocess.run([sys.executable, "-c", calls], cwd=EXAMPLES.parent, check=True)
+        forget()
+        assert (load().library is not None) == (seconds == 1.0)
+        assert {path.suffix for path in folder.iterdir()} == suffixes
+
+
 def test_few_instructions_do_not_pay() -> None:
     made = tapes.Tapes({}, operations=10_000)
     assert not made.pay_compiling(10_000_000)
@@ -272,7 +286,7 @@ def test_a_process_that_ends_ends_its_compiler(folder: Path, tmp_path: Path) -> 
     assert time.monotonic() - before < 30.0  # and not the compiler's minute
     assert (process.returncode, said) == (0, "")
     assert all_gone(seen)
-    assert [path.suffix for path in folder.iterdir()] == [".tape"]
+    assert {path.suffix for path in folder.iterdir()} == {".tape", ".executed"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
