@@ -68,29 +68,22 @@ def choose_scheme(
     ends : tuple of int and float
         Number of steps, and their length [s].
     """
-    if robot.drives:
-        return ChosenScheme("rk4", "controls that prescribe velocities")
-    if robot.rotations == "dcm" and has_rotations(robot):
-        return ChosenScheme("rk4", "rotation matrices")
-    if COORDINATES[coordinates].needs_constraints:
-        return ChosenScheme("midpoint", f"{coordinates} coordinates")
-    if has_switches:
-        return ChosenScheme("midpoint", "constraints that begin or end along the way")
-    if any(isinstance(one, ContactForce | ContactBounds) for one in path):
-        return ChosenScheme("midpoint", "bounds of contact forces")
-    if controls != "constant":
-        return ChosenScheme("lobatto3" if robot.nc else "gauss2", "controls that vary within steps")
-    if _alternates(goal, path, ends):
-        return ChosenScheme("se1", "equations on frames at all nodes")
-    if robot.nc and robot.nv <= _SMALL_LOOP:
-        return ChosenScheme("lobatto3", "small closed loops")
-    if robot.nc:
-        return ChosenScheme("midpoint", "closed loops of many joints")
-    if has_rotations(robot):
-        return ChosenScheme("midpoint", "a floating base or ball joints")
-    if robot.nv > _LONG_CHAIN:
-        return ChosenScheme("midpoint", "a chain of many joints")
-    return ChosenScheme("gauss2", "an open chain of joints")
+    turns, path_forces = has_rotations(robot), ContactForce | ContactBounds
+    suits = (  # the first that holds
+        (bool(robot.drives), "rk4", "controls that prescribe velocities"),
+        (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),
+        (COORDINATES[coordinates].needs_constraints, "midpoint", f"{coordinates} coordinates"),
+        (has_switches, "midpoint", "constraints that begin or end along the way"),
+        (any(isinstance(one, path_forces) for one in path), "midpoint", "bounds of contact forces"),
+        (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
+        (_alternates(goal, path, ends), "se1", "equations on frames at all nodes"),
+        (robot.nc > 0 and robot.nv <= _SMALL_LOOP, "lobatto3", "small closed loops"),
+        (robot.nc > 0, "midpoint", "closed loops of many joints"),
+        (turns, "midpoint", "a floating base or ball joints"),
+        (robot.nv > _LONG_CHAIN, "midpoint", "a chain of many joints"),
+        (True, "gauss2", "an open chain of joints"),
+    )
+    return next(ChosenScheme(scheme, reason) for holds, scheme, reason in suits if holds)
 
 
 def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:

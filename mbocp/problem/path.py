@@ -221,25 +221,30 @@ def check_path(
     for constraint in path:
         constraint.check_frames(robot)
         constraint.span.check_horizon(f"path {constraint.name!r}", num_steps, dt, num_lengths=num_lengths)
+        has_end = constraint.span.has_end(num_steps, dt)
         if isinstance(constraint, PathConstraint) and constraint.follows:
             if constraint.span.nodes(num_steps, dt).sum() + constraint.span.has_start < 2:
                 raise ProblemError(
                     f"path {constraint.name!r}: one node between from and until is no time to follow a path; "
                     "take times farther apart"
                 )
-            _check_ends_of_path(constraint, robot, q_start, goal, constraint.span.has_end(num_steps, dt))
-            continue
-        if not constraint.is_known_before:
-            continue  # controls and forces are not known before
-        if constraint.span.has_start:
-            _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
-        if not (goal.is_exact and goal.q_active.all() and constraint.span.has_end(num_steps, dt)):
-            continue
-        if not constraint.term.has_velocity:
-            _refuse_outside(constraint, constraint.values(robot, goal.q, np.zeros(robot.nv)), "goal")
-        elif goal.rate_active.all():
-            v = goal.value if goal.rate == "v" else robot.velocity_from_momentum(goal.q, goal.value)
-            _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
+            _check_ends_of_path(constraint, robot, q_start, goal, has_end)
+        elif constraint.is_known_before:  # controls and forces are not
+            if constraint.span.has_start:
+                _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
+            if has_end:
+                _check_at_goal(constraint, robot, goal)
+
+
+def _check_at_goal(constraint: BoundedTerm, robot: Robot, goal: Goal) -> None:
+    """Refuse a constraint that an exact goal violates, if it says enough to tell."""
+    has_v = goal.rate_active.all()
+    if not (goal.is_exact and goal.q_active.all() and (has_v or not constraint.term.has_velocity)):
+        return
+    v = np.zeros(robot.nv)
+    if constraint.term.has_velocity:
+        v = goal.value if goal.rate == "v" else robot.velocity_from_momentum(goal.q, goal.value)
+    _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
 
 
 def _check_ends_of_path(

@@ -40,26 +40,46 @@ def joint_rows(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[Joint
     JointRow
         Of second degree in the coordinates of both bodies.
     """
-    kind = body.kind
-    if kind == "floating":
-        return
-    if kind in ("revolute", "continuous", "spherical"):
-        for i, letter in enumerate("xyz"):
-            yield JointRow(body, f"joint {letter}", "m", away[i])
-    if kind in ("revolute", "continuous"):
-        own = D @ ca.DM(body.axis)
-        for i, other in enumerate(perpendiculars(body.axis)):
-            yield JointRow(body, f"axis {i + 1}", "", ca.dot(axes @ ca.DM(other), own))
-    if kind in ("prismatic", "translation"):
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            yield JointRow(body, f"turn {i + 1}", "", ca.dot(axes[:, i], D[:, j]))
-    if kind == "prismatic":
-        for i, other in enumerate(perpendiculars(body.axis)):
-            yield JointRow(body, f"aside {i + 1}", "m", ca.dot(axes @ ca.DM(other), away))
-    if kind == "planar":
-        yield JointRow(body, "height", "m", ca.dot(axes[:, 2], away))
-        for i in range(2):
-            yield JointRow(body, f"tilt {i + 1}", "", ca.dot(axes[:, i], D[:, 2]))
+    for rows in _ROWS[body.kind]:
+        yield from rows(body, axes, away, D)
+
+
+def _place(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    for i, letter in enumerate("xyz"):
+        yield JointRow(body, f"joint {letter}", "m", away[i])
+
+
+def _axis(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    own = D @ ca.DM(body.axis)
+    for i, other in enumerate(perpendiculars(body.axis)):
+        yield JointRow(body, f"axis {i + 1}", "", ca.dot(axes @ ca.DM(other), own))
+
+
+def _turns(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        yield JointRow(body, f"turn {i + 1}", "", ca.dot(axes[:, i], D[:, j]))
+
+
+def _aside(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    for i, other in enumerate(perpendiculars(body.axis)):
+        yield JointRow(body, f"aside {i + 1}", "m", ca.dot(axes @ ca.DM(other), away))
+
+
+def _plane(body: Body, axes: ca.SX, away: ca.SX, D: ca.SX) -> Iterator[JointRow]:
+    yield JointRow(body, "height", "m", ca.dot(axes[:, 2], away))
+    for i in range(2):
+        yield JointRow(body, f"tilt {i + 1}", "", ca.dot(axes[:, i], D[:, 2]))
+
+
+_ROWS = {
+    "floating": (),
+    "spherical": (_place,),
+    "revolute": (_place, _axis),
+    "continuous": (_place, _axis),
+    "translation": (_turns,),
+    "prismatic": (_turns, _aside),
+    "planar": (_plane,),
+}
 
 
 def follower_row(body: Body, own: ca.SX, leaders: ca.SX) -> JointRow:

@@ -94,17 +94,11 @@ def reproduce(
     with the options that go on.
     """
     from mbocp_papers.machine import machine_line
-    from mbocp_papers.so3.figures import LATTICE_FIGURES, check_figure, write_figure
+    from mbocp_papers.so3.figures import LATTICE_FIGURES, write_figure
     from mbocp_papers.so3.request import lattice_outcomes
-    from mbocp_papers.so3.tables import check_table, make_table, summary_table
+    from mbocp_papers.so3.tables import make_table, summary_table
 
-    for number in tables:
-        check_table(number)
-    for number in figures:
-        check_figure(number)
-    check_folder(request.folder)
-    if request.results is not None and request.results.is_dir():
-        raise ResultFileError(request.results, "--results is a folder, expected the name of a file")
+    _check(tables, figures, request)
     found: dict[str, Any] = {"machine": machine_line(), "tables": {}, "figures": {}}
     console, shown = output(), not (as_json or quiet)
     if shown:
@@ -136,6 +130,19 @@ def reproduce(
             console.print(f"figure {number}: {', '.join(map(str, paths))}", soft_wrap=True)
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
+
+
+def _check(tables: Sequence[int], figures: Sequence[int], request: Request) -> None:
+    from mbocp_papers.so3.figures import check_figure
+    from mbocp_papers.so3.tables import check_table
+
+    for number in tables:
+        check_table(number)
+    for number in figures:
+        check_figure(number)
+    check_folder(request.folder)
+    if request.results is not None and request.results.is_dir():
+        raise ResultFileError(request.results, "--results is a folder, expected the name of a file")
 
 
 def _say_how_to_go_on(request: Request) -> None:

@@ -41,27 +41,20 @@ def parse_yaml(text: str) -> Any:
 
 def _check_size(text: str) -> None:
     """Count the nodes, those of aliases each time, and stop at the limits."""
-    anchors: dict[str, int] = {}  # nodes of each anchor
-    open_: list[
-        tuple[str | None, int]
-    ] = []  # lists and tables that have not ended: anchor, nodes before them
+    anchors: dict[str | None, int] = {}  # nodes of each anchor
+    open_: list[tuple[str | None, int]] = []  # what has not ended: its anchor, and nodes before it
     count = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):
             if any(anchor == event.anchor for anchor, _ in open_):
                 raise Unreadable(f"malformed YAML: *{event.anchor} stands within itself")
             count += anchors.get(event.anchor, 1)
-        elif isinstance(event, yaml.ScalarEvent):
-            count += 1
-            if event.anchor:
-                anchors[event.anchor] = 1
-        elif isinstance(event, yaml.CollectionStartEvent):
+        elif isinstance(event, yaml.NodeEvent):
             open_.append((event.anchor, count))
             count += 1
-        elif isinstance(event, yaml.CollectionEndEvent):
+        if isinstance(event, yaml.ScalarEvent | yaml.CollectionEndEvent):
             anchor, before = open_.pop()
-            if anchor:
-                anchors[anchor] = count - before
+            anchors[anchor] = count - before
         if len(open_) > MAX_LEVELS:
             raise Unreadable(f"malformed YAML: lists or tables are nested more than {MAX_LEVELS} deep")
         if count > MAX_NODES:
