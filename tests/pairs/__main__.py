@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from collections import Counter
@@ -22,6 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--out", type=Path, default=Path("build/pairs.jsonl"), help="rows; resumed")
     options = parser.parse_args(arguments)
+    os.environ.setdefault("MBOCP_FUNCTIONS", "compiled")  # that functions compile is what is looked at
     with tempfile.TemporaryDirectory() as folder:
         for robot in options.robots:
             for row in run(robot, options.out, Path(folder), options.workers, options.features):
