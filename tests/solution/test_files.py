@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbocp.exceptions import ResultFileError
-from mbocp.solution import IterationRecord, Solution
+from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solution.atomic import atomic_path
 from mbocp.storage import seal
 
@@ -210,3 +210,13 @@ def test_names_of_very_many_columns_fit(tmp_path: Path) -> None:
     saved = pendulum(num_steps=2, path_names=names, lam_path=np.zeros((2, 5000)))
     saved.save(tmp_path / "result.h5")
     assert Solution.load(tmp_path / "result.h5") == saved
+
+
+def test_an_impact_moves_nothing_where_a_solve_converged_and_may_where_it_did_not(tmp_path: Path) -> None:
+    t = np.array(pendulum().t)
+    t[40] = t[39]
+    begun = pendulum(t=t, status=Status.MAX_ITERATIONS)
+    assert Solution.load(begun.save(tmp_path / "begun.h5")) == begun
+    done = pendulum(t=t).save(tmp_path / "done.h5")
+    with pytest.raises(ResultFileError, match="but for impacts"):
+        Solution.load(done)
