@@ -16,8 +16,9 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - lengthening (x0, x1, y, u, m, theta, rho) -> derivative of l + m'c in log(dt); of some schemes
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
 
-A solve by Newton's method asks for none of `gradient`, `jacobian` and `lengthening`, but for a few first
-derivatives, which `complete` has as well: so these are compiled when a solver asks for them.
+A solve by Newton's method asks for neither `gradient` nor `jacobian`, but for a few first derivatives, which
+`complete` has as well: so these are built when a solver asks for them. `lengthening`, which Hamiltonians come
+from, is short, and to build it alone takes as long as to build all.
 
 The rows of c are kinematics, momentum balance (or speeds), those of the blocks, constraints. Which
 equations these are is for the formulation's `Steps` to say. Controls that are forces, y and the momentum
@@ -44,8 +45,8 @@ from mbocp.terms import Point, Sizes
 
 # Functions that are asked at all steps at once; the others follow a motion step by step.
 AT_EVERY_STEP = ("values", "complete", "path", "path_values", "retract")
-LATER = ("gradient", "jacobian", "lengthening")
-_ALL = (*AT_EVERY_STEP, "difference", *LATER)
+LATER = ("gradient", "jacobian")
+_ALL = (*AT_EVERY_STEP, "difference", "lengthening", *LATER)
 _AT_M = 4  # where the multipliers are among the inputs of `complete`
 
 
