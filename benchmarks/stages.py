@@ -1,11 +1,9 @@
-"""Stage functions as machine code against the tape of a machine without a compiler, side by side."""
+"""Stage functions as machine code and as tapes, side by side."""
 
 from __future__ import annotations
 
 import os
-import tempfile
 import time
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ class StageTime:
 def time_stages(problem: mbocp.Problem, repetitions: int) -> StageTime:
     """Evaluate the same iterate with both, in turn."""
     programme, guess = warm_guess(problem)
-    with _no_compiler():
+    with _tapes():
         interpreted = transcribe(problem)
     natives = []
     for variant in (programme, interpreted):
@@ -49,21 +47,17 @@ def time_stages(problem: mbocp.Problem, repetitions: int) -> StageTime:
 
 
 @contextmanager
-def _no_compiler() -> Iterator[None]:
-    """What a machine without a C compiler and with an empty cache sees."""
-    changed = ("PATH", "CC", "MBOCP_CACHE_DIR")
-    kept = {name: os.environ.get(name) for name in changed}
-    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        os.environ.update({"PATH": "", "CC": "", "MBOCP_CACHE_DIR": folder})
-        try:
-            yield
-        finally:
-            for name, value in kept.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
+def _tapes() -> Iterator[None]:
+    """What functions are that no compiler is asked for."""
+    kept = os.environ.get("MBOCP_FUNCTIONS")
+    os.environ["MBOCP_FUNCTIONS"] = "tapes"
+    try:
+        yield
+    finally:
+        if kept is None:
+            del os.environ["MBOCP_FUNCTIONS"]
+        else:
+            os.environ["MBOCP_FUNCTIONS"] = kept
 
 
 def stage_table(cases: Sequence[Case] = CASES, repetitions: int = 30) -> Table:

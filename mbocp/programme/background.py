@@ -48,6 +48,7 @@ class BackgroundCompiler:
 
     def __init__(self, file: Path, key: str, in_lanes: Collection[str], *, of_end: bool) -> None:
         self.failure = ""
+        self._is_stopped = False
         self._command = python_command(_COMMAND, str(file), key, "end" if of_end else "", *in_lanes)
         self._group: int | None = None
         self._thread = Thread(target=self._run, name="mbocp-compiler", daemon=True)
@@ -64,7 +65,8 @@ class BackgroundCompiler:
         self._thread.join(seconds)
 
     def stop(self) -> None:
-        """End it, and all that it has started."""
+        """End it, and all that it has started; one that waits for its turn does not begin."""
+        self._is_stopped = True
         for number in (signal.SIGTERM, signal.SIGKILL):
             group = self._group
             if group is not None and self.is_running:
@@ -73,9 +75,11 @@ class BackgroundCompiler:
                 self.wait(_PATIENCE)
 
     def _run(self) -> None:
+        code, said = 0, b""
         with _TURN:
             try:
-                code, said = run_watched(self._command, dict(os.environ), begun=self._begun)
+                if not self._is_stopped:
+                    code, said = run_watched(self._command, dict(os.environ), begun=self._begun)
             except (OSError, RuntimeError) as error:  # no process can be started
                 code, said = 1, str(error).encode()
         if code != 0:
@@ -89,7 +93,7 @@ class BackgroundCompiler:
 @atexit.register
 def _stop() -> None:
     """End what runs at the end of this process, which does not wait for it."""
-    for beside in tuple(_running):
+    for beside in reversed(tuple(_running)):  # those that wait for their turn first
         beside.stop()
 
 

@@ -16,7 +16,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import InvalidValue
-from mbocp.programme import background, compilation, tapes
+from mbocp.programme import background, cache, compilation, tapes
 from mbocp.programme.cache import sealed
 from mbocp.programme.compilation import (
     BackgroundCompilerWarning,
@@ -279,6 +279,14 @@ def all_gone(seen: Path) -> bool:
     return False
 
 
+def left_in(folder: Path) -> list[Path]:
+    """What the next process finds, which removes what those leave that had no time to do so."""
+    cache._sweep_once.cache_clear()
+    with cache.scratch_folder(folder):
+        pass
+    return list(folder.iterdir())
+
+
 def test_a_process_that_ends_ends_its_compiler(folder: Path, tmp_path: Path) -> None:
     process, seen = begun(folder, tmp_path, "")
     before = time.monotonic()
@@ -286,7 +294,7 @@ def test_a_process_that_ends_ends_its_compiler(folder: Path, tmp_path: Path) -> 
     assert time.monotonic() - before < 30.0  # and not the compiler's minute
     assert (process.returncode, said) == (0, "")
     assert all_gone(seen)
-    assert {path.suffix for path in folder.iterdir()} == {".tape", ".executed"}
+    assert {path.suffix for path in left_in(folder)} == {".tape", ".executed"}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
@@ -297,6 +305,29 @@ def test_a_process_that_is_killed_ends_its_compiler(folder: Path, tmp_path: Path
     assert process.returncode == -number
     assert all_gone(seen)
     assert not list(folder.glob("*.so"))
+
+
+@pytest.mark.usefixtures("pays")
+def test_compilers_run_one_after_another_and_all_are_stopped(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = tmp_path / "pids"
+    monkeypatch.setenv("PIDS", str(seen))
+    monkeypatch.setenv("CC", script(tmp_path / "cc", SLOW))
+    for key in ("one", "another"):
+        for _ in range(2):
+            execute(load_functions(key, doubling))
+    both = list(background._running)
+    assert len(both) == 2
+    limit = time.monotonic() + PATIENCE
+    while not seen.exists() and time.monotonic() < limit:
+        time.sleep(0.02)
+    background._stop()
+    for beside in both:
+        beside.wait(PATIENCE)
+    assert not background._running
+    assert all_gone(seen)
+    assert {path.suffix for path in left_in(folder)} == {".tape"}
 
 
 def test_what_is_no_tape_is_compiled_at_once(folder: Path) -> None:
