@@ -19,7 +19,7 @@ from mbocp.guesses.starts import guesses_in_turn, start_guesses
 from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
 from mbocp.job import Job
 from mbocp.problem.goals.frames import pose_errors
-from mbocp.programme import compilation
+from mbocp.programme import library
 from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import SolveTask
@@ -147,7 +147,7 @@ def test_nothing_is_compiled_for_further_starts(monkeypatch):
     def refuse(*_: object, **__: object) -> None:
         raise AssertionError("compiled anew")
 
-    monkeypatch.setattr(compilation, "run_compiler", refuse)
+    monkeypatch.setattr(library, "run_compiler", refuse)
     assert mbocp.solve(pendulum(starts=4)).converged
 
 
