@@ -34,6 +34,7 @@ Node = ElementTree.Element
 _MAX_LEVELS = 64  # of nodes within each other
 _MAX_ENTRY = 1e15  # entry of a placement whose determinant is finite
 _MAX_NODES = 20_000  # each as often as others repeat it
+_MAX_STRIDE = 1000
 
 
 def read_collada(path: Path) -> tuple[MeshPart, ...]:
@@ -157,7 +158,7 @@ class _Reader:
                 raise ValueError(f"no data {shown(key)} in it")
             accessor = source.find("technique_common/accessor")
             stride = int(accessor.get("stride", "1")) if accessor is not None else 3
-            if stride < 1:
+            if not 1 <= stride <= _MAX_STRIDE:
                 raise ValueError(f"data {shown(key)} has a stride of {stride}")
             values = np.array((numbers.text or "").split(), dtype=np.float64)
             self._sources[key] = values[: len(values) // stride * stride].reshape(-1, stride)

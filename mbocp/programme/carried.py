@@ -37,7 +37,7 @@ class Carried:
     @classmethod
     def of(cls, iterate: Iterate, programme: StagewiseProgramme) -> Carried:
         """An iterate of a programme."""
-        return cls(iterate, programme.path_names)
+        return cls(iterate, () if iterate.bounds is None else programme.path_names)
 
     def rest(self, first: int) -> Carried:
         """What follows a node."""

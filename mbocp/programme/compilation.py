@@ -15,7 +15,7 @@ import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property, lru_cache, partial
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -320,8 +320,8 @@ class _Asked:
             )
 
     def _compile_now(self) -> CompiledFunctions:
-        given = partial(load_functions, self.key, self.build, in_lanes=self.how.wide.functions, at_once=True)
-        return given(of_end=self.how.of_end)
+        names, of_end = self.how.wide.functions, self.how.of_end
+        return load_functions(self.key, self.build, of_end=of_end, in_lanes=names, at_once=True)
 
 
 @lru_cache(maxsize=256)

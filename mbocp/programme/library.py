@@ -45,10 +45,10 @@ _LEFT_OUT = (
 _SCHEDULE = ("-fschedule-insns", "-fsched-pressure", "-fno-schedule-insns2")
 _DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
 _MOST_FILES = 4
-# What turns functions into C, beside this module; imported when there is something to compile.
+# What turns functions into tapes and C, beside this module.
 _SOURCES = (
-    *("splitting.py", "pieces.py", "generated.py", "rewriting.py", "composed.py", "lanes.py", "processor.py"),
-    *("composed.h", "lanes.h"),
+    *("tapes.py", "splitting.py", "pieces.py", "generated.py", "rewriting.py", "composed.py", "lanes.py"),
+    *("processor.py", "composed.h", "lanes.h"),
 )
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
@@ -137,7 +137,7 @@ def _flags() -> tuple[str, ...]:
 
 @cache
 def sources_digest() -> str:
-    """Digest of what turns functions into C: a change there makes old entries stale."""
+    """Digest of what turns functions into tapes and C: a change there makes old entries stale."""
     own = Path(__file__)
     sources = (own, *(own.with_name(name) for name in _SOURCES))
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()

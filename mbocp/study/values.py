@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._memory import check_memory
 from mbocp._numbers import as_float, is_number
 from mbocp._text import shown
 from mbocp.exceptions import ProblemFileError, StudyError
@@ -19,6 +20,7 @@ from mbocp.study.schema import AxisTable
 LABEL = "label"
 _COUNT = "count"
 _MAX_VALUES = 1_000_000  # of one key
+_BYTES = 200  # of a value that was drawn, about
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,7 @@ def sample_dimension(written: Mapping[str, Any], seed: int) -> Dimension:
     keys = [key for key in written if key != _COUNT]
     if not keys:
         raise StudyError("sample: has a count but no key, as in " + _EXAMPLE)
+    check_memory(_BYTES * len(keys) * count, f"sample.count = {count}", "Take fewer")
     columns = []
     for key in keys:
         where = f"sample.{key}"

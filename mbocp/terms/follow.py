@@ -34,6 +34,7 @@ from mbocp.terms.written import Finite, NonNegative
 _Row = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 _Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 _SHORTEST = 1e-9  # [m] between points of a path
+_SHORTEST_SHARE = 1e-12  # of the length of the path
 _MAX_POINTS = 2000
 _MAX_TURN = 2.0  # [rad] from one orientation to the next: further apart quaternions do not say which way
 
@@ -289,7 +290,7 @@ def _check_points(points: Array, is_closed: bool, key: str) -> None:
     if not np.isfinite(points).all():
         raise InvalidValue(f"{key}: points", shown(points.tolist()), "finite numbers [m]")
     steps = np.linalg.norm(np.diff(np.vstack([points, points[: int(is_closed)]]), axis=0), axis=1)
-    if not (steps > _SHORTEST).all():
+    if not (steps > max(_SHORTEST, _SHORTEST_SHARE * steps.sum())).all():
         n = int(np.argmin(steps))
         after = (n + 1) % len(points)
         extra = "; a closed path does not repeat its first point" if after == 0 else ""

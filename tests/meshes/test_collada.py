@@ -181,6 +181,12 @@ def test_parts_with_and_without_texture_share_one_geometry(tmp_path):
     assert len(drawn["object"]["material"]) == 2
 
 
+@pytest.mark.parametrize("stride", [0, 2**32])
+def test_strides_that_no_mesh_has_are_refused(read, stride):
+    with pytest.raises(ValueError, match=f"a stride of {stride}"):
+        read(collada(TRIANGLES).replace('stride="3"', f'stride="{stride}"'))
+
+
 def test_a_file_without_its_data_is_refused(read):
     text = collada(f'<triangles count="1">{VERTEX}{TEXCOORD}<p>0 0 1 1 2 2</p></triangles>')
     with pytest.raises(ValueError, match="no data '#w'"):

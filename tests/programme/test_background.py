@@ -162,13 +162,14 @@ def test_a_compiler_runs_beside_once_that_pays(folder: Path) -> None:
     assert not background._running  # nothing was executed so far
     execute(first)
     assert load().library is None
-    assert background._running
+    (beside,) = background._running
     found = compiled_beside()
     assert found.library is not None
     assert works(found)
     assert not background._running
-    with pytest.raises(ChildProcessError):  # no process is left that nobody has waited for
-        os.waitpid(-1, os.WNOHANG)
+    assert beside._group is not None
+    with pytest.raises(ChildProcessError):  # somebody has waited for the process
+        os.waitpid(beside._group, os.WNOHANG)
     assert not list(folder.glob("build-*"))
     forget()
     assert load_functions("key", never, in_lanes=("f", "g")).library == found.library

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,6 +30,11 @@ def iterate(names: tuple[str, ...], rng: np.random.Generator) -> Iterate:
 
 def programme(names: tuple[str, ...]) -> SimpleNamespace:
     return SimpleNamespace(path_names=names, num_steps=STEPS, bounds=SimpleNamespace(nh=len(names)))
+
+
+def test_an_iterate_without_multipliers_names_none() -> None:
+    start = replace(iterate(("a", "b"), np.random.default_rng(0)), bounds=None)
+    assert Carried.of(start, programme(("a", "b"))).names == ()
 
 
 @given(NAMES, NAMES)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbocp.exceptions import ProblemFileError, StudyFileError
+from mbocp.exceptions import MemoryLimitExceeded, ProblemFileError, StudyFileError
 from mbocp.study import Study
 from mbocp.study.kinds import first_of_each_kind
 
@@ -258,6 +258,11 @@ def test_inline_problems_are_relative_to_the_study(tmp_path: Path) -> None:
 def test_what_is_wrong_is_said(make: MakeStudy, tables: dict[str, Any], reason: str) -> None:
     with pytest.raises(StudyFileError, match=reason):
         make(**tables)
+
+
+def test_more_samples_than_memory_holds_are_refused(make: MakeStudy) -> None:
+    with pytest.raises(MemoryLimitExceeded, match=r"sample.count = .* GB of memory.*Take fewer"):
+        make(sample={"count": 2**62, "cost.effort": {"uniform": [0, 1]}})
 
 
 def test_mistakes_of_the_problem_are_told_from_those_of_the_study() -> None:

@@ -306,6 +306,7 @@ def test_replays_show_the_path(tmp_path: Path) -> None:
         ({"points": CIRCLE}, "at the start follow of tool0"),
         ({"points": [[0, 0, 0]], "relative": True}, "1 points"),
         ({"points": [[0, 0, 0], [0, 0, 0]], "relative": True}, "at the same place"),
+        ({"points": [[0, 0, 0], [0, 0, 1e-3], [0, 0, 9e18]], "relative": True}, "0 and 1 at the same place"),
         ({"points": [*CIRCLE, CIRCLE[0]], "closed": True, "relative": True}, "does not repeat its first"),
         ({**ROUND, "tolerance": -1.0}, "a number >= 0"),
         ({**ROUND, "orientation_tolerance": 0.1}, "of what"),
