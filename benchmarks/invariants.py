@@ -26,7 +26,7 @@ from benchmarks.machine import header, one_core
 from benchmarks.tables import Table, present, show
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.simulated import simulated
+from mbocp.guesses.simulated import guess_by_simulation
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
@@ -167,7 +167,9 @@ def moved(
         scheme=scheme,
     )
     formulation = formulate(problem)
-    iterate = simulated(formulation, np.zeros(robot.nu), tolerance=_TO_ROUND_OFF, compensated=compensated)
+    iterate = guess_by_simulation(
+        formulation, np.zeros(robot.nu), tolerance=_TO_ROUND_OFF, compensated=compensated
+    )
     found = formulation.motion_of(iterate)
     return found.qs, found.vs
 

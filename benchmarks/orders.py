@@ -31,7 +31,7 @@ from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, present
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.simulated import simulated
+from mbocp.guesses.simulated import guess_by_simulation
 from mbocp.integrators import SCHEMES, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -253,7 +253,7 @@ def _driven(case: OrderCase, scheme: str, count: int) -> Found:
     )
     formulation = formulate(problem)
     programme = formulation.programme
-    iterate = simulated(formulation, np.resize(case.u, robot.nu), tolerance=_TO_ROUND_OFF)
+    iterate = guess_by_simulation(formulation, np.resize(case.u, robot.nu), tolerance=_TO_ROUND_OFF)
     native = kernel_programme(programme, sweeps=True)
     iterate.load_into(native)
     cost = native.gradient().cost

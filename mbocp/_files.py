@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mbocp._text import shortened, shown
+from mbocp._text import shorten, show
 from mbocp.exceptions import Unreadable
 
 if sys.version_info >= (3, 11):
@@ -140,17 +140,17 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise Unreadable(f"malformed TOML: an integer that does not fit into 64 bits ({error})") from error
     for path, value in _walk(document):
         if len(path) > MAX_LEVELS:
-            raise Unreadable(f"malformed TOML: {_dotted(path)}: {_TOO_DEEP}")
+            raise Unreadable(f"malformed TOML: {_join(path)}: {_TOO_DEEP}")
         if isinstance(value, int) and value not in _INTEGERS:
             raise Unreadable(
-                f"malformed TOML: {_dotted(path)}: got {shown(value)}, expected an integer of 64 "
+                f"malformed TOML: {_join(path)}: got {show(value)}, expected an integer of 64 "
                 "bits; write a large number as a float, 1e20"
             )
     return document
 
 
-def _dotted(path: tuple[str, ...]) -> str:
-    return shortened(".".join(path).replace(".[", "["))
+def _join(path: tuple[str, ...]) -> str:
+    return shorten(".".join(path).replace(".[", "["))
 
 
 def _walk(document: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:

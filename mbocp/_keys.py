@@ -161,7 +161,7 @@ class Key:
         unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
         return f"{says[:1].upper()}{says[1:]}{unit}.{default}"
 
-    def joined(self, other: Key) -> Key:
+    def join(self, other: Key) -> Key:
         """Return what is said of a key of several tables."""
         units = dict.fromkeys([*self.unit.split(", "), *other.unit.split(", ")])
         return replace(self, unit=", ".join(units), says=f"{self.says}; {other.says}")
@@ -235,7 +235,7 @@ def tables_in(annotation: Any) -> list[type[BaseModel]]:
     return list(dict.fromkeys(found))
 
 
-def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
+def merge_tables(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
     """Return `base` with the keys of all `parts`, in order; one that several have is common."""
     fields: dict[str, FieldInfo] = {}
     keys: dict[str, Key] = {}
@@ -243,13 +243,13 @@ def merged(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -
         fields.update((key, info) for key, info in part.model_fields.items() if key not in fields)
         for key, said in keys_of(part).items():
             row = row_of(key, keys)
-            keys[row or key] = said if row is None else keys[row].joined(said)
+            keys[row or key] = said if row is None else keys[row].join(said)
     return create_model(
-        name, __base__=base, __doc__=words, __module__=__name__, **dict(_annotated(fields, keys))
+        name, __base__=base, __doc__=words, __module__=__name__, **dict(_annotations(fields, keys))
     )
 
 
-def _annotated(fields: Mapping[str, FieldInfo], keys: Mapping[str, Key]) -> Iterator[tuple[str, Any]]:
+def _annotations(fields: Mapping[str, FieldInfo], keys: Mapping[str, Key]) -> Iterator[tuple[str, Any]]:
     for name, info in fields.items():
         own = copy(info)
         own.metadata = [item for item in info.metadata if not isinstance(item, Key)]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
-from mbocp._text import shown
+from mbocp._text import show
 
 LARGEST = 1e100  # of numbers in files: squares and cubes of them are floats, too
 
@@ -33,12 +33,12 @@ def finite_number(value: Any, where: str = "") -> float:
         Saying what was got, and `where`, for pydantic to collect.
     """
     if not is_number(value):
-        raise ValueError(f"got {shown(value)}{where}, expected a number")
+        raise ValueError(f"got {show(value)}{where}, expected a number")
     number = as_float(value)
     if not math.isfinite(number):
-        raise ValueError(f"got {shown(value)}{where}, expected a finite number")
+        raise ValueError(f"got {show(value)}{where}, expected a finite number")
     if abs(number) > LARGEST:
-        raise ValueError(f"got {shown(value)}{where}, expected a number of at most {LARGEST:g}")
+        raise ValueError(f"got {show(value)}{where}, expected a number of at most {LARGEST:g}")
     return number
 
 
@@ -50,8 +50,8 @@ def vector(value: Any, where: str = "") -> list[float]:
 def named_numbers(value: Mapping[str, Any]) -> dict[str, float | list[float]]:
     """Finite numbers, or lists of them, by name."""
     return {
-        name: vector(entry, f" for {shown(name)}")
+        name: vector(entry, f" for {show(name)}")
         if isinstance(entry, list)
-        else finite_number(entry, f" for {shown(name)}")
+        else finite_number(entry, f" for {show(name)}")
         for name, entry in value.items()
     }

@@ -35,7 +35,7 @@ class _Repr(reprlib.Repr):
 _REPR = _Repr()
 
 
-def shown(value: Any, limit: int = MAX_QUOTE) -> str:
+def show(value: Any, limit: int = MAX_QUOTE) -> str:
     """`repr(value)` for a message, with at most `limit` characters and in bounded time.
 
     Parameters
@@ -45,13 +45,13 @@ def shown(value: Any, limit: int = MAX_QUOTE) -> str:
     limit : int, optional
         Longest text that is returned [characters].
     """
-    return shortened(_REPR.repr(value), limit)
+    return shorten(_REPR.repr(value), limit)
 
 
-def listed(names: Sequence[str], most: int) -> str:
+def list_names(names: Sequence[str], most: int) -> str:
     """The first `most` names, quoted, with commas between them, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(shown(name) for name in names[:most]) + more
+    return ", ".join(show(name) for name in names[:most]) + more
 
 
 def has_control_characters(text: str) -> bool:
@@ -71,7 +71,7 @@ def _only_prints(character: str) -> bool:
     return unicodedata.category(character) not in ("Cc", "Cs") and character not in _DIRECTIONS
 
 
-def shortened(text: str, limit: int = MAX_QUOTE) -> str:
+def shorten(text: str, limit: int = MAX_QUOTE) -> str:
     """`text` itself, or its beginning and end with "[...]" between them if it is longer than `limit`."""
     if len(text) <= limit:
         return text

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbocp._text import MAX_MESSAGE, shortened, shown
+from mbocp._text import MAX_MESSAGE, shorten, show
 
 
 def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
@@ -19,16 +19,16 @@ def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     folded = {one.casefold(): one for one in reversed(names)}
     close = [folded[one] for one in difflib.get_close_matches(name.casefold(), folded, n=3)]
     if close:
-        return f"did you mean {' or '.join(repr(shortened(c)) for c in close)}?"
-    shown = ", ".join(shortened(name) for name in names[:limit])
-    return f"valid names: {shown}{', ...' if len(names) > limit else ''}"
+        return f"did you mean {' or '.join(repr(shorten(c)) for c in close)}?"
+    first = ", ".join(shorten(name) for name in names[:limit])
+    return f"valid names: {first}{', ...' if len(names) > limit else ''}"
 
 
 class MbocpError(Exception):
     """Root of all errors of mbocp; a message has at most `MAX_MESSAGE` characters, whatever it quotes."""
 
     def __init__(self, *words: Any) -> None:
-        super().__init__(*(shortened(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
+        super().__init__(*(shorten(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
 
 
 class Unreadable(MbocpError):
@@ -64,7 +64,7 @@ class InvalidValue(MbocpError):
         listed = " | ".join(f'"{word}"' for word in allowed)
         hint = suggest(got, allowed) if isinstance(got, str) else ""
         near = f" ({hint})" if hint.startswith("did you mean") else ""
-        return cls(name, shown(got), f"{listed}{near}{'; ' + note if note else ''}")
+        return cls(name, show(got), f"{listed}{near}{'; ' + note if note else ''}")
 
 
 class MemoryLimitExceeded(MbocpError):
@@ -109,8 +109,8 @@ class UnknownJoint(RobotError):
 
     def __init__(self, name: str, robot: str, valid: Iterable[str], reason: str = "") -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
-        unknown = f"robot {robot!r} has no joint {shortened(name)!r}: {suggest(name, self.valid)}"
-        super().__init__(f"joint {shortened(name)!r} of robot {robot!r} {reason}" if reason else unknown)
+        unknown = f"robot {robot!r} has no joint {shorten(name)!r}: {suggest(name, self.valid)}"
+        super().__init__(f"joint {shorten(name)!r} of robot {robot!r} {reason}" if reason else unknown)
 
 
 class UnknownFrame(RobotError):
@@ -119,7 +119,7 @@ class UnknownFrame(RobotError):
     def __init__(self, name: str, robot: str, valid: Iterable[str]) -> None:
         self.name, self.robot, self.valid = name, robot, tuple(valid)
         tips_first = suggest(name, reversed(self.valid))
-        super().__init__(f"robot {robot!r} has no frame {shortened(name)!r}: {tips_first}")
+        super().__init__(f"robot {robot!r} has no frame {shorten(name)!r}: {tips_first}")
 
 
 class UnsupportedRobot(RobotError):

@@ -86,7 +86,7 @@ def explain(
         return Explanation(causes)
     say = tell or (lambda _: None)
     say("as it is")
-    if _solved(problem, None) is not None:
+    if _solve(problem, None) is not None:
         return Explanation(causes, is_solvable=True)
     found = []
     for relaxation in relaxations(problem):
@@ -99,7 +99,7 @@ def explain(
 
 def _given(problem: Problem, relaxation: Relaxation) -> Given | None:
     """Smallest factor of one kind of limit; None if it does not help."""
-    solution = _relaxed(relaxation, relaxation.widest, None)
+    solution = _relax(relaxation, relaxation.widest, None)
     if solution is None:
         return None
     if not relaxation.is_gradual:
@@ -111,7 +111,7 @@ def _given(problem: Problem, relaxation: Relaxation) -> Given | None:
     low, high = 1.0, relaxation.widest
     while high / low > _CLOSE:
         middle = math.sqrt(low * high)
-        again = _relaxed(relaxation, middle, solution)
+        again = _relax(relaxation, middle, solution)
         if again is None:
             low = middle
         else:
@@ -119,16 +119,16 @@ def _given(problem: Problem, relaxation: Relaxation) -> Given | None:
     return Given(relaxation.kind, high, _words(problem, relaxation, high, solution))
 
 
-def _relaxed(relaxation: Relaxation, factor: float, near: Solution | None) -> Solution | None:
+def _relax(relaxation: Relaxation, factor: float, near: Solution | None) -> Solution | None:
     try:
         problem = relaxation.problem(factor)
     except MbocpError:
         return None
-    found = _solved(problem, near)
-    return found if found is not None or near is None else _solved(problem, None)
+    found = _solve(problem, near)
+    return found if found is not None or near is None else _solve(problem, None)
 
 
-def _solved(problem: Problem, near: Solution | None) -> Solution | None:
+def _solve(problem: Problem, near: Solution | None) -> Solution | None:
     """The solution, if Newton's method finds one."""
     options = replace(
         problem.solver, method="monolithic", starts=1, max_iterations=_ITERATIONS, time_limit=_SECONDS
@@ -144,12 +144,12 @@ def _words(problem: Problem, relaxation: Relaxation, factor: float, solution: So
     kind = relaxation.kind
     if kind == "duration":
         T = (problem.duration_range or (0.0, problem.duration))[1]
-        return f"in {factor * T:.3g} s in place of {T:.4g} s it is solved{_touched(solution)}"
+        return f"in {factor * T:.3g} s in place of {T:.4g} s it is solved{_contact(solution)}"
     letter = _LETTERS.get(kind, "")
     if letter in _STORED:
         return _largest(problem, letter, factor, solution)
     name = kind if kind.startswith("path ") else f"limits.{kind}"
-    return f"{name} would have to be {factor:.3g} times as wide{_touched(solution)}"
+    return f"{name} would have to be {factor:.3g} times as wide{_contact(solution)}"
 
 
 def _largest(problem: Problem, letter: str, factor: float, solution: Solution) -> str:
@@ -179,7 +179,7 @@ def _key(letter: str) -> str:
     return LIMITS[letter].removeprefix("limits.")
 
 
-def _touched(solution: Solution) -> str:
+def _contact(solution: Solution) -> str:
     names = list(dict.fromkeys(f"{limit.kind} {limit.name}" for limit in solution.active_limits))
     return f", with {', '.join(names[:3])} at the limit" if names else ""
 
@@ -195,7 +195,7 @@ def _without_all(problem: Problem, say: Callable[[str], object]) -> str:
             names.append(relaxation.kind)
         except (MbocpError, StopIteration):
             continue
-    if names and _solved(wider, None) is not None:
+    if names and _solve(wider, None) is not None:
         return f"no single kind of limit is to blame: it is solved when {', '.join(names)} give together"
     return (
         "not even without its limits is it solved: another guess, more steps, a softer goal "

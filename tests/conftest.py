@@ -29,7 +29,7 @@ def interpreted_functions(
     at_once: bool = False,
 ) -> CompiledFunctions:
     if key not in _MADE:
-        _MADE[key] = CompiledFunctions.interpreted(build())
+        _MADE[key] = CompiledFunctions.interpret(build())
     return _MADE[key]
 
 

@@ -15,7 +15,7 @@ import typer
 
 import mbocp
 from mbocp.cli.app import app_for
-from mbocp.problem.file.keys_page import updated
+from mbocp.problem.file.keys_page import update_page
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.file.write import problem_to_toml
@@ -92,7 +92,7 @@ def test_the_table_of_keys_is_complete() -> None:
 def test_the_tables_of_keys_are_those_of_their_declarations() -> None:
     """`python -m mbocp.problem.file.keys_page docs/problem_files.md` writes them."""
     page = text("docs/problem_files.md")
-    assert updated(page) == page
+    assert update_page(page) == page
     assert page.count("| key ") == 2
 
 

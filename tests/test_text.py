@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from mbocp._text import MAX_MESSAGE, MAX_QUOTE, shortened, shown
+from mbocp._text import MAX_MESSAGE, MAX_QUOTE, shorten, show
 from mbocp.exceptions import MbocpError, RobotFileError, UnknownJoint
 
 
@@ -22,7 +22,7 @@ def bomb(levels: int) -> list[object]:
     "value", [None, True, 3, -2.5, "word", [1, 2], {"a": [1.0]}, ("x", "y"), [[0.0] * 7]]
 )
 def test_small_values_are_shown_as_python_writes_them(value):
-    assert shown(value) == repr(value)
+    assert show(value) == repr(value)
 
 
 @pytest.mark.parametrize(
@@ -32,14 +32,14 @@ def test_small_values_are_shown_as_python_writes_them(value):
 )
 def test_large_values_are_shown_in_few_characters_and_little_time(value):
     began = time.perf_counter()
-    assert len(shown(value)) <= MAX_QUOTE
+    assert len(show(value)) <= MAX_QUOTE
     assert time.perf_counter() - began < 1.0
 
 
 def test_shortened_keeps_beginning_and_end():
     text = "a" * 100 + "b" * 100
-    assert shortened(text, 200) == text
-    cut = shortened(text, 50)
+    assert shorten(text, 200) == text
+    cut = shorten(text, 50)
     assert len(cut) == 50
     assert cut.startswith("aaa")
     assert cut.endswith("bbb")

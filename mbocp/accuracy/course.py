@@ -67,14 +67,14 @@ class Course:
         Before a step of no duration they are those that the constraints before it allow.
         """
         return np.vstack(
-            [self._allowed(i, qs[span.steps], vs[span.steps]) for i, span in enumerate(self.spans)]
+            [self._allowance(i, qs[span.steps], vs[span.steps]) for i, span in enumerate(self.spans)]
         )
 
-    def reached(self, qs: Array, vs: Array) -> Array:
+    def end_velocities(self, qs: Array, vs: Array) -> Array:
         """Velocities with which steps end, from those of the nodes, shape (N, nv)."""
         return np.vstack([span.flow.consistent(qs[span.ends], vs[span.ends]) for span in self.spans])
 
-    def _allowed(self, i: int, qs: Array, vs: Array) -> Array:
+    def _allowance(self, i: int, qs: Array, vs: Array) -> Array:
         if self.spans[i].takes_time:
             return self.spans[i].flow.consistent(qs, vs)
         return self.spans[i - 1].flow.consistent(qs, vs) if i else vs
@@ -99,8 +99,8 @@ class Course:
                 q, speeds = qs[-1], after[-1]
         return q
 
-    def tracked(self, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array) -> Array:
-        """Configuration at the end of one flow that answers deviations; see `Flow.tracked`, shape (nq,)."""
+    def track(self, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array) -> Array:
+        """Configuration at the end of one flow that answers deviations; see `Flow.track`, shape (nq,)."""
         (qs, vs), robot = planned, self.flow.robot
         x = np.concatenate([qs[0], vs[0], np.zeros(robot.nu)])
         at_v = slice(robot.nq, robot.nq + robot.nv)
@@ -108,7 +108,7 @@ class Course:
             x[at_v] = span.flow.consistent(x[None, : robot.nq], x[None, at_v])[0]
             if span.takes_time:
                 of = span.steps
-                x = span.flow.tracked(x, (qs[of], vs[of]), us[of], dts[of], parts, gains[of])
+                x = span.flow.track(x, (qs[of], vs[of]), us[of], dts[of], parts, gains[of])
         found: Array = x[: robot.nq]
         return found
 

@@ -77,15 +77,15 @@ _WEIGHTS = (
 )
 
 
-def _filled(entries: tuple[tuple[int, float], ...]) -> Array:
+def _fill(entries: tuple[tuple[int, float], ...]) -> Array:
     found = np.zeros(len(_ROWS))
     for place, value in entries:
         found[place] = value
     return found
 
 
-SLOPES: Array = frozen_array([_filled(row) for row in _ROWS], shape=(12, 12), name="a")
-WEIGHTS: Array = frozen_array(_filled(_WEIGHTS), shape=(12,), name="b")
+SLOPES: Array = frozen_array([_fill(row) for row in _ROWS], shape=(12, 12), name="a")
+WEIGHTS: Array = frozen_array(_fill(_WEIGHTS), shape=(12,), name="b")
 NODES: Array = frozen_array(
     [
         0.0,

@@ -76,9 +76,9 @@ def accuracy_of(
         return Accuracy()
     course = course_of(robot, table, len(motion.us), deadline=deadline)
     flow, qs, us, dts = course.flow, motion.qs, motion.us_at_ends, motion.dts
-    starts, reached = course.starts(qs, motion.vs), course.reached(qs, motion.vs)
+    starts, reached = course.starts(qs, motion.vs), course.end_velocities(qs, motion.vs)
     speeds = _speeds(robot, qs[:-1], starts)
-    followed = _followed(course, motion, speeds)
+    followed = _follow(course, motion, speeds)
     if followed is None:
         return Accuracy()
     ends, end_speeds, parts, own = followed
@@ -88,8 +88,8 @@ def accuracy_of(
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     replay = partial(course.replay, qs[0], speeds[0], motion.us_in_powers, dts)
-    left = _missed(course, replay, motion, parts)
-    tracked = _tracked(course, motion, starts, parts, gains)
+    left = _miss(course, replay, motion, parts)
+    tracked = _track(course, motion, starts, parts, gains)
     vs = np.vstack([starts[:1], reached])
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
@@ -151,7 +151,7 @@ def step_errors(
     """
     course = course_of(robot, table, len(motion.us), deadline=deadline)
     speeds = _speeds(robot, motion.qs[:-1], course.starts(motion.qs, motion.vs))
-    followed = _followed(course, motion, speeds)
+    followed = _follow(course, motion, speeds)
     if followed is None:
         unknown = np.full(len(motion.us), np.inf)
         return StepErrors(unknown, unknown)
@@ -160,13 +160,13 @@ def step_errors(
     largest: Array = errors.max(axis=1)
     if adjoints is None or robot.drives or not np.isfinite(adjoints).all():
         return StepErrors(largest, largest)
-    reached = momenta_of(robot.model, qs, course.reached(motion.qs, motion.vs))
+    reached = momenta_of(robot.model, qs, course.end_velocities(motion.qs, motion.vs))
     missed = np.abs(reached - momenta_of(robot.model, ends, end_speeds))
     weighed = np.abs(adjoints[1:]) * np.hstack([errors, missed])
     return StepErrors(largest, weighed.sum(axis=1))
 
 
-def _followed(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
+def _follow(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array, int, float] | None:
     """States after the flows, parts of a step that this takes, and what they are wrong by."""
     start = (motion.qs[:-1], speeds, motion.us_in_powers, motion.dts)
     parts, coarse, flow = 1, course.ends(*start, 1), course.flow
@@ -182,13 +182,13 @@ def _followed(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Arr
     return None
 
 
-def _tracked(course: Course, motion: Motion, starts: Array, parts: int, gains: Array | None) -> Array:
+def _track(course: Course, motion: Motion, starts: Array, parts: int, gains: Array | None) -> Array:
     """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
     if gains is None or not gains.size:
         return np.full(motion.vs.shape[1], np.nan)
     planned, us = (motion.qs[:-1], starts), motion.us_in_powers
-    tracked = partial(course.tracked, planned, us, motion.dts, gains=_in_powers(motion, gains))
-    return _missed(course, tracked, motion, parts)
+    follow = partial(course.track, planned, us, motion.dts, gains=_in_powers(motion, gains))
+    return _miss(course, follow, motion, parts)
 
 
 def _in_powers(motion: Motion, gains: Array) -> Array:
@@ -200,7 +200,7 @@ def _in_powers(motion: Motion, gains: Array) -> Array:
     return found.reshape(gains.shape)
 
 
-def _missed(course: Course, end_of: Callable[[int], Array], motion: Motion, parts: int) -> Array:
+def _miss(course: Course, end_of: Callable[[int], Array], motion: Motion, parts: int) -> Array:
     """What a replay misses the end of the motion by, to two digits, shape (nv,).
 
     Errors grow along a replay, and so does what the flow itself is wrong by: parts of a step are halved until

@@ -98,7 +98,7 @@ class Flow:
             x = step(x, us.T, lengths, np.full(lengths.shape, part / parts), 1.0 / parts).full()
         return x[: qs.shape[1]].T, x[qs.shape[1] :].T
 
-    def tracked(
+    def track(
         self, start: Array, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array
     ) -> Array:
         """End of one flow whose controls answer deviations from what is planned.
@@ -124,7 +124,7 @@ class Flow:
         end : ndarray, shape (nq + nv + nu,)
         """
         rate, difference = self._function("rate"), self._function("difference")
-        chain = _answered(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
+        chain = _answering_step(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
         rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
         found = chain(start, np.hstack(planned).T, us.T, dts[None] / parts, rows.T).full().T
         end: Array = found[-1]
@@ -220,7 +220,9 @@ def _step(rate: ca.Function, size: int) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _answered(rate: ca.Function, difference: ca.Function, parts: int, size: int, width: int) -> ca.Function:
+def _answering_step(
+    rate: ca.Function, difference: ca.Function, parts: int, size: int, width: int
+) -> ca.Function:
     """A step of so many parts with feedback, ((x, du), x_planned, u, h, K) -> (x, du).
 
     The state carries du, what the control at the end of the step is away from its plan.

@@ -66,7 +66,7 @@ def control_shares(us: Array, dts: Array, weights: Array) -> Array:
     return found
 
 
-def halved(dts: Array) -> Array:
+def halve(dts: Array) -> Array:
     """Each step as two."""
     found: Array = np.repeat(dts / 2.0, 2)
     return found

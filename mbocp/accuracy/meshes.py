@@ -14,7 +14,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.accuracy.mesh import Wanted, halved, lengths_for
+from mbocp.accuracy.mesh import Wanted, halve, lengths_for
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 
@@ -37,7 +37,7 @@ class Mesh(Protocol):
         """The problem with these steps."""
         ...
 
-    def halved(self) -> Mesh:
+    def halve(self) -> Mesh:
         """Twice as many."""
         ...
 
@@ -80,8 +80,8 @@ class _Lengths:
     def of(self, problem: Problem) -> Problem:
         return problem.with_(accuracy=None, num_steps=self.num_steps, lengths=self.dts)
 
-    def halved(self) -> _Lengths:
-        return _Lengths(halved(self.dts))
+    def halve(self) -> _Lengths:
+        return _Lengths(halve(self.dts))
 
     def coarser(self) -> _Lengths:
         return _Lengths(self.dts[::2] + self.dts[1::2])
@@ -122,7 +122,7 @@ class _Counts:
             duration_range=problem.duration_range,
         )
 
-    def halved(self) -> _Counts:
+    def halve(self) -> _Counts:
         return self.even(2)
 
     def coarser(self) -> _Counts:
@@ -132,13 +132,13 @@ class _Counts:
         return _Counts(tuple(factor * count for count in self.counts), self.bases)
 
     def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
-        return _multiples(np.ceil(self._needed(dts, errors, shares, wanted) / 2.0), self.bases)
+        return _multiples(np.ceil(self._need(dts, errors, shares, wanted) / 2.0), self.bases)
 
     def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
         bases = tuple(base // _COARSEST for base in self.bases)
-        return _multiples(np.ceil(self._needed(dts, errors, shares, wanted)), bases)
+        return _multiples(np.ceil(self._need(dts, errors, shares, wanted)), bases)
 
-    def _needed(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Array:
+    def _need(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Array:
         """Numbers of steps whose errors are as wanted, which need not be whole."""
         fine = 2 * np.array(self.counts, dtype=np.float64)
         starts = np.append(0, np.cumsum(fine)[:-1]).astype(int)

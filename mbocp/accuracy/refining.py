@@ -121,13 +121,13 @@ class _Search:
         """Solve with steps and with their halves; the first alone if it fails."""
         pair = [self._solve(mesh, start)]
         if pair[0].is_stationary:
-            pair.append(self._solve(mesh.halved(), pair[0]))
+            pair.append(self._solve(mesh.halve(), pair[0]))
         return pair
 
     def _judge(self, mesh: Mesh, pair: list[Solution]) -> tuple[Mesh, Warm] | None:
         """Add a round; return the steps of the next one and where it begins, or None where it is the last."""
         problem, deadline = self.job.problem, self.job.deadline
-        found = Round.of(problem, mesh.halved().of(problem), pair, deadline=deadline)
+        found = Round.of(problem, mesh.halve().of(problem), pair, deadline=deadline)
         checks = self._coarser(mesh, found.solution) if found.is_enough else []
         last = found.seen_with(checks, self.rounds[-1] if self.rounds else None)
         if last.is_enough:

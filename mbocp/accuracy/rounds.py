@@ -76,7 +76,7 @@ class Round:
         fine, costs = pair[-1], tuple(solution.cost for solution in pair)
         errors = step_errors_of(solved, fine, deadline=deadline)
         unknown = CostLimit(fine.cost, math.inf)
-        return cls(problem, solved, fine, errors, costs, pair[0].guess_used, unknown, math.inf)._judged()
+        return cls(problem, solved, fine, errors, costs, pair[0].guess_used, unknown, math.inf)._judge()
 
     def seen_with(self, coarser: Sequence[Solution], before: Round | None) -> Round:
         """The same with costs of coarser steps, fine to coarse, and beside the round before.
@@ -87,13 +87,13 @@ class Round:
         if not coarser:
             return self
         more = [solution.cost if solution.is_stationary else math.nan for solution in coarser]
-        found = replace(self, costs=(*more[::-1], *self.costs))._judged()
+        found = replace(self, costs=(*more[::-1], *self.costs))._judge()
         if before is None or not before.has_cost:
             return found
         limit = found.limit.beside(before.limit)
         return replace(found, limit=limit, error=max(found.error, limit.unsure))
 
-    def _judged(self) -> Round:
+    def _judge(self) -> Round:
         """With what its costs say of the error, and its controls."""
         has_corners = _has_corners(self.problem, self.solution)
         order = 1 if has_corners else _sure_order(self.problem)
@@ -122,20 +122,20 @@ class Round:
     def next_mesh(self, mesh: Mesh) -> Mesh:
         """The coarser steps of the next round."""
         asked = asked_of(self.problem)
-        wanted = self._wanted(_AIM_STEP * asked, _AIM_COST * asked * abs(self.solution.cost))
-        found = mesh.next(*self._known(), wanted)
+        wanted = self._targets(_AIM_STEP * asked, _AIM_COST * asked * abs(self.solution.cost))
+        found = mesh.next(*self._measures(), wanted)
         is_stuck = len(self.costs) > 2 and found.num_steps <= mesh.num_steps
-        return mesh.halved() if is_stuck else found
+        return mesh.halve() if is_stuck else found
 
     def fewest(self, mesh: Mesh, step: float, cost: float) -> Mesh:
         """The fewest steps whose errors are these [rad, m] and, of the cost, in its unit."""
-        return mesh.fewest(*self._known(), self._wanted(step, cost))
+        return mesh.fewest(*self._measures(), self._targets(step, cost))
 
-    def _wanted(self, step: float, cost: float) -> Wanted:
+    def _targets(self, step: float, cost: float) -> Wanted:
         cost = math.inf if is_no_cost(self.solution.cost) else cost
         return Wanted(step, SCHEMES[self.problem.scheme].order, cost, _cost_order(self.problem))
 
-    def _known(self) -> tuple[Array, Array, Array]:
+    def _measures(self) -> tuple[Array, Array, Array]:
         """Lengths of steps, their errors and shares in that of the cost; impacts and partings have none."""
         fine, shares = self.solution, shares_of(self.problem, self.solved, self.solution, self.errors)
         goes = np.diff(fine.t) > 0.0

@@ -47,7 +47,7 @@ def trim(found: Round, mesh: Mesh, solve: _Solve, deadline: float) -> Round:
     most, before = _most(found), None
     step, cost = _AIM_STEP * asked, _AIM_COST * most
     for _ in range(_TRIES):
-        fewer = found.fewest(mesh, step, cost) if cost > 0.0 else mesh.halved()
+        fewer = found.fewest(mesh, step, cost) if cost > 0.0 else mesh.halve()
         is_late = time.perf_counter() > deadline
         if is_late or fewer == before or fewer.num_steps > worth * len(best.solution.us):
             break

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from mbocp._files import is_folder
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ResultFileError
 
 
@@ -34,7 +34,7 @@ def export_result(
     name = format_of(output, kind)
     if is_folder(output) or not is_folder(output.parent):
         raise ResultFileError(
-            output, f"-o: there is no folder {shown(str(output.parent))}, or it is one itself"
+            output, f"-o: there is no folder {show(str(output.parent))}, or it is one itself"
         )
     solution = Solution.load(result)
     solution.export(output, kind=name, rate=rate)

@@ -29,7 +29,7 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
     """
     from mbocp.problem.file.first import first_file
 
-    options, robot = _loaded(name, options)
+    options, robot = _load(name, options)
     path = output if output is not None else Path(f"{Path(name).stem or robot.name}.toml")
     check_output(path, "-o", _SUFFIXES)
     if path.exists() and not force:
@@ -66,7 +66,7 @@ def _only_rotors(robot: Any) -> bool:
     return 1 < robot.nv == robot.nu == len(robot.joint_names) and robot.nq == robot.nv and endless
 
 
-def _loaded(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
+def _load(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
     """The robot; one of which nothing moves is taken to float, if that helps."""
     try:
         return options, options.load(name)

@@ -9,7 +9,7 @@ from typing import Any
 
 from mbocp._numbers import finite_number
 from mbocp.cli import signals
-from mbocp.cli.results import load_result, named, tell
+from mbocp.cli.results import load_result, name_errors, tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import InvalidValue
 
@@ -74,7 +74,7 @@ def replay_results(
     solution, robot = load_result(results[0])
     others = [load_result(other)[0] for other in results[1:]]
     options: dict[str, Any] = {"robot": robot, "others": others, **look.arguments()}
-    with named(results[0], "cannot be drawn"):
+    with name_errors(results[0], "cannot be drawn"):
         if path is not None:
             replay_solution(solution, path, speed=look.speed, **options)
             tell(f"replay: {path}", quiet)

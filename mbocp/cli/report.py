@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import typer
 
-from mbocp._text import MAX_MESSAGE, shortened
+from mbocp._text import MAX_MESSAGE, shorten
 from mbocp.cli import signals
 from mbocp.exceptions import MbocpError
 
@@ -73,7 +73,7 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
     @functools.wraps(command)
     def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         try:
-            with shown_warnings(quiet=bool(kwargs.get("quiet"))), _flushed():
+            with shown_warnings(quiet=bool(kwargs.get("quiet"))), _flush_output():
                 return command(*args, **kwargs)
         except (typer.Exit, typer.Abort):
             raise
@@ -109,12 +109,12 @@ def _meaning(error: BaseException) -> _Meaning | None:
         return _Meaning("error", f"{where}{error.strerror}", "red", BAD_INPUT)
     if not isinstance(error, Exception):
         return None
-    sys.stderr.write(shortened("".join(traceback.format_exception(error)), _MAX_TRACE))
+    sys.stderr.write(shorten("".join(traceback.format_exception(error)), _MAX_TRACE))
     return _Meaning("error", "this is a bug in mbocp; please report it with the lines above", "red", BUG)
 
 
 @contextlib.contextmanager
-def _flushed() -> Iterator[None]:
+def _flush_output() -> Iterator[None]:
     """Flush stdout at the end, while a reader that went away can still be noticed."""
     try:
         yield
@@ -156,7 +156,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
         "status": meaning.word,
         "converged": False,
         "error": type(error).__name__,
-        "message": shortened(meaning.message, MAX_MESSAGE),
+        "message": shorten(meaning.message, MAX_MESSAGE),
         "exit_status": meaning.status,
     }
     with contextlib.suppress(OSError):  # which may be what happened
@@ -165,7 +165,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
 
 def _say(word: str, message: str, color: str) -> None:
     """Print ``word: message`` on stderr, the word in colour if that is a terminal."""
-    first, *rest = shortened(message, MAX_MESSAGE).splitlines() or [""]
+    first, *rest = shorten(message, MAX_MESSAGE).splitlines() or [""]
     lines = [f"{typer.style(word, fg=color, bold=True)}: {first}", *(f"  {line}" for line in rest)]
     with contextlib.suppress(OSError):  # nobody reads it; the exit status tells
         typer.echo("\n".join(lines), err=True, color=None if sys.stderr.isatty() else False)

@@ -31,7 +31,7 @@ def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: 
     with house_style(style):  # a style that is not there is refused before the robot is loaded
         pass
     solution, robot = load_result(result)
-    with named(result, "cannot be drawn"):
+    with name_errors(result, "cannot be drawn"):
         plot_solution(solution, path, robot=robot, style=style)
     tell(f"plot: {path}", quiet)
 
@@ -44,7 +44,7 @@ def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
 
     signals.leave_in_order()
     solution, robot = load_result(result)
-    with named(result, "cannot be drawn"):
+    with name_errors(result, "cannot be drawn"):
         write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in _rows(solution)])
     tell(f"report: {path}", quiet)
 
@@ -60,7 +60,7 @@ def print_info(result: Path, *, as_json: bool) -> None:
     from mbocp.cli.summary import print_rows
 
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
-    rows = [*_rows(solution), ("holds", _held(solution)), ("made with", versions or "not recorded")]
+    rows = [*_rows(solution), ("holds", _files_of(solution)), ("made with", versions or "not recorded")]
     print_rows(solution.problem_name or result.stem, rows)
 
 
@@ -76,7 +76,7 @@ def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
     return solution_rows(solution, robot_words(solution.robot_name, solution.nv, solution.nu, nc))
 
 
-def _held(solution: Solution) -> str:
+def _files_of(solution: Solution) -> str:
     """What a result has of its robot."""
     files = solution.robot_files
     if files is None:
@@ -101,12 +101,12 @@ def load_result(result: Path) -> tuple[Solution, Robot]:
     solution = Solution.load(result)
     if not solution.robot_spec:
         raise ResultFileError(result, "does not say which robot it is about, which this needs")
-    with named(result, "its robot cannot be loaded"):
+    with name_errors(result, "its robot cannot be loaded"):
         return solution, solution.load_robot()
 
 
 @contextmanager
-def named(result: Path, what: str) -> Iterator[None]:
+def name_errors(result: Path, what: str) -> Iterator[None]:
     """Name the file where its robot is gone, or its numbers diverged or are too large to be drawn."""
     try:
         yield

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
-from mbocp._text import printable, shown
+from mbocp._text import printable, show
 from mbocp.cli import signals
 from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
@@ -63,7 +63,7 @@ def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
         )
     folder = path.parent
     if not is_folder(folder):
-        raise ResultFileError(path, f"{option}: there is no folder {shown(str(folder))}; make it first")
+        raise ResultFileError(path, f"{option}: there is no folder {show(str(folder))}; make it first")
     if len(os.fsencode(path.name)) > _MAX_NAME_BYTES:
         raise ResultFileError(
             path, f"{option}: a name of more than {_MAX_NAME_BYTES} bytes; give a shorter one"

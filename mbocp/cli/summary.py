@@ -90,7 +90,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
     return [
         *_coarse(solution),
         ("robot", robot),
-        *_carried(solution.robot_spec),
+        *_load_and_tools(solution.robot_spec),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
         *_named_phases(solution),
         *_via(solution),
@@ -107,7 +107,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         *_clearance(solution),
         *_drift(solution),
         *_accuracy(solution),
-        ("conserved", _conserved(solution)),
+        ("conserved", _quantities(solution)),
         *_hamiltonian(solution),
     ]
 
@@ -124,7 +124,7 @@ def _coarse(solution: Solution) -> _Rows:
     return [("coarse", Text(words, style="bold yellow"))]
 
 
-def _tracked(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
+def _feedback(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
     """What a feedback leaves of the errors."""
     if math.isnan(found.tracked_error):
         return []
@@ -152,18 +152,18 @@ def _accuracy(solution: Solution) -> _Rows:
     if math.isfinite(found.replay_error):
         missed = size(found.replay_error, found.replay_joint)
     lines = [
-        *_asked(solution),
+        *_horizon_and_solver(solution),
         f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
         f"{found.local_time:.4g} s; all of them by {_percent(found.share)} of the way of {found.way_joint}",
         f"the controls alone, without feedback, miss the end by {missed}",
-        *_tracked(found, size),
+        *_feedback(found, size),
         f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
         f"{found.energy_range:.3g} J",
     ]
     return [("accuracy", "\n".join(lines))]
 
 
-def _asked(solution: Solution) -> list[str]:
+def _horizon_and_solver(solution: Solution) -> list[str]:
     """What was asked for, and how many steps it took."""
     found = solution.accuracy
     if math.isnan(found.asked):
@@ -321,7 +321,7 @@ def payload_words(payloads: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{p.get('name')} ({p.get('mass')} kg at {p.get('frame')})" for p in payloads)
 
 
-def _carried(robot_spec: Mapping[str, Any]) -> _Rows:
+def _load_and_tools(robot_spec: Mapping[str, Any]) -> _Rows:
     written = robot_spec.get("payload")
     payloads = [entry for entry in written if isinstance(entry, Mapping)] if isinstance(written, list) else []
     return [("carries", payload_words(payloads))] if payloads else []
@@ -423,7 +423,7 @@ def _drift(solution: Solution) -> _Rows:
     return [("drift of rotations", words)]
 
 
-def _conserved(solution: Solution) -> str | Text:
+def _quantities(solution: Solution) -> str | Text:
     """Control momenta, each with what it is on a line of its own."""
     if not solution.conserved:
         if _is_bounded(solution):

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
-from mbocp.formulation.features.feature import Feature, joined, unbounded
+from mbocp.formulation.features.feature import Feature, join, unbounded
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import NaturalSpace
@@ -31,7 +31,7 @@ def state_bounds(
         Lower and upper bounds of the speeds.
     """
     N, along = problem.num_steps, problem.limits_along()
-    of_blocks = joined(feature.state_bounds(problem) for feature in features)
+    of_blocks = join(feature.state_bounds(problem) for feature in features)
     lower, upper = unbounded(N if problem.has_limits_of_phases or of_blocks else 1, at.nx)
     for part in space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0

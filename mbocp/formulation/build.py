@@ -25,7 +25,7 @@ from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     NUMBERS,
     ParameterLayout,
-    concatenated,
+    concatenate,
     mask,
     parameter_layout,
     path_parameters,
@@ -355,4 +355,4 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
     }
     for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()
-    return concatenated(named, layout.theta), np.ascontiguousarray(rho), concatenated(at_end, layout.terminal)
+    return concatenate(named, layout.theta), np.ascontiguousarray(rho), concatenate(at_end, layout.terminal)

@@ -11,7 +11,7 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 
 Conditions on velocities are chosen by what the constraints leave free at `goal.q`, which is a guess where the
 goal does not give every joint. At another configuration they may leave velocities free that should be zero:
-`rates_missed` looks at the configuration in which the motion ends. What it finds across the constraints is
+`miss_of_rates` looks at the configuration in which the motion ends. What it finds across the constraints is
 the scheme's: those of index 3 keep velocities in the constraints to some order alone. A part of that may be
 seen along the constraints, until the conditions are chosen where the motion ends.
 """
@@ -70,13 +70,13 @@ def end_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
     if not goal.is_exact:
         return None
     if goal.q_active.any():
-        missed = _joints_missed(formulation, qs)
+        missed = _miss_of_joints(formulation, qs)
         if missed is not None:
             return missed
-    return _frames_missed(formulation, qs[-1]) if goal.poses else None
+    return _miss_of_frames(formulation, qs[-1]) if goal.poses else None
 
 
-def _joints_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
+def _miss_of_joints(formulation: Formulation, qs: Array) -> EndMissed | None:
     goal, robot = formulation.problem.goal, formulation.problem.robot
     missing = robot.difference(goal.q, qs[-1])[goal.q_active]
     distance = float(np.linalg.norm(missing))
@@ -103,7 +103,7 @@ def _joints_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
     )
 
 
-def _frames_missed(formulation: Formulation, q: Array) -> EndMissed | None:
+def _miss_of_frames(formulation: Formulation, q: Array) -> EndMissed | None:
     """How the last configuration misses the poses of frames.
 
     Their rows vanish at the goal alone. Where constraints decide some of them, those are not conditions.
@@ -153,7 +153,7 @@ class RatesMissed(NamedTuple):
     is_small: bool = False
 
 
-def rates_missed(formulation: Formulation, motion: Motion) -> RatesMissed | None:
+def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | None:
     """How the last velocities or momenta miss those of an exact goal, or None where they do not."""
     problem = formulation.problem
     robot, goal, q = problem.robot, problem.goal, motion.qs[-1]

@@ -14,7 +14,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.build import Pieces, load_end_functions
 from mbocp.formulation.goal import EndTarget
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameters import concatenated
+from mbocp.formulation.parameters import concatenate
 from mbocp.formulation.rows import row_describer
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme
@@ -76,7 +76,7 @@ def _with_end_of(
         end_functions=load_end_functions(
             signature, problem.robot, deadline, at_once=problem.solver.is_interior_point
         ),
-        rho_terminal=concatenated(numbers, layout.terminal),
+        rho_terminal=concatenate(numbers, layout.terminal),
         terminal_weights=layout.weighing(layout.terminal),
         describe_row=row_describer(
             problem,

@@ -75,7 +75,7 @@ def with_compiled_functions(formulation: Formulation) -> Formulation:
     CompilationError
         If the compiler refuses the generated code, or nothing can be written.
     """
-    programme = formulation.programme.compiled()
+    programme = formulation.programme.compile()
     return cast(Formulation, replace(cast(Any, formulation), programme=programme))
 
 

@@ -60,7 +60,7 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     if not has_joint_states or is_plain or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
     found = hold_active_limits(formulation.programme, iterate)
-    if found is None or not _factorised(found[0], formulation.programme):
+    if found is None or not _factorise(found[0], formulation.programme):
         return np.zeros((0, 0, 0))
     native, held = found
     kinds = [formulation.programme.kinds[k] for k in formulation.programme.stage_kind]
@@ -88,7 +88,7 @@ def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, st
     return found
 
 
-def _factorised(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
+def _factorise(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
     Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.

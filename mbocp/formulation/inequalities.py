@@ -105,7 +105,7 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     ]
     slopes = np.hstack(factors) if factors else np.ones_like(path)
     own = bounds.us[:, : formulation.layout.num_own]
-    lam_us = formulation.pieces.signature.control_values.summed(own)
+    lam_us = formulation.pieces.signature.control_values.sum_up(own)
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
 
 

@@ -26,7 +26,7 @@ def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     return replace(carried, meaning=_meaning(formulation), room=frozen_array(room_of(formulation.problem)))
 
 
-def restored(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:
+def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:
     """An iterate as it was; of one with more steps the last ones. None where unknowns or motion are others.
 
     Parameters

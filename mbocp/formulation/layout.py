@@ -174,7 +174,7 @@ class StateSpace:
         moved = self.configurations.integrate(x[at.z], dx[: at.nw])
         return ca.vertcat(moved, x[at.nz :] + dx[at.nw :])
 
-    def moved(self, x: ca.SX, dx: ca.SX, move: ca.SX) -> ca.SX:
+    def move(self, x: ca.SX, dx: ca.SX, move: ca.SX) -> ca.SX:
         """State moved along a tangent, the first state by `move` (2 nv,) in q and v, too."""
         at, nv = self.layout, self.layout.nv
         rest = ca.SX.zeros(at.ndx - at.nw - at.ns)

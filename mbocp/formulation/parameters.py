@@ -114,7 +114,7 @@ def symbols_for(name: str, sizes: Mapping[str, int], numbers: ca.SX) -> ca.SX:
     return ca.vertcat(ca.SX.sym(name, start), numbers, ca.SX.sym(f"{name}_after", after))
 
 
-def concatenated(named: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:
+def concatenate(named: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:
     """One vector of the pieces that `sizes` names, in its order.
 
     Raises

@@ -111,7 +111,7 @@ def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
     remembered = {
-        block.name: feature.shown(block.name, _unit(at, block) * at.x1[layout.states[block.name]])
+        block.name: feature.show(block.name, _unit(at, block) * at.x1[layout.states[block.name]])
         for feature in signature.features
         for block in feature.blocks(layout.ns, mechanics.nu)
     }

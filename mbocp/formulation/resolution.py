@@ -9,7 +9,7 @@ from mbocp.mechanics.diagnostics import largest_turn
 _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 
 
-def unresolved(formulation: Formulation, motion: Motion) -> str | None:
+def describe_coarse_turn(formulation: Formulation, motion: Motion) -> str | None:
     """Say which joint turns too far in one step for a motion of the robot, and how far; None if none does."""
     problem = formulation.problem
     longest = float(motion.dts.max())

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from mbocp.formulation.features.feature import Feature, joined
+from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
@@ -209,7 +209,7 @@ def _state_limits(
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = problem.robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
-    words = joined(feature.state_words(problem) for feature in features)
+    words = join(feature.state_words(problem) for feature in features)
     for name in words.keys() & at.states.keys():
         where = at.states[name]
         names |= dict.fromkeys(range(where.start, where.stop), words[name])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbocp.formulation.features.control_values import ControlValues
-from mbocp.formulation.features.feature import Feature, joined
+from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
@@ -121,8 +121,8 @@ class FunctionSignature:
             {
                 **self._state,
                 **self.steps.stage_key,
-                **joined(feature.unknowns_key for feature in self.features),
-                **joined(feature.stage_key for feature in self.features),
+                **join(feature.unknowns_key for feature in self.features),
+                **join(feature.stage_key for feature in self.features),
                 "cost": [term.signature for term in self.cost],
                 "path": [term.signature for term in self.path],
             }
@@ -151,7 +151,7 @@ class FunctionSignature:
             **self.steps.end_key,
             "switches": None,
             "shares": (),
-            **joined(feature.unknowns_key for feature in self.features),
+            **join(feature.unknowns_key for feature in self.features),
             "goal": self.goal.signature,
             "own": [term.signature for term in self.ends],
             "guarded": self.guarded,
@@ -166,7 +166,7 @@ class FunctionSignature:
             **self.steps.state_key,
             "is_flat": self.is_flat,
             "memory": [b.name for f in self.features for b in f.blocks(0, 0) if b.is_remembered],
-            **joined(feature.state_key for feature in self.features),
+            **join(feature.state_key for feature in self.features),
         }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.formulation.features.feature import Feature, joined
+from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
@@ -24,7 +24,7 @@ def first_state(
 ) -> Array:
     """Return the state at coordinates and speeds with which a programme begins, shape (nx,)."""
     state = np.concatenate([z, speeds, np.zeros(at.num_more_states)])
-    for name, values in joined(feature.first(problem) for feature in features).items():
+    for name, values in join(feature.first(problem) for feature in features).items():
         state[at.states[name]] = values
     return state
 
@@ -48,10 +48,10 @@ def states_and_controls(
     """
     xs = np.zeros((len(motion.qs), at.nx))
     xs[:, at.z], xs[:, at.s] = z_and_speeds
-    for name, values in joined(feature.states_of(problem, motion) for feature in features).items():
+    for name, values in join(feature.states_of(problem, motion) for feature in features).items():
         xs[:, at.states[name]] = values
     xs[0] = start
-    us = joined(feature.controls_of(problem, motion) for feature in features)
+    us = join(feature.controls_of(problem, motion) for feature in features)
     return xs, np.hstack(list(us.values()))
 
 
@@ -88,9 +88,9 @@ def with_memory(
     still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
     motion = read_motion(problem, features, at, still, xs, us)
     forces = None if lams is None else np.where(is_impact[:, None], lams / problem.dt, lams)
-    given = joined(feature.stage_numbers(problem) for feature in features)
-    units = joined(feature.units(problem) for feature in features)
-    first = joined(feature.first(problem) for feature in features)
+    given = join(feature.stage_numbers(problem) for feature in features)
+    units = join(feature.units(problem) for feature in features)
+    first = join(feature.first(problem) for feature in features)
     controls = {name: us[:, where] for name, where in at.controls.items()}
     known: dict[str, Array] = {}
     filled = np.array(xs)

@@ -188,7 +188,7 @@ class ParameterUpdates:
         _check_finite(f"goal.{name}", pose)
         for end in self._pieces.signature.ends:
             if isinstance(end, FrameEnd):
-                for key, numbers in end.moved(name, pose).items():
+                for key, numbers in end.numbers_at(name, pose).items():
                     self._end(key, numbers)
 
     def _end(self, name: str, value: Array) -> None:

@@ -15,7 +15,7 @@ from mbocp.robot.poses.along import along_poses
 
 def usual_way(problem: Problem) -> Way:
     """Along the lines and paths that frames keep to all the time; without any, straight to the goal."""
-    kept = _kept(problem)
+    kept = _kept_constraints(problem)
     if not is_led(problem):
         return straight(problem)
 
@@ -28,15 +28,15 @@ def usual_way(problem: Problem) -> Way:
 
 def is_led(problem: Problem) -> bool:
     """Whether a frame keeps to a line or a path all the time, which leads it to its goal."""
-    return any(c.term.leads for c in _kept(problem))
+    return any(c.term.leads for c in _kept_constraints(problem))
 
 
 def follows_path(problem: Problem) -> bool:
     """Whether a frame follows a path all the time, so that the whole way is known without a goal."""
-    return any("progress" in c.term.remembers for c in _kept(problem))
+    return any("progress" in c.term.remembers for c in _kept_constraints(problem))
 
 
-def _kept(problem: Problem) -> list[PathConstraint]:
+def _kept_constraints(problem: Problem) -> list[PathConstraint]:
     """What frames keep to all the time."""
     N, dt = problem.num_steps, problem.dt
     return [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]

@@ -89,7 +89,7 @@ def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     for reserve, within, size in searches:
         path = clearance.way(ends, within, reserve, seed, size)
         if path is not None:
-            return through(problem.robot, _rounded(problem.robot, clearance, path, reserve)[1:])
+            return through(problem.robot, _round(problem.robot, clearance, path, reserve)[1:])
     return None
 
 
@@ -125,7 +125,7 @@ def _ranges(problem: Problem) -> Array:
     return found
 
 
-def _rounded(robot: Robot, clearance: Clearance, path: Array, reserve: float) -> Array:
+def _round(robot: Robot, clearance: Clearance, path: Array, reserve: float) -> Array:
     """The way as many places, each drawn to the middle of its neighbours as long as all stay clear."""
     places, half = (
         through(robot, path[1:])(path[0], np.linspace(0.0, 1.0, _PLACES)),

@@ -13,13 +13,13 @@ from mbocp.job import Attempt, Job
 from mbocp.programme.carried import Carried
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase
-from mbocp.solvers.records import timed
+from mbocp.solvers.records import time_phase
 
 
 def attempt(job: Job) -> Attempt:
     """Formulate a problem, guess, and run the solver: from one guess after the other, or from several."""
     begun, phases = time.perf_counter(), list[Phase]()
-    with timed(phases, "compile"):
+    with time_phase(phases, "compile"):
         members = [
             (place if job.problem.goals else None, *formulate_with_independent_ends(member, job.deadline))
             for place, member in job.problem.members

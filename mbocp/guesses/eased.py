@@ -41,7 +41,7 @@ class _Run:
         return self.outcome.result.status is Status.CONVERGED
 
 
-def better_of_eased(
+def try_eased(
     formulation: Formulation,
     settings: SolverSettings,
     start: Start,
@@ -96,7 +96,7 @@ class _Descent:
     Attributes
     ----------
     formulation, settings, start, plain, number
-        As `better_of_eased` has them.
+        As `try_eased` has them.
     easing : ndarray, shape (ntheta,)
         What the full weight on velocities adds to the parameters of the stages.
     runs : list of _Run
@@ -157,7 +157,7 @@ class _Descent:
         further = self.screening.runs if self.screening else ()
         solves = [self.plain, *(run.outcome for run in self.runs), *further]
         is_interrupted = self.is_interrupted or solves[-1].result.status is Status.INTERRUPTED
-        result = self.best.result.interrupted() if is_interrupted else self.best.result
+        result = self.best.result.with_interrupt() if is_interrupted else self.best.result
         if status_of(self.formulation, self.best) is Status.UNDER_RESOLVED:
             result = replace(result, advice=result.advice + self._resolved_weight())
         history = tuple(record for outcome in solves for record in outcome.result.history)

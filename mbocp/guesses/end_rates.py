@@ -15,7 +15,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.end_reached import rates_missed
+from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.programme.carried import Carried
 from mbocp.solvers import Outcome, Status
 
@@ -42,7 +42,7 @@ def with_rates_at_end(
         if shown.result.status is not Status.CONVERGED:
             break
         motion = known.motion_of(shown.result.iterate)
-        missed = rates_missed(known, motion)
+        missed = miss_of_rates(known, motion)
         if missed is None or not missed.is_free or missed.is_small:
             formulation, outcome = known, shown  # of use, whatever comes of a further round
         if missed is None or not missed.is_free or known.problem.goal.q_active.all():

@@ -35,14 +35,14 @@ def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> It
     qs = np.array(
         [pin.interpolate(model, motion.qs[i], motion.qs[i + 1], s) for i, s in zip(nodes, share, strict=True)]
     )
-    vs = _interpolated(motion.vs, nodes, share)
+    vs = _interpolate(motion.vs, nodes, share)
     middles, share = _between((np.arange(many) + 0.5) * few / many - 0.5, few - 1)
-    us = _interpolated(motion.us, middles, share)
-    lams = _interpolated(coarse.duals_of(iterate, motion).lams, middles, share)
+    us = _interpolate(motion.us, middles, share)
+    lams = _interpolate(coarse.duals_of(iterate, motion).lams, middles, share)
     made = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
     if formulation.programme.kinds[0].ny or iterate.eta.shape != made.eta.shape:
         return made
-    ms = _interpolated(iterate.ms, middles, share)
+    ms = _interpolate(iterate.ms, middles, share)
     return replace(made, ms=frozen_array(ms), eta=iterate.eta)
 
 
@@ -53,6 +53,6 @@ def _between(places: Array, last: int) -> tuple[Array, Array]:
     return left, inside - left
 
 
-def _interpolated(values: Array, left: Array, share: Array) -> Array:
+def _interpolate(values: Array, left: Array, share: Array) -> Array:
     out: Array = values[left] + share[:, None] * (values[left + 1] - values[left])
     return out

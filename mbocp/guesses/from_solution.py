@@ -12,7 +12,7 @@ from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_impulses
-from mbocp.formulation.iterates import restored
+from mbocp.formulation.iterates import restore
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
@@ -61,7 +61,7 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     motion = _motion(saved, formulation, places)
     iterate = formulation.iterate_of(motion, lams)
     if saved.iterate is not None and np.array_equal(nodes, np.arange(nodes[0], saved.num_steps + 1)):
-        kept = restored(saved.iterate, np.diff(saved.t), iterate, formulation)
+        kept = restore(saved.iterate, np.diff(saved.t), iterate, formulation)
         if kept is not None:
             return kept
     if has_multipliers:
@@ -157,12 +157,12 @@ def _begin(problem: Problem, saved: Solution) -> float:
     names = {name for name, _, _ in _phases_of(problem)}
     if not (begin and names):
         return begin
-    passed = _passed(saved)
+    passed = _times_by_name(saved)
     time = np.interp(begin, numbers, saved.t - saved.t[0])
     return 0.0 if any(passed[name] <= time for name in names & passed.keys()) else begin
 
 
-def _passed(saved: Solution) -> dict[str, float]:
+def _times_by_name(saved: Solution) -> dict[str, float]:
     """When via points are passed and phases end [s], by name."""
     return {**saved.via_times, **{name: end for name, (_, end) in saved.phase_times.items()}}
 
@@ -182,7 +182,7 @@ def _nodes_of(problem: Problem, saved: Solution, begin: float) -> Array:
     clock = problem.timeline.times()
     before = float(np.interp(begin, numbers, times))
     wanted = before + clock * ((times[-1] - before) / clock[-1])
-    passed = _passed(saved) if phases else {}
+    passed = _times_by_name(saved) if phases else {}
     for i, (name, first, last) in enumerate(phases):
         is_last = i == len(phases) - 1
         at = times[-1] if is_last else passed.get(name, wanted[last])

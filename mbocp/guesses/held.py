@@ -31,7 +31,7 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.constraints import Constraint
-from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduced
+from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
 from mbocp.robot.poses.bounds import joint_bounds
 from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
 from mbocp.robot.poses.search import reach
@@ -127,7 +127,7 @@ class _Ties:
         kept = attitude_rows(frame.constraint for frame in self.table.held)
         return [(constraint, at) for constraint, at in kept if self.rows[at].any()]
 
-    def fitted(self, q: Array, qs: Array) -> Array:
+    def fit(self, q: Array, qs: Array) -> Array:
         """The configuration moved so that the rows hold, shape (nq,)."""
         robot, rows = self.table.robot, range(self.count)
 
@@ -136,10 +136,10 @@ class _Ties:
 
         follows, J = ~_has_motor(robot), self.jacobian(q)
         if np.linalg.matrix_rank(J[:, follows], RANK_TOLERANCE) == np.linalg.matrix_rank(J, RANK_TOLERANCE):
-            q = reduced(robot, q, follows, rows, what)
-        return reduced(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
+            q = reduce_rows(robot, q, follows, rows, what)
+        return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
 
-    def led(self, q: Array, before: Array) -> Array:
+    def lead(self, q: Array, before: Array) -> Array:
         """The configuration, with joints that motors decide by what holds where they were before.
 
         They are near there; on the line, a body may be half a turn away from the frame that holds it, where
@@ -190,7 +190,7 @@ class _Stops:
     def _limits(self) -> tuple[Array, Array]:
         return position_limits(self.problem)
 
-    def fitted(self, raw: Sequence[Stop]) -> list[Stop]:
+    def fit(self, raw: Sequence[Stop]) -> list[Stop]:
         """Stops that fit, from what via points and goal have without holds; the first is taken as it is."""
         problem, robot = self.problem, self.problem.robot
         qs = np.tile(raw[0].q, (problem.num_steps + 1, 1))
@@ -199,16 +199,16 @@ class _Stops:
             q, before = _going_on(robot, found[-1].q, before, stop), stop.q
             ties = _Ties.at(self.table, stop.node)
             if ties.count:
-                q = self._settled(ties, q, found[-1].q, stop.goal, qs)
+                q = self._settle(ties, q, found[-1].q, stop.goal, qs)
             qs[_instant(self.table, stop.node)] = q
             found.append(Stop(stop.node, q, stop.goal))
         return found
 
-    def _settled(self, ties: _Ties, q: Array, before: Array, goal: Goal | None, qs: Array) -> Array:
+    def _settle(self, ties: _Ties, q: Array, before: Array, goal: Goal | None, qs: Array) -> Array:
         """A configuration that fits, at what is asked for where that can be."""
         robot = self.problem.robot
         if goal is None or not (goal.q_active.any() or goal.poses):
-            return ties.fitted(q, qs)
+            return ties.fit(q, qs)
         targets = [frame.target for frame in goal.poses]
         frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
         rows, written = _StopRows(PoseRows(robot, targets, frames), ties, qs), _written(robot, goal)
@@ -216,15 +216,15 @@ class _Stops:
         best: Array | None = None
         for start in self._starts(q, before, written):
             there, has_arrived = reach(
-                rows, bounds.clipped(start), bounds, components(robot, written), _TOLERANCE
+                rows, bounds.clip(start), bounds, components(robot, written), _TOLERANCE
             )
             if best is None or has_arrived:
                 best = there
             if has_arrived:
                 break
         if best is not None:
-            q = _with(robot, bounds.unwound(best, before), q, written)
-        return ties.fitted(q, qs)
+            q = _with(robot, bounds.unwind(best, before), q, written)
+        return ties.fit(q, qs)
 
     def _starts(self, q: Array, before: Array, written: Sequence[str]) -> Iterator[Array]:
         """The line's configuration, the stop before, random ones; with the joints that are written."""
@@ -258,10 +258,10 @@ def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop
         if first < node < last:
             named[node] = Stop(node, _between(problem, raw, clock, node))
     found = [Stop(node, stop.q, stop.goal) for node, stop in sorted(named.items())]
-    return _Stops(problem, table).fitted(found)
+    return _Stops(problem, table).fit(found)
 
 
-def carried(problem: Problem, qs: Array) -> Array:
+def carry(problem: Problem, qs: Array) -> Array:
     """Configurations of the nodes, moved so that what is held stays held, shape (N + 1, nq)."""
     table = problem.timeline.switches
     if table is None:
@@ -273,7 +273,7 @@ def carried(problem: Problem, qs: Array) -> Array:
             continue
         ties = _Ties.at(table, node)
         if ties.count and ties.apart(qs[node], found) > _TOLERANCE:
-            found[node] = ties.fitted(ties.led(qs[node], found[node - 1]), found)
+            found[node] = ties.fit(ties.lead(qs[node], found[node - 1]), found)
         found[node] = _with_signs(problem.robot, found[node], found[node - 1])
     return found
 

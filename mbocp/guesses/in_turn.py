@@ -8,7 +8,7 @@ from itertools import chain
 
 from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.formulation import Formulation
-from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
 from mbocp.guesses.kinds import none_made
 from mbocp.guesses.ranking import is_better, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
@@ -16,7 +16,7 @@ from mbocp.job import Job
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.newton_method.polish import can_be_polished
-from mbocp.solvers.records import timed
+from mbocp.solvers.records import time_phase
 
 _BRIEF = 40  # iterations from a warm start, before other guesses: most take less than half of them
 
@@ -45,7 +45,7 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
     last = (guess for guess in last_guesses(formulation, job.start) if tried.best is None)
     for number, (kind, make) in enumerate(chain(in_turn, last)):
         try:
-            with timed(phases, "guess"):
+            with time_phase(phases, "guess"):
                 iterate, words = make(job.deadline)
         except ProblemError as error:
             tried.failed[kind] = error  # no reason to give up on the others
@@ -88,7 +88,7 @@ def _descend(
         return outcome
     begun = time.perf_counter()
     until = min(job.deadline, begun + patience.left) if has_failed else job.deadline
-    outcome = better_of_eased(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
+    outcome = try_eased(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
     patience.spend(time.perf_counter() - begun)
     return outcome
 
@@ -152,4 +152,4 @@ class _Tried:
 
     def _interrupt(self) -> None:
         if self.best is not None:
-            self.best = (self.best[0].interrupted(), self.best[1])
+            self.best = (self.best[0].with_interrupt(), self.best[1])

@@ -13,7 +13,7 @@ from mbocp.guesses.along import follows_path
 from mbocp.guesses.around import around
 from mbocp.guesses.hold import can_hold, hold
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
-from mbocp.guesses.simulated import simulated
+from mbocp.guesses.simulated import guess_by_simulation
 from mbocp.guesses.ways import given_way
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -59,7 +59,9 @@ def plain_guess(kind: str, formulation: Formulation, deadline: float = math.inf)
     problem = formulation.problem
     if kind == "control":
         u = np.zeros(problem.robot.nu) if problem.guess.u is None else problem.guess.u
-        return simulated(formulation, u), f"forward simulation with u = {np.array2string(u, precision=4)}"
+        return guess_by_simulation(
+            formulation, u
+        ), f"forward simulation with u = {np.array2string(u, precision=4)}"
     if kind == "at_rest":
         return at_rest(formulation), "straight line in the configuration space, nothing moves"
     if kind == "hold":

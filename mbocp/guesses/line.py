@@ -12,10 +12,10 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import filled_lengths, repeated
+from mbocp.formulation.features.switches import filled_lengths, repeat_at_impacts
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
-from mbocp.guesses.held import carried, carried_rate
+from mbocp.guesses.held import carried_rate, carry
 from mbocp.guesses.through import guessed_times, line_of
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.consistency import tangent_space
@@ -36,14 +36,14 @@ def is_whole(problem: Problem) -> bool:
         return True
     if active.all() or not active.any():
         return bool(active.all())
-    allowed = _allowed(problem)
+    allowed = _free_motions(problem)
     singular = np.linalg.svd(allowed[active], compute_uv=False)
     return len(singular) >= allowed.shape[1] and bool(
         singular[: allowed.shape[1]].min(initial=1.0) > _SAYS_ENOUGH
     )
 
 
-def _allowed(problem: Problem) -> Array:
+def _free_motions(problem: Problem) -> Array:
     """Basis of the motions that constraints, and what is held, allow at the goal, shape (nv, any)."""
     if problem.timeline.switches is None:
         return tangent_space(problem.robot, problem.goal.q)
@@ -95,8 +95,8 @@ def _evenly(problem: Problem, way: Way | None = None) -> Array:
     """Configurations on a way, or on straight lines through the via points, at a steady rate."""
     times = guessed_times(problem)
     if _has_stops(problem) and way is None:
-        return carried(problem, line_of(problem, problem.q_start, _end(problem)).evenly(times))
-    return carried(
+        return carry(problem, line_of(problem, problem.q_start, _end(problem)).evenly(times))
+    return carry(
         problem, (way or usual_way(problem))(problem.q_start, times / problem.timeline.num_timed_steps)
     )
 
@@ -132,9 +132,9 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
     else:
         qs = (way or usual_way(problem))(q_start, blend)
     qs[0] = problem.q_start
-    qs = carried(problem, qs)
+    qs = carry(problem, qs)
     steps = steps_between(robot, qs) / dts[:, None]
-    steps = repeated(steps, is_impact)
+    steps = repeat_at_impacts(steps, is_impact)
     if tau == 1.0:
         vs = np.vstack([v_start, steps])
         for step in problem.timeline.impacts:

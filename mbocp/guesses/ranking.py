@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbocp.formulation import Formulation
 from mbocp.formulation.end_reached import end_missed
-from mbocp.formulation.resolution import unresolved
+from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 
 _SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
@@ -32,7 +32,7 @@ def status_of(formulation: Formulation, outcome: Outcome) -> Status:
     result = outcome.result
     if result.status is not Status.CONVERGED:
         return result.status
-    is_resolved = unresolved(formulation, formulation.motion_of(result.iterate)) is None
+    is_resolved = describe_coarse_turn(formulation, formulation.motion_of(result.iterate)) is None
     return Status.CONVERGED if is_resolved else Status.UNDER_RESOLVED
 
 

@@ -94,7 +94,7 @@ class Screening:
             if self._is_over or count >= (_FINER if is_resolved else _FINER_UNRESOLVED):
                 break
             iterate = finer(coarse, trial.iterate, self.formulation)
-            end = self._solved(self.formulation, iterate, 0.0, f"from trial {trial.number}")
+            end = self._solve(self.formulation, iterate, 0.0, f"from trial {trial.number}")
             if end.result.status is Status.CONVERGED and is_preferred(
                 self.formulation,
                 with_end(self.formulation, end),
@@ -119,7 +119,7 @@ class Screening:
                 if self._is_over:
                     return
                 words = f"trial {number}, velocity weighed {share:g} of auto"
-                result = self._solved(coarse, iterate, share, words).result
+                result = self._solve(coarse, iterate, share, words).result
                 iterate, cost = result.iterate, result.record.cost
                 if result.status is not Status.CONVERGED or any(
                     _same(cost, was) for at, was in passed if at == share
@@ -129,7 +129,7 @@ class Screening:
             else:
                 yield _Trial(number, iterate, _effort(coarse, iterate))
 
-    def _solved(self, formulation: Formulation, iterate: Iterate, share: float, words: str) -> Outcome:
+    def _solve(self, formulation: Formulation, iterate: Iterate, share: float, words: str) -> Outcome:
         programme = formulation.programme
         options = replace(self.settings.options, method="monolithic", max_iterations=_MOST_AFTER)
         if share and programme.easing is not None:

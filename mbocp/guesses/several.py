@@ -16,14 +16,14 @@ from dataclasses import dataclass, field, replace
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
-from mbocp.guesses.eased import GIVEN_SOLUTIONS, better_of_eased
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
 from mbocp.job import Job
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.deadline import time_until
-from mbocp.solvers.records import Callback, timed
+from mbocp.solvers.records import Callback, time_phase
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import SolveTask
 
@@ -50,7 +50,7 @@ def solve_from_starts(
     workers : int, optional
         Processes that share the work; None: as many as there are processors for.
     """
-    with timed(phases, "guess"):
+    with time_phase(phases, "guess"):
         tasks = [
             _Task(formulation, guess, place)
             for place, formulation in goals
@@ -68,7 +68,7 @@ def solve_from_starts(
     for place, formulation in goals:
         _try_further_kinds(batch, tried, place, formulation)
     best, outcome = _best(tried)
-    outcome = outcome.interrupted() if batch.is_interrupted else outcome
+    outcome = outcome.with_interrupt() if batch.is_interrupted else outcome
     seconds = time.perf_counter() - clock - sum(phase.wall_time_s for phase in outcome.phases)
     phases += (*outcome.phases, Phase("other starts", 0, max(0.0, seconds)))
     return best.formulation, outcome, best.words, tuple(_record(*one) for one in tried)
@@ -196,7 +196,7 @@ class _Batch:
             task = self.tasks[number]
             start = Start(task.formulation.programme, task.guess.iterate, watch, label=_label(number))
             settings, plain = task.settings(self.deadline), self.outcomes[number]
-            return better_of_eased(task.formulation, settings, start, plain, number=among[number])
+            return try_eased(task.formulation, settings, start, plain, number=among[number])
 
         if not self.is_over:
             self._side_by_side(work, left, threads)

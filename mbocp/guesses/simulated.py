@@ -15,7 +15,7 @@ _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is ro
 _SWEEP_ITERATIONS = 50
 
 
-def simulated(
+def guess_by_simulation(
     formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE, **how: bool
 ) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6).

@@ -21,7 +21,7 @@ from mbocp.problem import Problem
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
-from mbocp.robot.nodes import interpolated
+from mbocp.robot.nodes import interpolate
 from mbocp.robot.poses.bounds import inside, joint_bounds
 
 Way: TypeAlias = Callable[[Array, Array], Array]
@@ -153,23 +153,21 @@ def random_way(
     robot = problem.robot
     bounds = joint_bounds(robot.model, *position_limits(problem), frozenset())
     middle = middle_of_line(problem) if middle is None else middle
-    through = bounds.random(robot.model, bounds.clipped(middle), rng)
+    through = bounds.random(robot.model, bounds.clip(middle), rng)
     if robot.nc:
-        return _two_legs(problem, _reached(robot, problem, through))
+        return _two_legs(problem, _reach(robot, problem, through))
     aside = reach * robot.difference(middle, through)
 
     def way(q_start: Array, shares: Array) -> Array:
         line = straight(problem)(q_start, shares)
         bumps = (4.0 * shares * (1.0 - shares)) ** 2  # no velocity aside at both ends, one in the middle
         qs = [robot.integrate(q, bump * aside) for q, bump in zip(line, bumps, strict=True)]
-        return np.array(
-            [q if s in (0.0, 1.0) else bounds.clipped(q) for q, s in zip(qs, shares, strict=True)]
-        )
+        return np.array([q if s in (0.0, 1.0) else bounds.clip(q) for q, s in zip(qs, shares, strict=True)])
 
     return way
 
 
-def _reached(robot: Robot, problem: Problem, through: Array) -> Array:
+def _reach(robot: Robot, problem: Problem, through: Array) -> Array:
     """Configuration towards `through` from which the loops can be led to the goal; at worst the start."""
     whole, driving = robot.difference(problem.q_start, through), driving_joints(robot, problem.q_start)
     shares = np.linspace(0.0, 1.0, 11)
@@ -237,5 +235,5 @@ def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
         way = closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
         if way is not None:
             return way
-    qs = interpolated(robot, q_start, q_goal, shares)
+    qs = interpolate(robot, q_start, q_goal, shares)
     return np.array([project_on_constraints(robot, q, every) for q in qs]) if robot.nc else qs

@@ -13,7 +13,7 @@ with the arguments :math:`a_k` of the links, linear in :math:`\xi` and in the li
 :math:`\bar o_k` of these. For a step of eighteen unknowns this is an eighth of the operations.
 
 A large link that is applied several times can be one function, called with several arguments, instead of as
-many copies of its operations: see `Chain.resolved`. Where its adjoint depends on no later link, as where its
+many copies of its operations: see `Chain.resolve`. Where its adjoint depends on no later link, as where its
 outputs go to the result alone, one call gives its outputs, slopes and curvature together.
 """
 
@@ -206,7 +206,7 @@ class Chain:
         xi, in whose direction derivatives are taken; may be numbers.
     may_call : bool
         Whether large links may become functions that are called. Values, slopes and Hessians then have
-        symbols for their numbers until `resolved` puts something in their places.
+        symbols for their numbers until `resolve` puts something in their places.
     """
 
     unknowns: ca.SX
@@ -267,7 +267,7 @@ class Chain:
             self._push(link.argument, link.jacobian.T @ adjoint, adjoints)
         return total
 
-    def resolved(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
+    def resolve(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
         """Outputs of a function, with the links' numbers in the places of symbols that stand for them.
 
         Large links that are applied several times are functions that are called, where slopes are asked for
@@ -276,22 +276,22 @@ class Chain:
         everything = ca.veccat(*expressions)
         curved = [one for one in self._curved if ca.depends_on(everything, one.second)]
         symbolic = [link for link in self._links if link.is_symbolic]
-        called = _called(symbolic, curved, everything)
+        called = _calls(symbolic, curved, everything)
         known = _Known()
         for link in symbolic:
-            own, given = link.derivatives, [known.settled(link.argument.value), *link.given]
+            own, given = link.derivatives, [known.settle(link.argument.value), *link.given]
             bent = [one for one in curved if one.link is link] if id(link) in called else []
             if bent:
-                first, second = own.both.call([*given, known.settled(bent[0].adjoint)], False, True)
+                first, second = own.both.call([*given, known.settle(bent[0].adjoint)], False, True)
                 known.add(bent[0].second, second)
             else:
                 (first,) = own.first.call(given, id(link) not in called, id(link) in called)
             known.add(link.first, first)
         for one in curved:
             if id(one.link) not in called:
-                given = [known.settled(one.link.argument.value), *one.link.given, known.settled(one.adjoint)]
+                given = [known.settle(one.link.argument.value), *one.link.given, known.settle(one.adjoint)]
                 known.add(one.second, one.link.derivatives.second.call(given)[0])
-        return [known.settled(expression) for expression in expressions]
+        return [known.settle(expression) for expression in expressions]
 
     def _slope(self, vector: Affine) -> ca.SX:
         total = ca.SX(vector.value.numel(), self.unknowns.numel())
@@ -312,7 +312,7 @@ class Chain:
         return self._derived[key]
 
 
-def _called(links: Sequence[_Link], curved: Sequence[_Curved], everything: ca.SX) -> set[int]:
+def _calls(links: Sequence[_Link], curved: Sequence[_Curved], everything: ca.SX) -> set[int]:
     """Links that are functions to call, by their identities."""
 
     def gives_all(k: int) -> bool:
@@ -339,6 +339,6 @@ class _Known:
         self._symbols.append(symbols)
         self._values.append(values)
 
-    def settled(self, expression: ca.SX) -> ca.SX:
+    def settle(self, expression: ca.SX) -> ca.SX:
         """Return an expression of known values."""
         return ca.substitute([expression], self._symbols, self._values)[0] if self._symbols else expression

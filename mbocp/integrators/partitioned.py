@@ -143,16 +143,16 @@ class PartitionedStep:
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
             xi = links.times(chain, h, _sum(row, rates))
-            point = Node(links.moved(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
+            point = Node(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u], links.given)
             push = links.pushes(chain, point.q, stage.impulse) if self._mechanics.nc else ()
             pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
             momenta.append(pulled.momentum)
-            slopes.append(_added(links.times(chain, h, pulled.slope), pulled.pushed))
-            carried.append(_added(links.times(chain, h, pulled.carried), pulled.carried_push))
+            slopes.append(_add(links.times(chain, h, pulled.slope), pulled.pushed))
+            carried.append(_add(links.times(chain, h, pulled.carried), pulled.carried_push))
             points.append(point)
         xi = links.times(chain, h, _sum(pair.b, rates))
-        reached = links.moved(chain, before.q, xi)
+        reached = links.move(chain, before.q, xi)
         (p1,) = chain.apply(links.momentum, [after.q, after.v], links.given)
         in_chart, at_start = links.covectors(chain, xi, p1)
         # The same where configurations are vectors, but for the order in which unknowns are eliminated.
@@ -235,7 +235,7 @@ class _Links:
             self.drift = _function("drift", [q, v, *given], [jacobian @ v])
             self._places = _function("places", [q, h, *given], [mechanics.constraints(q) / h])
 
-    def moved(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
+    def move(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
         """Configuration q exp(xi)."""
         return q + xi if self._is_plain else chain.apply(self._moved, [q, xi])[0]
 
@@ -277,7 +277,7 @@ def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Functi
     return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
 
 
-def _added(one: Affine, other: Affine | None) -> Affine:
+def _add(one: Affine, other: Affine | None) -> Affine:
     return one if other is None else one + other
 
 

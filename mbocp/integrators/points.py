@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbocp._arrays import Array
 from mbocp.robot import Robot
-from mbocp.robot.nodes import moved
+from mbocp.robot.nodes import move
 
 
 def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
@@ -32,4 +32,4 @@ def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array
         return qs[at], vs[at]
     v_taus: Array = (1.0 - tau) * vs[:-1] + tau * vs[1:]
     steps = tau * dts[:, None] * v_taus
-    return moved(robot, qs[:-1], steps), v_taus
+    return move(robot, qs[:-1], steps), v_taus

@@ -84,18 +84,18 @@ class ExplicitStep:
         slopes_z: list[Affine] = []
         slopes_s: list[Affine] = []
         for row in self._tableau.a:
-            arguments = [_moved(at.z, h, row, slopes_z), _moved(at.s, h, row, slopes_s), u]
+            arguments = [_move(at.z, h, row, slopes_z), _move(at.s, h, row, slopes_s), u]
             slope_z, slope_s = chain.apply(self._links.plain, arguments, [rates])
             slopes_z.append(slope_z)
             slopes_s.append(slope_s)
         b = self._tableau.b
-        return State(_moved(at.z, h, b, slopes_z), _moved(at.s, h, b, slopes_s))
+        return State(_move(at.z, h, b, slopes_z), _move(at.s, h, b, slopes_s))
 
     def _group_step(self, chain: Chain, at: State, u: Affine, h: ca.SX, rates: ca.SX) -> State:
         slopes_w: list[Affine] = []
         slopes_s: list[Affine] = []
         for row in self._tableau.a:
-            s_i = _moved(at.s, h, row, slopes_s)
+            s_i = _move(at.s, h, row, slopes_s)
             if any(row):
                 arguments = [at.z, h * _sum(row, slopes_w), s_i, u]
                 slope_w, slope_s = chain.apply(self._links.in_algebra, arguments, [rates])
@@ -105,7 +105,7 @@ class ExplicitStep:
             slopes_s.append(slope_s)
         b = self._tableau.b
         (z,) = chain.apply(self._links.exponential, [at.z, h * _sum(b, slopes_w)])
-        return State(z, _moved(at.s, h, b, slopes_s))
+        return State(z, _move(at.s, h, b, slopes_s))
 
 
 class _Links:
@@ -143,7 +143,7 @@ def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Functi
     return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
 
 
-def _moved(base: Affine, h: ca.SX, row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
+def _move(base: Affine, h: ca.SX, row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
     return base + h * _sum(row, slopes) if any(row) else base
 
 

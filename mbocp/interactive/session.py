@@ -235,7 +235,7 @@ class Live:
             self._plays = gui.add_checkbox("Play", True)
             self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
             self._clock = gui.add_slider("Time [s]", 0.0, max(duration, 1e-3), 1e-3, 0.0)
-            self._clock.on_update(self._scrubbed)
+            self._clock.on_update(self._scrub)
             if not (
                 self._asked.timeline.has_free_lengths or self._asked.phase or self._asked.lengths is not None
             ):
@@ -336,7 +336,7 @@ class Live:
                 self._end_until = time.perf_counter() + _SHOWS_END
         self.ask(wish)
 
-    def _scrubbed(self, event: Any) -> None:
+    def _scrub(self, event: Any) -> None:
         if event.client is None:
             return
         with self._lock:

@@ -81,7 +81,7 @@ def weight_keys(problem: Problem) -> list[str]:
 def goal_placement(robot: Robot, target: FrameTarget, q: Array) -> pin.SE3:
     """Placement in the world of a goal of a frame; what it leaves free is as at q."""
     reference = robot.frame_placement(target.relative_to, q)
-    return reference * target.completed(robot.frame_placement(target.name, q, target.relative_to))
+    return reference * target.complete(robot.frame_placement(target.name, q, target.relative_to))
 
 
 def _moved_goal(problem: Problem, wish: Wish, q_near: Array) -> Goal:

@@ -152,7 +152,7 @@ class ConfigurationSpace:
         qs = np.empty((zs.shape[0], self.nq))
         for part in self.parts:
             z = zs[:, part.at_z]
-            qs[:, part.at_q] = _with_quaternions(z) if part.at_matrix >= 0 else _normalised(part.group, z)
+            qs[:, part.at_q] = _with_quaternions(z) if part.at_matrix >= 0 else _normalise(part.group, z)
         return qs
 
     def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
@@ -216,7 +216,7 @@ def _with_quaternions(zs: Array) -> Array:
     return np.hstack([zs[:, :-9], quaternions])
 
 
-def _normalised(group: Group, zs: Array) -> Array:
+def _normalise(group: Group, zs: Array) -> Array:
     if group.is_vector:
         return zs
     size = 2 if isinstance(group, (Circle, Plane)) else 4

@@ -19,7 +19,7 @@ _TERMS = 12  # x^12 / 25! is below 1e-25 at x = 1
 def sinc(x: ca.SX) -> ca.SX:
     r""":math:`\sin\theta / \theta`."""
     series = [(-1) ** k / factorial(2 * k + 1) for k in range(_TERMS)]
-    return _branched(x, 1.0, series, lambda t: ca.sin(t) / t)
+    return _branch(x, 1.0, series, lambda t: ca.sin(t) / t)
 
 
 def half_angle_sinc(x: ca.SX) -> ca.SX:
@@ -35,7 +35,7 @@ def one_minus_cos(x: ca.SX) -> ca.SX:
 def theta_minus_sin(x: ca.SX) -> ca.SX:
     r""":math:`(\theta - \sin\theta) / \theta^3`."""
     series = [(-1) ** k / factorial(2 * k + 3) for k in range(_TERMS)]
-    return _branched(x, 1.0, series, lambda t: (t - ca.sin(t)) / t**3)
+    return _branch(x, 1.0, series, lambda t: (t - ca.sin(t)) / t**3)
 
 
 def v_inverse(x: ca.SX) -> ca.SX:
@@ -53,7 +53,7 @@ def v_inverse(x: ca.SX) -> ca.SX:
         174611 / 330,
     )
     series = [b / factorial(2 * k + 2) for k, b in enumerate(bernoulli)]  # |B_2k| / (2k)!
-    return _branched(x, 0.5, series, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / t**2)
+    return _branch(x, 0.5, series, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / t**2)
 
 
 def log_factor(x: ca.SX, w: ca.SX) -> ca.SX:
@@ -65,10 +65,10 @@ def log_factor(x: ca.SX, w: ca.SX) -> ca.SX:
     for k in range(_TERMS):
         series.append(coefficient)
         coefficient *= (2 * k + 1) ** 2 / ((2 * k + 2) * (2 * k + 3))
-    return _branched(x, 0.02, series, lambda s: 2 * ca.atan2(s, w) / s)
+    return _branch(x, 0.02, series, lambda s: 2 * ca.atan2(s, w) / s)
 
 
-def _branched(x: ca.SX, threshold: float, series: Sequence[float], closed: Callable[[ca.SX], ca.SX]) -> ca.SX:
+def _branch(x: ca.SX, threshold: float, series: Sequence[float], closed: Callable[[ca.SX], ca.SX]) -> ca.SX:
     is_small = x < threshold
     value = ca.SX(series[-1])
     for coefficient in reversed(series[:-1]):

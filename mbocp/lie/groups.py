@@ -154,7 +154,7 @@ class Plane:
         x = v[2] ** 2
         a, b = sinc(x), v[2] * one_minus_cos(x)
         moved = ca.vertcat(a * v[0] - b * v[1], b * v[0] + a * v[1])
-        return ca.vertcat(z[:2] + self._turned(z, moved), self._turn.integrate(z[2:], v[2]))
+        return ca.vertcat(z[:2] + self._turn_point(z, moved), self._turn.integrate(z[2:], v[2]))
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Twist of the arc between."""
@@ -165,7 +165,7 @@ class Plane:
 
     def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Velocity in the world, and of (cos, sin)."""
-        return ca.vertcat(self._turned(z, v[:2]), self._turn.rate(z[2:], v[2]))
+        return ca.vertcat(self._turn_point(z, v[:2]), self._turn.rate(z[2:], v[2]))
 
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """omega_a x v_b - omega_b x v_a."""
@@ -195,7 +195,7 @@ class Plane:
         return self._turn.defects(z[2:])
 
     @staticmethod
-    def _turned(z: ca.SX, p: ca.SX) -> ca.SX:
+    def _turn_point(z: ca.SX, p: ca.SX) -> ca.SX:
         return ca.vertcat(z[2] * p[0] - z[3] * p[1], z[3] * p[0] + z[2] * p[1])
 
     @staticmethod
@@ -211,18 +211,18 @@ class Quaternion:
     def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Product with the exponential of the rotation vector, Eq. (53)."""
         x = ca.dot(v, v)
-        return _multiplied(z, ca.vertcat(half_angle_sinc(x) * v, _cos_half(x)))
+        return _multiply(z, ca.vertcat(half_angle_sinc(x) * v, _cos_half(x)))
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Rotation vector of the shorter way."""
-        d = _multiplied(ca.vertcat(-z0[:3], z0[3]), z1)
+        d = _multiply(ca.vertcat(-z0[:3], z0[3]), z1)
         sign = ca.if_else(d[3] < 0, -1, 1)  # q and -q are the same attitude
         imaginary, w = sign * d[:3], sign * d[3]
         return log_factor(ca.dot(imaginary, imaginary), w) * imaginary
 
     def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Half the product with the angular velocity, Eq. (14)."""
-        return _multiplied(z, ca.vertcat(v, 0)) / 2
+        return _multiply(z, ca.vertcat(v, 0)) / 2
 
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Cross product."""
@@ -238,7 +238,7 @@ class Quaternion:
 
     def projection(self, goal: ca.SX, z: ca.SX) -> ca.SX:
         """Twice the imaginary part of goal^-1 z; vanishes at both quaternions of the goal alone."""
-        return 2 * _multiplied(ca.vertcat(-goal[:3], goal[3]), z)[:3]
+        return 2 * _multiply(ca.vertcat(-goal[:3], goal[3]), z)[:3]
 
     def guards(self, goal: ca.SX, z: ca.SX) -> list[ca.SX]:
         """None: there is no other root."""
@@ -248,14 +248,14 @@ class Quaternion:
         """Norm less one, Eq. (10)."""
         return [ca.norm_2(z) - 1]
 
-    def rotated(self, z: ca.SX, p: ca.SX) -> ca.SX:
+    def rotate(self, z: ca.SX, p: ca.SX) -> ca.SX:
         """Vector p turned by z, as Pinocchio's rotation matrix of it would, unit or not."""
         t = 2 * ca.cross(z[:3], p)
         return p + z[3] * t + ca.cross(z[:3], t)
 
     def rotated_back(self, z: ca.SX, p: ca.SX) -> ca.SX:
         """Vector p turned by the conjugate of z."""
-        return self.rotated(ca.vertcat(-z[:3], z[3]), p)
+        return self.rotate(ca.vertcat(-z[:3], z[3]), p)
 
 
 class RotationMatrix:
@@ -307,7 +307,7 @@ class RotationMatrix:
         R = _matrix(z)
         return [ca.norm_fro(R.T @ R - ca.SX.eye(3))]
 
-    def rotated(self, z: ca.SX, p: ca.SX) -> ca.SX:
+    def rotate(self, z: ca.SX, p: ca.SX) -> ca.SX:
         """R p."""
         return _matrix(z) @ p
 
@@ -327,7 +327,7 @@ class RigidBody:
 
     def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Moved along a screw."""
-        moved = self.attitude.rotated(z[3:], _screw(v))
+        moved = self.attitude.rotate(z[3:], _screw(v))
         return ca.vertcat(z[:3] + moved, self.attitude.integrate(z[3:], v[3:]))
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
@@ -339,7 +339,7 @@ class RigidBody:
 
     def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """Velocity in the world, and of the attitude."""
-        return ca.vertcat(self.attitude.rotated(z[3:], v[:3]), self.attitude.rate(z[3:], v[3:]))
+        return ca.vertcat(self.attitude.rotate(z[3:], v[:3]), self.attitude.rate(z[3:], v[3:]))
 
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """(omega_a x v_b - omega_b x v_a, omega_a x omega_b)."""
@@ -410,7 +410,7 @@ def _cos_half(x: ca.SX) -> ca.SX:
     return 1 - x / 8 * sinc(x / 16) ** 2
 
 
-def _multiplied(a: ca.SX, b: ca.SX) -> ca.SX:
+def _multiply(a: ca.SX, b: ca.SX) -> ca.SX:
     """Product of quaternions xyzw, Eq. (8)."""
     imaginary = a[3] * b[:3] + b[3] * a[:3] + ca.cross(a[:3], b[:3])
     return ca.vertcat(imaginary, a[3] * b[3] - ca.dot(a[:3], b[:3]))

@@ -80,7 +80,7 @@ class ForwardMechanics(JointMechanics):
         """Velocity v = V(q) s + U(q) u, shape (nv,)."""
         if not self.robot.drives:
             return s
-        return self._moved(q, s, self._drive_speeds(s, u))
+        return self._move(q, s, self._drive_speeds(s, u))
 
     def speed_rate(self, q: ca.SX, s: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:
         """ds/dt, shape (ns,), with Baumgarte's rate `gamma` [1/s] of the holonomic constraints."""
@@ -90,7 +90,7 @@ class ForwardMechanics(JointMechanics):
         free = self.forward_dynamics(q, s, force)
         if self.num_tied == 0:
             return free
-        return free - self.inverse_mass_matrix(q) @ self._tied(q).T @ self._lambda(q, s, free, gamma)
+        return free - self.inverse_mass_matrix(q) @ self._tie_rows(q).T @ self._lambda(q, s, free, gamma)
 
     def multipliers(self, q: ca.SX, v: ca.SX, u: ca.SX, gamma: ca.SX) -> ca.SX:
         """Multipliers lambda of the holonomic constraints, shape (nc,)."""
@@ -100,11 +100,11 @@ class ForwardMechanics(JointMechanics):
         """The velocity that keeps the constraints and is nearest to v in kinetic energy, shape (nv,)."""
         if self.num_tied == 0:
             return v
-        jacobian = self._tied(q)
+        jacobian = self._tie_rows(q)
         moved = self.inverse_mass_matrix(q) @ jacobian.T
-        return v - moved @ _solved(jacobian @ moved, jacobian @ v)
+        return v - moved @ _solve(jacobian @ moved, jacobian @ v)
 
-    def _tied(self, q: ca.SX) -> ca.SX:
+    def _tie_rows(self, q: ca.SX) -> ca.SX:
         """Derivatives of the rows that act in tangent coordinates, shape (num_tied, nv)."""
         own = self.constraint_jacobian(q)
         if self._acting is None:
@@ -113,12 +113,12 @@ class ForwardMechanics(JointMechanics):
         return ca.vertcat(own[list(self._acting.own), :], held[list(self._acting.rows), :])
 
     def _lambda(self, q: ca.SX, v: ca.SX, free: ca.SX, gamma: ca.SX) -> ca.SX:
-        jacobian = self._tied(q)
+        jacobian = self._tie_rows(q)
         rate = jacobian @ v
         wanted = jacobian @ free + self._along(rate, q, v)
         if self._acting is None:
             wanted += 2 * gamma * rate + gamma**2 * self.constraints(q)
-        return _solved(jacobian @ self.inverse_mass_matrix(q) @ jacobian.T, wanted)
+        return _solve(jacobian @ self.inverse_mass_matrix(q) @ jacobian.T, wanted)
 
     def _hybrid(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
         """Free accelerations from the free rows of the inverse dynamics; the driven ones are known."""
@@ -128,7 +128,7 @@ class ForwardMechanics(JointMechanics):
         rates = ca.SX.zeros(len(self.robot.drives))
         for row, k in enumerate(self._accelerated):
             rates[k] = pushed[row]
-        known = self._moved(q, ca.SX.zeros(self.ns), rates) + self._along(v, q, v)
+        known = self._move(q, ca.SX.zeros(self.ns), rates) + self._along(v, q, v)
         if not num_free:
             return pushed
         # M of the free components from the inverse dynamics, which is linear in a: its recursion in the
@@ -136,7 +136,7 @@ class ForwardMechanics(JointMechanics):
         a = ca.SX.sym("a", self.nv)
         mass = ca.jacobian(self.inverse_dynamics(q, v, a)[self._free], a)[:, self._free]
         missing = self.force(q, v, u) - self.inverse_dynamics(q, v, known)
-        return ca.vertcat(_solved(mass, missing[self._free]), pushed)
+        return ca.vertcat(_solve(mass, missing[self._free]), pushed)
 
     def _drive_speeds(self, s: ca.SX, u: ca.SX) -> ca.SX:
         speeds = [
@@ -147,7 +147,7 @@ class ForwardMechanics(JointMechanics):
         ]
         return ca.vertcat(*speeds)
 
-    def _moved(self, q: ca.SX, s: ca.SX, drive_speeds: ca.SX) -> ca.SX:
+    def _move(self, q: ca.SX, s: ca.SX, drive_speeds: ca.SX) -> ca.SX:
         """Velocity of free speeds and of the drives' columns."""
         v = ca.SX.zeros(self.nv)
         for row, i in enumerate(self._free):
@@ -167,7 +167,7 @@ class ForwardMechanics(JointMechanics):
         return ca.jtimes(expression, q, self.space.rate(q, v))
 
 
-def _solved(matrix: ca.SX, right: ca.SX) -> ca.SX:
+def _solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Solution of a small symmetric positive definite system, by L D L' without pivots."""
     if matrix.shape[0] == 1:
         return right / matrix

@@ -1,9 +1,9 @@
 r"""Frames that are held along a part of the horizon: their equations, for steps, impacts and nodes.
 
 A frame that is held *where it is* keeps the rows of its constraint from one end of a step to the other,
-:math:`\Phi(q_1; q_0) = 0`, see `Constraint.anchored`. Steps add up, so that a frame stays where it was when
-its span began: nothing has to remember where that is. Frames that *coincide* have the rows of the loops of
-robots, see `Constraint.equations`. Both are those of `mbocp.robot.loops.kinds`.
+:math:`\Phi(q_1; q_0) = 0`, see `Constraint.change_from`. Steps add up, so that a frame stays where it was
+when its span began: nothing has to remember where that is. Frames that *coincide* have the rows of the loops
+of robots, see `Constraint.equations`. Both are those of `mbocp.robot.loops.kinds`.
 
 What a hold pushes along, and what it leaves of velocities, is the derivative in q_1 where q_1 = q_0:
 
@@ -140,5 +140,5 @@ def _functions(robot: Robot, held: tuple[HeldFrame, ...]) -> tuple[ca.Function, 
 
 def _rows(held: HeldFrame, mechanics: _Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
     if held.is_anchored:
-        return held.constraint.anchored(mechanics, q, anchor)
+        return held.constraint.change_from(mechanics, q, anchor)
     return held.constraint.equations(mechanics, q)

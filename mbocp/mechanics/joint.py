@@ -228,7 +228,7 @@ class JointMechanics:
             return ca.SX.zeros(0, self.nv)
         return self.derivative(self.constraints, q)
 
-    def evaluated(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> ca.SX:
+    def evaluate(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> ca.SX:
         """First output of a function of `mbocp.symbolic`, whatever the coordinates of the attitudes are."""
         found: ca.SX = self._call(function, q, *others)[0]
         return found

@@ -148,7 +148,7 @@ class _Loops:
             left = pin.difference(self._model, q, there)
             ahead = np.where(self._led, left * (step / (1.0 - gone)), step * rate)
             leaps = np.abs(ahead[self._led]).max(initial=0.0) >= _MAX_LEAP  # wherever the others end
-            found = None if leaps else self._closed(q, ahead)
+            found = None if leaps else self._close(q, ahead)
             if found is not None:
                 rate = pin.difference(self._model, q, found) / step
                 q, gone, step = found, gone + step, min(2.0 * step, 1.0 - gone - step)
@@ -158,7 +158,7 @@ class _Loops:
                 return None
         return q
 
-    def _closed(self, q: Array, ahead: Array) -> Array | None:
+    def _close(self, q: Array, ahead: Array) -> Array | None:
         """Configuration moved by `ahead`, its loops closed by the other joints with Newton's method.
 
         None if the method does not converge or a joint would leap.

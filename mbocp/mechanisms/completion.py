@@ -22,7 +22,7 @@ _MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
 _STRIDE = 0.1  # [rad, m]
 
 
-def assembled(
+def close_loops(
     robot: Robot, q: Array, active: BoolArray, *, assemble: bool, base: Array, key: str = "q"
 ) -> Array:
     """Return `q` with its loops closed.
@@ -93,11 +93,11 @@ def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> 
     """
     if not robot.nc or not active.any():
         return q
-    return np.array(_completed(robot, q.tobytes(), active.tobytes(), q_start.tobytes()))
+    return np.array(_complete(robot, q.tobytes(), active.tobytes(), q_start.tobytes()))
 
 
 @lru_cache(maxsize=64)  # copies of a problem check themselves again
-def _completed(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: bytes) -> Array:
+def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: bytes) -> Array:
     q, q_start = np.frombuffer(q_bytes), np.frombuffer(start_bytes)
     active = np.frombuffer(active_bytes, dtype=np.bool_)
     if active.all():
@@ -167,7 +167,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
         nearest = reached
     if search(robot, q_start, q, everything) is not None:
         return
-    turned = _turned(robot, q_start, q)
+    turned = _turn(robot, q_start, q)
     moved = np.flatnonzero(turned != q)
     if moved.size:
         reached = follow(robot, q_start, turned, everything)
@@ -179,13 +179,13 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
             )
     raise UnreachableGoal(
         f"goal.q: in another assembly mode of robot {robot.name!r} than the start: no way was found on which "
-        f"its loops ({_quoted(constraint.name for constraint in robot.constraints)}) stay closed (nearest: "
+        f"its loops ({_quote(constraint.name for constraint in robot.constraints)}) stay closed (nearest: "
         f"{_short(robot, nearest, q, everything)}); leave out the joints that follow from the others, or "
         "start in the goal's mode"
     )
 
 
-def _turned(robot: Robot, q_start: Array, q: Array) -> Array:
+def _turn(robot: Robot, q_start: Array, q: Array) -> Array:
     """The same pose with each angle within half a turn of the start's."""
     turned = np.array(q)
     for name in robot.joint_names:
@@ -197,10 +197,10 @@ def _turned(robot: Robot, q_start: Array, q: Array) -> Array:
 
 def _names(robot: Robot, active: BoolArray) -> str:
     """Joints of which something was written."""
-    return _quoted(name for name in robot.joint_names if active[robot.velocity_indices(name)].any())
+    return _quote(name for name in robot.joint_names if active[robot.velocity_indices(name)].any())
 
 
-def _quoted(names: Iterable[str]) -> str:
+def _quote(names: Iterable[str]) -> str:
     return ", ".join(map(repr, names))
 
 

@@ -17,7 +17,7 @@ _RANK_TOLERANCE = 1e-6  # of a row's length
 _TIE = 0.99  # pivots above this part of the largest count as equal: the first is taken
 
 
-def independent_rows_held(
+def find_independent_rows(
     robot: Robot, q: Array, held: Sequence[HeldFrame], own: BoolArray, wanted: BoolArray
 ) -> BoolArray:
     """Rows among the wanted ones that the others do not imply, shape (rows,).

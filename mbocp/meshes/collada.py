@@ -19,7 +19,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import is_file, read_bytes
 from mbocp._linear import norm
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.meshes.parts import (
     MAX_TRIANGLES,
     MESH_LIMIT,
@@ -155,11 +155,11 @@ class _Reader:
             source = self._target(reference, "source")
             numbers = None if source is None else source.find("float_array")
             if source is None or numbers is None:
-                raise ValueError(f"no data {shown(key)} in it")
+                raise ValueError(f"no data {show(key)} in it")
             accessor = source.find("technique_common/accessor")
             stride = int(accessor.get("stride", "1")) if accessor is not None else 3
             if not 1 <= stride <= _MAX_STRIDE:
-                raise ValueError(f"data {shown(key)} has a stride of {stride}")
+                raise ValueError(f"data {show(key)} has a stride of {stride}")
             values = np.array((numbers.text or "").split(), dtype=np.float64)
             self._sources[key] = values[: len(values) // stride * stride].reshape(-1, stride)
         return self._sources[key]

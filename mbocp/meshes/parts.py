@@ -50,7 +50,7 @@ class MeshPart:
     surface: Surface | None
 
 
-def checked(parts: Sequence[MeshPart]) -> tuple[MeshPart, ...]:
+def check_parts(parts: Sequence[MeshPart]) -> tuple[MeshPart, ...]:
     """Parts that can be drawn; normals, texture coordinates and colours that are no numbers are left out.
 
     Raises
@@ -58,13 +58,13 @@ def checked(parts: Sequence[MeshPart]) -> tuple[MeshPart, ...]:
     ValueError
         If there is no triangle, a corner is no point, or a triangle refers to a corner that is not there.
     """
-    found = tuple(_checked(part) for part in parts if len(part.faces) > 0)
+    found = tuple(_check(part) for part in parts if len(part.faces) > 0)
     if not found:
         raise ValueError("no triangles in it")
     return found
 
 
-def _checked(part: MeshPart) -> MeshPart:
+def _check(part: MeshPart) -> MeshPart:
     if part.vertices.shape[1:] != (3,) or not 0 <= part.faces.min() <= part.faces.max() < len(part.vertices):
         raise ValueError("a triangle refers to a corner that is not there")
     if not np.all(np.abs(part.vertices) <= _MAX_COORDINATE):

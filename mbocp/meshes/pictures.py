@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mbocp._files import MEGABYTE, is_file, read_bytes
-from mbocp._text import shortened
+from mbocp._text import shorten
 from mbocp.exceptions import Unreadable
 
 PICTURE_LIMIT = 32 * MEGABYTE  # of one picture [bytes]
@@ -65,7 +65,7 @@ def read_picture(path: Path, folders: tuple[Path, ...]) -> Picture:
     except (OSError, RuntimeError, ValueError) as error:
         raise Unreadable("no such file") from error
     if not any(file.is_relative_to(folder) for folder in folders):
-        own = ", ".join(shortened(str(folder)) for folder in folders) or "none"
+        own = ", ".join(shorten(str(folder)) for folder in folders) or "none"
         raise Unreadable(
             f"is outside the robot's folders ({own}); move it there, or mark the package of the mesh by a "
             "package.xml"

@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import Unreadable
 from mbocp.meshes.collada import read_collada
 from mbocp.meshes.formats import check_single_file
-from mbocp.meshes.parts import Indices, checked
+from mbocp.meshes.parts import Indices, check_parts
 from mbocp.meshes.stl import read_stl
 from mbocp.meshes.wavefront import read_wavefront
 
@@ -34,7 +34,7 @@ def read_triangles(path: Path) -> tuple[Array, Indices]:
         faces = [loaded.tri_indices(k) for k in range(loaded.num_tris)]
         corners = np.array([[face[0], face[1], face[2]] for face in faces], dtype=np.int64)
         return np.array(loaded.vertices(), dtype=np.float64), corners
-    parts = checked(READERS[suffix](path))
+    parts = check_parts(READERS[suffix](path))
     starts = np.concatenate([[0], np.cumsum([len(part.vertices) for part in parts])])
     faces = [part.faces + start for part, start in zip(parts, starts[:-1], strict=True)]
     return np.vstack([part.vertices for part in parts]), np.vstack(faces)

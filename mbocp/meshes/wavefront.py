@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import TEXT_LIMIT, is_file, read_bytes
-from mbocp._text import shortened
+from mbocp._text import shorten
 from mbocp.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
 _GREY = (0.8, 0.8, 0.8)
@@ -68,7 +68,7 @@ def _add_face(faces: _Faces, words: list[str], values: dict[str, list[list[float
         # Numbers count from one, negative ones back from the latest.
         v, vt, vn = (k - 1 if k >= 0 else size + k for k, size in zip(given, sizes, strict=False))
         if max(v, vt, vn) >= _MAX_INDEX or min(v, vt, vn) < -_MAX_INDEX:
-            raise ValueError(f"a face refers to {shortened(word)}, which is not there")
+            raise ValueError(f"a face refers to {shorten(word)}, which is not there")
         faces.corners.append((v, vt, vn))
 
 

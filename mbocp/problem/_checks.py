@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._keys import Check
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.robot.parts import Label
 
@@ -40,18 +40,18 @@ def check_frame(key: str, robot: RobotModel, name: str) -> int:
 def check_bool(name: str, value: Any) -> bool:
     """Return `value` if it is True or False."""
     if not isinstance(value, bool):
-        raise InvalidValue(name, shown(value), "true or false")
+        raise InvalidValue(name, show(value), "true or false")
     return value
 
 
 def check_number(name: str, value: Any) -> float:
     """Return `value` as a finite float."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise InvalidValue(name, shown(value), "a number")
+        raise InvalidValue(name, show(value), "a number")
     try:
         number = float(value)
     except OverflowError:  # an integer beyond all floats
-        raise InvalidValue(name, shown(value), "a finite number") from None
+        raise InvalidValue(name, show(value), "a finite number") from None
     if not math.isfinite(number):
         raise InvalidValue(name, number, "a finite number")
     return number
@@ -69,11 +69,11 @@ def check_integer(name: str, value: Any, minimum: int) -> int:
     """Return `value` as an int of at least `minimum`, and of 32 bits, as many as foreign libraries count."""
     expected = f"a whole number of at least {minimum}"
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InvalidValue(name, shown(value), expected)
+        raise InvalidValue(name, show(value), expected)
     if value < minimum:
-        raise InvalidValue(name, shown(int(value)), expected)
+        raise InvalidValue(name, show(int(value)), expected)
     if value > _MAX_INTEGER:
-        raise InvalidValue(name, shown(int(value)), f"{expected} and at most {_MAX_INTEGER}")
+        raise InvalidValue(name, show(int(value)), f"{expected} and at most {_MAX_INTEGER}")
     return int(value)
 
 

@@ -274,10 +274,10 @@ def force_sources(robot: Robot, table: SwitchTable | None) -> dict[str, ForceSou
         both = (None, None) if table is None else _acts(table, table.own[:, list(own)])
         found[constraint.name] = ForceSource(constraint, rows, own, *both)
         first += len(constraint.rows)
-    return found if table is None else found | _held(table, robot.nc)
+    return found if table is None else found | _holds_by_name(table, robot.nc)
 
 
-def _held(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
+def _holds_by_name(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
     """What is held, by name; rows that are implied in all of its steps have no force."""
     found, first = {}, 0
     for frame in table.held:

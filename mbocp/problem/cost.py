@@ -88,7 +88,7 @@ class Cost:
         check_non_negative("cost.terminal_weights", self.terminal_weights)
         for key in ("velocity", *_ON_CONTROLS):
             check_non_negative(f"cost.{key}", getattr(self, key))
-        object.__setattr__(self, "further", _checked(self.further))
+        object.__setattr__(self, "further", _check_weights(self.further))
 
     @property
     def is_trajectory(self) -> bool:
@@ -181,7 +181,7 @@ def weights_by_key() -> dict[str, type[Weighted]]:
     return {term.key: term for term in COST_TERMS if issubclass(term, Weighted)}
 
 
-def _checked(further: Mapping[str, Any]) -> dict[str, Array]:
+def _check_weights(further: Mapping[str, Any]) -> dict[str, Array]:
     """Weights of further terms as arrays; those that are zero are left out."""
     known, found = further_terms(), {}
     for key, value in further.items():

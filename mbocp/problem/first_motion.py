@@ -205,7 +205,7 @@ def _by_speed(robot: Robot, away: Array) -> float:
     """A duration in which half the speed suffices [s]."""
     speed = _SHARE_OF_SPEED * robot.limits.velocity
     needed = [_PEAK_SPEED * d / v for d, v in zip(away, speed, strict=True) if 0.0 < v < np.inf]
-    return _rounded(max([_SHORTEST, *needed]))
+    return _round(max([_SHORTEST, *needed]))
 
 
 def _within_limits(robot: Robot, motion: FirstMotion) -> FirstMotion:
@@ -238,7 +238,7 @@ def _by_effort(robot: Robot, motion: FirstMotion) -> tuple[float, str]:
         ratio, worst = _load(robot, motion, duration)
         if ratio <= _SHARE_OF_EFFORT:
             return duration, ""
-        duration = _rounded(1.5 * duration)
+        duration = _round(1.5 * duration)
     still, worst = _load(robot, motion, math.inf)
     label = robot.u_labels[worst]
     has = f"{robot.limits.effort[worst]:.4g} {label.unit}"
@@ -270,6 +270,6 @@ def _load(robot: Robot, motion: FirstMotion, duration: float) -> tuple[float, in
     return worst, which
 
 
-def _rounded(duration: float) -> float:
+def _round(duration: float) -> float:
     """Up to half a second [s]."""
     return math.ceil(2.0 * duration - 1e-9) / 2.0

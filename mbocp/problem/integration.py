@@ -73,20 +73,20 @@ def check_integrator(
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
             f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes "
-            f"({_quoted(able)}) can do"
+            f"({_quote(able)}) can do"
         )
     if robot.nc and not SCHEMES[scheme].takes_loops:
         able = [name for name, data in SCHEMES.items() if data.takes_loops]
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", whose stages lie between nodes, but {robot.name!r} has '
             f"holonomic constraints ({robot.constraint_labels[0].name}, ...), which hold at the nodes; "
-            f"take one of {_quoted(able)}"
+            f"take one of {_quote(able)}"
         )
     if robot.rotations == "dcm" and not SCHEMES[scheme].takes_matrices and has_rotations(robot):
         able = [name for name, data in SCHEMES.items() if data.takes_matrices]
         raise ProblemError(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
-            f'explicit scheme ({_quoted(able)}), or rotations = "quaternion"'
+            f'explicit scheme ({_quote(able)}), or rotations = "quaternion"'
         )
 
 
@@ -102,7 +102,7 @@ def check_controls(controls: str, scheme: str) -> None:
         able = [name for name, data in SCHEMES.items() if controls in data.controls]
         raise ProblemError(
             f'horizon.controls: got "{controls}", but scheme "{scheme}" takes one control for each step; '
-            f'choose integrator.scheme among {_quoted(able)}, or controls = "constant"'
+            f'choose integrator.scheme among {_quote(able)}, or controls = "constant"'
         )
 
 
@@ -139,11 +139,11 @@ def check_unused(key: str, value: object, default: object, scheme: str, *, suits
         chosen = f' ("auto" chose it for {suits})' if suits else ""
         raise ProblemError(
             f'{key}: got {got}, which scheme "{scheme}" does not use{chosen}; leave it out, or choose an '
-            f"explicit scheme ({_quoted(schemes_with(key))}){' as integrator.scheme' * bool(suits)}"
+            f"explicit scheme ({_quote(schemes_with(key))}){' as integrator.scheme' * bool(suits)}"
         )
 
 
-def _quoted(names: Iterable[str]) -> str:
+def _quote(names: Iterable[str]) -> str:
     return ", ".join(f'"{name}"' for name in names)
 
 

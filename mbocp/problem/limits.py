@@ -90,9 +90,9 @@ class Bounds:
     @classmethod
     def none(cls, robot: Robot) -> Bounds:
         """No bounds at all, in the dimensions of `robot`."""
-        return cls().completed(robot)
+        return cls().complete(robot)
 
-    def completed(self, robot: Robot) -> Bounds:
+    def complete(self, robot: Robot) -> Bounds:
         """Return the same with infinite bounds where none were given, checked against `robot`."""
         sides: dict[str, Array] = {}
         of_rates = ((term.letter, getattr(robot, f"n{term.over}")) for term in RATE_TERMS.values())

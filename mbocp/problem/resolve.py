@@ -119,7 +119,7 @@ def _scheme(
 
 
 def _limits(said_limits: Bounds, robot: Robot) -> Bounds:
-    return said_limits.completed(robot)
+    return said_limits.complete(robot)
 
 
 def _schedule(

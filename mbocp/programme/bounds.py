@@ -53,17 +53,17 @@ class StateBounds:
     @property
     def limited_x(self) -> BoolArray:
         """Which entries of the states are bounded, shape (N, nx)."""
-        return _limited(self.x_lower, self.x_upper)
+        return _has_limit(self.x_lower, self.x_upper)
 
     @property
     def limited_u(self) -> BoolArray:
         """Which controls are bounded, shape (N, nu)."""
-        return _limited(self.u_lower, self.u_upper)
+        return _has_limit(self.u_lower, self.u_upper)
 
     @property
     def limited_path(self) -> BoolArray:
         """Which path functions are bounded, shape (N, nh)."""
-        return _limited(self.path_lower, self.path_upper)
+        return _has_limit(self.path_lower, self.path_upper)
 
     @property
     def limited(self) -> BoolArray:
@@ -97,6 +97,6 @@ def _own_rows(side: Array) -> Array:
     return side[:1] if side.strides[0] == 0 else side
 
 
-def _limited(lower: Array, upper: Array) -> BoolArray:
+def _has_limit(lower: Array, upper: Array) -> BoolArray:
     found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
     return found

@@ -98,7 +98,7 @@ def folders() -> list[Path]:
     return [cache_folder(), *private]
 
 
-def cached(name: str) -> Path | None:
+def find_entry(name: str) -> Path | None:
     """Sound entry of that name in the folders."""
     return next((folder / name for folder in folders() if is_sound(folder / name)), None)
 
@@ -113,15 +113,15 @@ def own_content(path: Path) -> bytes | None:
         return None
 
 
-def sealed(body: bytes) -> bytes:
+def seal(body: bytes) -> bytes:
     """Content of an entry: the library and its checksum."""
     return body + _MAGIC + hashlib.sha256(body).hexdigest().encode()
 
 
-def unsealed(path: Path) -> bytes | None:
+def unseal(path: Path) -> bytes | None:
     """Content of an entry without its checksum; None where it is not the user's, or damaged."""
     content = own_content(path)
-    return content[:-_TRAILER] if content is not None and sealed(content[:-_TRAILER]) == content else None
+    return content[:-_TRAILER] if content is not None and seal(content[:-_TRAILER]) == content else None
 
 
 @contextlib.contextmanager
@@ -234,7 +234,7 @@ def is_sound(library: Path) -> bool:
 @lru_cache(maxsize=1024)
 def _has_checksum(library: Path, inode: int, changed_ns: int, size: int) -> bool:
     """Whether the file ends with the checksum of the rest; looked at once for each state of the file."""
-    if unsealed(library) is None:
+    if unseal(library) is None:
         return False
     with contextlib.suppress(OSError):  # in a read-only folder nothing is removed either
         os.utime(library, ns=(time.time_ns(), changed_ns))  # used now: it is the last to be removed

@@ -78,7 +78,7 @@ class CompiledFunctions:
         self.later, self.opened = later, {}
 
     @classmethod
-    def interpreted(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
+    def interpret(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
         """Functions that no compiler is asked for: the kernel executes their instructions."""
         return cls(None, Tapes.of(functions).serialised, compiled_now=False)
 
@@ -92,7 +92,7 @@ class CompiledFunctions:
         """Where a function is: among those that come later, if it is there."""
         return self.later.functions_beside(self) if self.later and name in self.later.names else self
 
-    def compiled(self) -> CompiledFunctions:
+    def compile(self) -> CompiledFunctions:
         """The same functions, compiled first if they are tapes and there is a compiler.
 
         Raises
@@ -110,7 +110,7 @@ class CompiledFunctions:
         home = self.with_name(name)
         if home.library is not None:
             return _external(name, str(home.library))
-        return _deserialised(home.serialised[name])
+        return _deserialise(home.serialised[name])
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which reads tapes anew and does not know how functions are made."""
@@ -165,7 +165,7 @@ def _external(name: str, library: str) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _deserialised(text: str) -> ca.Function:
+def _deserialise(text: str) -> ca.Function:
     return ca.Function.deserialize(text)
 
 
@@ -223,7 +223,7 @@ def load_functions(
         return asked.as_tapes()
     if not compiles and asked.tapes.is_plain and not asked.tapes.pay_compiling():
         return asked.as_tapes()
-    return asked.compiled(cc)
+    return asked.compile(cc)
 
 
 @dataclass(eq=False)
@@ -277,7 +277,7 @@ class _Asked:
         place = self.place
         if place.tapes is None:
             key = key_of(self.key, sources_digest(), casadi_version())
-            place.tapes = Tapes.kept(key) or Tapes.of(self.functions).keep(key, self.functions)
+            place.tapes = Tapes.read(key) or Tapes.of(self.functions).keep(key, self.functions)
             atexit.register(place.add_executed)
         return place.tapes
 
@@ -290,7 +290,7 @@ class _Asked:
         self.place.tapes = None  # it is not needed any more
         return CompiledFunctions(self.place.library, {}, is_new)
 
-    def compiled(self, cc: tuple[str, ...]) -> CompiledFunctions:
+    def compile(self, cc: tuple[str, ...]) -> CompiledFunctions:
         self.place.library, is_new = make_library(
             self.functions, self.how, cc, self.how.depends_on(self.key, cc), deadline=self.deadline
         )

@@ -195,7 +195,7 @@ def sides(bounds: StateBounds) -> dict[str, Array]:
 
 def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> StageFunction:
     if functions.library is not None:
-        return _opened(str(functions.library), name).copy()
+        return _open(str(functions.library), name).copy()
     read = functions.opened.get(name)
     if read is None:
         read = functions.opened[name] = native.StageFunction.from_string(functions.serialised[name])
@@ -203,6 +203,6 @@ def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> 
 
 
 @lru_cache(maxsize=256)
-def _opened(library: str, name: str) -> StageFunction:
+def _open(library: str, name: str) -> StageFunction:
     """A function that is only copied: loading its library and looking into it takes ten times as long."""
     return kernel().StageFunction.from_library(library, name)

@@ -14,7 +14,7 @@ import hashlib
 import re
 from pathlib import Path
 
-from mbocp.programme.cache import cached, folders, own_content, scratch_folder
+from mbocp.programme.cache import find_entry, folders, own_content, scratch_folder
 
 _MOST = 4000  # of these files, each a block of the disk; without its file a library is found by its code
 _LIBRARY = re.compile(rb"[0-9a-f]{32}\.so")
@@ -30,7 +30,7 @@ def library_of(key: str) -> Path | None:
     for folder in folders():
         name = own_content(_file(folder, key))
         if name is not None and _LIBRARY.fullmatch(name):
-            library = cached(name.decode())
+            library = find_entry(name.decode())
             if library is not None:
                 return library
     return None

@@ -19,11 +19,11 @@ from mbocp._environment import available_threads
 from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import (
     cache_folder,
-    cached,
+    find_entry,
     is_private,
     private_folder,
     scratch_folder,
-    sealed,
+    seal,
     trim,
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
@@ -110,17 +110,17 @@ def make_library(
     CompilationTimeout
         If the deadline passes before the library is there.
     """
-    functions = {name: _merged(function) for name, function in functions.items()}
+    functions = {name: _merge(function) for name, function in functions.items()}
     check_deadline(deadline, "equal parts of the functions were merged")
     most = _LARGE_END if how.of_end else _LARGE
     flags = _flags_for(cc, functions.values(), most, has_lanes=bool(how.wide.functions))
     unit = _Unit(cc, flags, _source(functions, how.wide))
     check_deadline(deadline, "the functions were written in C")
-    library = cached(unit.name)
+    library = find_entry(unit.name)
     is_new = library is None
     if library is None:
         given = None if folder is None else folder / unit.name
-        library = _compiled(unit, deadline) if given is None else _compile(unit, given, deadline)
+        library = _compile_into_folder(unit, deadline) if given is None else _compile(unit, given, deadline)
     remember(depends_on, library)
     return library, is_new
 
@@ -162,7 +162,7 @@ def _flags_for(
     return (*_flags(), *(_LEFT_OUT if has_lanes else ()), *(_SCHEDULE if is_dense else ()))
 
 
-def _merged(function: ca.Function) -> ca.Function:
+def _merge(function: ca.Function) -> ca.Function:
     """Return a function that works out equal subexpressions once; tapes do so by themselves, and faster."""
     if not function.is_a("SXFunction"):
         return function
@@ -208,7 +208,7 @@ class _Unit:
         return spread(self.source, min(available_threads(), _MOST_FILES))
 
 
-def _compiled(unit: _Unit, deadline: float) -> Path:
+def _compile_into_folder(unit: _Unit, deadline: float) -> Path:
     """Compile into the folder that is used; where it cannot be written, into a temporary one."""
     folder = cache_folder()
     try:
@@ -246,7 +246,7 @@ def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
                 f"the C compiler {unit.cc[0]} reports no error, but has made no library; set CC to one that "
                 "works"
             )
-        built.write_bytes(sealed(body))
+        built.write_bytes(seal(body))
         built.replace(library)
     trim(library.parent)
     return library

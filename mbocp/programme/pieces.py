@@ -49,7 +49,7 @@ class Pieces:
             {name: known.get(name) or f"t[{place[name]}]" for name in _read_first(p)}
             for p, known in zip(pieces, sources, strict=True)
         ]
-        return cls(function, pieces, read, _kept(pieces, kept), place)
+        return cls(function, pieces, read, _variables_read_later(pieces, kept), place)
 
     def parameters(self, kind: str) -> list[str]:
         """Inputs and outputs of a function that calls the pieces."""
@@ -136,7 +136,7 @@ def _sources(pieces: Sequence[Sequence[Statement]]) -> Iterator[dict[str, str]]:
                 known[s.target] = s.value
 
 
-def _kept(pieces: Sequence[Sequence[Statement]], read: Sequence[set[str]]) -> list[set[str]]:
+def _variables_read_later(pieces: Sequence[Sequence[Statement]], read: Sequence[set[str]]) -> list[set[str]]:
     """Variables of each piece whose last values later pieces read."""
     needed: set[str] = set()
     kept = []

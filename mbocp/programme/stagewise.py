@@ -124,7 +124,7 @@ class StagewiseProgramme:
     has_free_lengths: bool = False
     easing: Array | None = None
 
-    def compiled(self) -> StagewiseProgramme:
+    def compile(self) -> StagewiseProgramme:
         """The same programme with compiled functions, unless there is no compiler; see `load_functions`.
 
         Raises
@@ -132,7 +132,7 @@ class StagewiseProgramme:
         CompilationError
             If the compiler refuses the generated code, or nothing can be written.
         """
-        functions, end_functions = self.functions.compiled(), self.end_functions.compiled()
+        functions, end_functions = self.functions.compile(), self.end_functions.compile()
         return replace(self, functions=functions, end_functions=end_functions)
 
     @property

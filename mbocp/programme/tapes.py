@@ -21,13 +21,13 @@ import casadi as ca
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import (
     cache_folder,
-    cached,
     counter_of,
+    find_entry,
     own_content,
     scratch_folder,
-    sealed,
+    seal,
     trim,
-    unsealed,
+    unseal,
 )
 
 AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
@@ -87,10 +87,10 @@ class Tapes:
         )
 
     @classmethod
-    def kept(cls, key: str) -> Tapes | None:
+    def read(cls, key: str) -> Tapes | None:
         """Read what `keep` wrote, where it is the user's and sound."""
-        file = cached(f"{key}.tape")
-        content = None if file is None else unsealed(file)
+        file = find_entry(f"{key}.tape")
+        content = None if file is None else unseal(file)
         if file is None or content is None:
             return None
         try:
@@ -121,7 +121,7 @@ class Tapes:
             file = cache_folder() / f"{key}.tape"
             with scratch_folder(file.parent) as scratch:
                 built = scratch / "tape"
-                built.write_bytes(sealed(content.getvalue()))
+                built.write_bytes(seal(content.getvalue()))
                 built.replace(file)
             trim(file.parent)
             return replace(self, file=file)
@@ -155,7 +155,7 @@ def functions_in(file: Path) -> dict[str, ca.Function]:
     OSError
         If it is not the user's, or damaged.
     """
-    content = unsealed(file)
+    content = unseal(file)
     if content is None:
         raise OSError(f"{file} is damaged")
     with zipfile.ZipFile(io.BytesIO(content)) as held:

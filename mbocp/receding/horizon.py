@@ -114,11 +114,11 @@ class RecedingHorizon:
     ) -> None:
         self.problem = problem_from(problem)
         check_can_recede(self.problem)
-        self._iterations = _checked(iterations)
+        self._iterations = _check_iterations(iterations)
         formulation, _ = formulate_with_independent_ends(self.problem, math.inf)
         self._formulation = with_compiled_functions(formulation)
         check_functions(self._formulation)
-        iterate = _solved(self._formulation, warm_start)
+        iterate = _solve(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)
         self._native, self._programme = receding_horizon(self._formulation.programme, iterate, self._settings)
         self._numbers = ParameterUpdates(self._formulation)
@@ -318,13 +318,13 @@ class RecedingHorizon:
         return HorizonStep(status, u, K, q, v, us, gains)
 
 
-def _checked(iterations: int) -> int:
+def _check_iterations(iterations: int) -> int:
     if not 1 <= iterations <= _MAX_ITERATIONS:
         raise ProblemError(f"iterations: got {iterations}, expected 1 to {_MAX_ITERATIONS}")
     return int(iterations)
 
 
-def _solved(formulation: Formulation, warm_start: Solution | None) -> Iterate:
+def _solve(formulation: Formulation, warm_start: Solution | None) -> Iterate:
     """Solution of a problem from its start.
 
     Raises

@@ -23,7 +23,7 @@ from mbocp.robot.loading.robot_keys import read_part
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.robot import Robot
-from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, packed
+from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, pack
 
 _TOP = "."  # the folder of the list, from which the robot itself is asked for
 _FILES = "files"  # and below it the folder of all files
@@ -111,7 +111,7 @@ class _Gathering:
             for path, content in self.contents.items()
         ]
         listed = {"spec": dict(spec), "sources": sources, "addresses": addresses, "files": files}
-        return RobotFiles(json.loads(json.dumps(listed)), packed(list(self.contents.values())))
+        return RobotFiles(json.loads(json.dumps(listed)), pack(list(self.contents.values())))
 
 
 def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:

@@ -163,7 +163,7 @@ def displacement(model: pin.Model, joint: int, q: Array) -> float:
 def position_labels(model: pin.Model) -> tuple[Label, ...]:
     """One label for each number of q: joint name, or joint name and component."""
     return tuple(
-        Label(_dotted(model.names[joint], suffix), unit)
+        Label(_join(model.names[joint], suffix), unit)
         for joint in range(1, model.njoints)
         for suffix, unit in joint_kind(model, joint).q
     )
@@ -178,7 +178,7 @@ def velocity_labels(model: pin.Model, units: dict[str, str]) -> tuple[Label, ...
         Unit of the quantity along a displacement in "m" and in "rad", e.g. ``{"m": "N", "rad": "N m"}``.
     """
     return tuple(
-        Label(_dotted(model.names[joint], suffix), units[displacement])
+        Label(_join(model.names[joint], suffix), units[displacement])
         for joint in range(1, model.njoints)
         for suffix, displacement in joint_kind(model, joint).v
     )
@@ -193,5 +193,5 @@ def unit_groups(model: pin.Model) -> tuple[tuple[str, slice], ...]:
     )
 
 
-def _dotted(joint: str, suffix: str) -> str:
+def _join(joint: str, suffix: str) -> str:
     return f"{joint}.{suffix}" if suffix else joint

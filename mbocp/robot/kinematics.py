@@ -83,11 +83,11 @@ def _mass_columns(model: pin.Model, q: Array) -> Array:
 
 def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
     """Eigenvalues and vectors of the mass matrix scaled to a unit diagonal: free of units."""
-    values, vectors = np.linalg.eigh(_scaled(mass[None])[0])
+    values, vectors = np.linalg.eigh(_scale(mass[None])[0])
     return values, vectors
 
 
-def _scaled(masses: Array) -> Array:
+def _scale(masses: Array) -> Array:
     """Mass matrices, shape (nodes, nv, nv), with rows and columns scaled to a unit diagonal."""
     diagonals = np.diagonal(masses, axis1=1, axis2=2)
     scales = 1.0 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))
@@ -106,7 +106,7 @@ def any_singular(masses: Array) -> bool:
         return False
     if not np.isfinite(masses).all():
         return True
-    return bool(np.linalg.eigvalsh(_scaled(masses))[:, 0].min() < _MIN_EIGENVALUE)
+    return bool(np.linalg.eigvalsh(_scale(masses))[:, 0].min() < _MIN_EIGENVALUE)
 
 
 def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:

@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.robot.model import RobotModel
 
 
-def interpolated(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
+def interpolate(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
     """Configurations at shares of the way from one to another, shape (n, nq)."""
     if _is_plain(robot):
         way: Array = np.asarray(q0) + np.asarray(shares)[:, None] * (np.asarray(q1) - np.asarray(q0))
@@ -30,7 +30,7 @@ def between(robot: RobotModel, q0s: Array, q1s: Array, shares: Array) -> Array:
     return _rows([pin.interpolate(robot.model, *at) for at in pairs], robot.nq)
 
 
-def moved(robot: RobotModel, qs: Array, steps: Array) -> Array:
+def move(robot: RobotModel, qs: Array, steps: Array) -> Array:
     """Configurations, shape (n, nq), moved along tangent vectors, shape (n, nv)."""
     if _is_plain(robot):
         return qs + steps

@@ -18,7 +18,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from mbocp._files import MEGABYTE, is_file
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError
 from mbocp.robot.loading.formats import FORMATS, OTHER_KINDS
 from mbocp.robot.loading.unpacked import LIST, PREFIX
@@ -37,7 +37,7 @@ def _within(path: str) -> str:
     parts = PurePosixPath(path).parts
     is_odd = path.startswith("/") or "\\" in path or "\0" in path or not _is_name(path)
     if not parts or is_odd or {"..", "."} & set(parts):
-        raise ValueError(f"got {shown(path)}, expected a path within the folder")
+        raise ValueError(f"got {show(path)}, expected a path within the folder")
     return path
 
 
@@ -127,7 +127,7 @@ class RobotFiles:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             key = ".".join(str(step) for step in first["loc"])
-            raise InvalidValue(f"robot: {key}", shown(first["input"]), first["msg"]) from error
+            raise InvalidValue(f"robot: {key}", show(first["input"]), first["msg"]) from error
         if sum(file.size for file in checked.files) > _MAX_BYTES:
             raise InvalidValue("robot: files", "more bytes", f"{_MAX_BYTES} at most")
         object.__setattr__(self, "files", tuple(checked.files))
@@ -225,7 +225,7 @@ def _remove(folder: Path, owner: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def packed(contents: Sequence[bytes]) -> dict[str, bytes]:
+def pack(contents: Sequence[bytes]) -> dict[str, bytes]:
     """Compressed contents by digest."""
     return {digest_of(content): zlib.compress(content, _LEVEL) for content in contents}
 

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, create_model
 
 from mbocp._arrays import Array
-from mbocp._text import printable, shown
+from mbocp._text import printable, show
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
@@ -106,9 +106,9 @@ def check_content(content: FileContent) -> None:
     InvalidValue
         Naming the value, what it is and what it should be.
     """
-    _validated(_Summary, "summary", content.summary)
-    _validated(_Structures, "text", content.structures)
-    _validated(_Texts, "text", content.texts)
+    _validate(_Summary, "summary", content.summary)
+    _validate(_Structures, "text", content.structures)
+    _validate(_Texts, "text", content.texts)
     _check_columns(content)
     _check_numbers(content, Status(content.summary["status"]))
 
@@ -123,8 +123,8 @@ def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[
     """
     model = _TABLES[kind]
     for i, table in enumerate(tables):
-        _validated(model, f"{kind.__name__} {i}", table)
-    return tuple(kind(**{name: _printed(value) for name, value in table.items()}) for table in tables)
+        _validate(model, f"{kind.__name__} {i}", table)
+    return tuple(kind(**{name: _print(value) for name, value in table.items()}) for table in tables)
 
 
 def read_facts(table: Mapping[str, Any] | None) -> Facts | None:
@@ -145,18 +145,18 @@ def read_facts(table: Mapping[str, Any] | None) -> Facts | None:
 
 def _printed_all(value: Any) -> Any:
     if isinstance(value, dict):
-        return {_printed(key): _printed_all(part) for key, part in value.items()}
-    return [_printed_all(part) for part in value] if isinstance(value, list) else _printed(value)
+        return {_print(key): _printed_all(part) for key, part in value.items()}
+    return [_printed_all(part) for part in value] if isinstance(value, list) else _print(value)
 
 
-def _printed(value: Any) -> Any:
+def _print(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
 
 _Model = TypeVar("_Model", bound=_Strict)
 
 
-def _validated(model: type[_Model], where: str, values: Mapping[str, Any]) -> _Model:
+def _validate(model: type[_Model], where: str, values: Mapping[str, Any]) -> _Model:
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:
@@ -167,7 +167,7 @@ def _refusal(where: str, error: ValidationError) -> InvalidValue:
     """The first thing that is wrong."""
     first = error.errors(include_url=False)[0]
     name = ".".join(str(step) for step in first["loc"])
-    got = "nothing" if first["type"] == "missing" else shown(first["input"])
+    got = "nothing" if first["type"] == "missing" else show(first["input"])
     return InvalidValue(f"{where}: {name}", got, first["msg"])
 
 

@@ -132,7 +132,7 @@ class SolutionData:
         for name in ("robot_spec", "options", "versions"):
             object.__setattr__(self, name, json_copy(name, getattr(self, name)))
         sizes = {"q": self.nq, "v": self.nv, "p": self.nv, "u": self.nu, "mu": 2 * self.nv}
-        object.__setattr__(self, "labels", self.labels.completed(**sizes, lam=self.nc, zeta=self.nc))
+        object.__setattr__(self, "labels", self.labels.complete(**sizes, lam=self.nc, zeta=self.nc))
 
     def __getstate__(self) -> dict[str, Any]:
         complete(self)
@@ -141,9 +141,9 @@ class SolutionData:
     @property
     def facts(self) -> Facts:
         """What the problem asked of the motion, as far as it is known."""
-        return self._fitted(self.facts_kept or Facts())
+        return self._fit(self.facts_kept or Facts())
 
-    def _fitted(self, facts: Facts) -> Facts:
+    def _fit(self, facts: Facts) -> Facts:
         return facts.fit(self.num_steps, {"q": self.nq, "v": self.nv, "u": self.nu})
 
     def columns(self, name: str) -> tuple[Column, ...]:

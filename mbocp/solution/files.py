@@ -14,7 +14,7 @@ from mbocp.exceptions import ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.storage.content import FileContent
 from mbocp.storage.reading import read_image
-from mbocp.storage.seal import LARGEST, sealed
+from mbocp.storage.seal import LARGEST, seal
 
 
 def write_content(path: str | Path, content: FileContent) -> Path:
@@ -27,7 +27,7 @@ def write_content(path: str | Path, content: FileContent) -> Path:
     """
     from mbocp.storage.hdf5 import image_of  # HDF5 only for those who save
 
-    whole = sealed(image_of(content))
+    whole = seal(image_of(content))
     if len(whole) > LARGEST:
         raise ResultFileError(path, f"would have {len(whole)} bytes; a result file has {LARGEST} at most")
     return replace_file(path, whole)

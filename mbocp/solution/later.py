@@ -31,7 +31,7 @@ class Later:
         return vars(instance)[self.name]
 
 
-def deferred(
+def defer(
     cls: type[T],
     now: Mapping[str, Any],
     rest: Callable[[], Mapping[str, Any]],

@@ -65,14 +65,14 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     ):
         along = facts.limits_along(letter)
         if along is None:
-            found += _touched(kind, columns, values, limits)
+            found += _touch(kind, columns, values, limits)
         else:
             found += _touched_along(kind, columns, values, along)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     rows, rates = {row.name: row for row in facts.path}, _rate_bounds(solution, facts)
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
         if name in rates:
-            found += _pulled(rates[name], multipliers, pulls)
+            found += _pull(rates[name], multipliers, pulls)
             continue
         row = rows.get(name) or PathRow(name, np.nan, np.nan, "", solution.num_steps)
         for side, bound, active in (
@@ -85,7 +85,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
     if facts.duration_range is not None:
         bounds_of_it = np.array(facts.duration_range)[:, None]
         taken = np.array([[solution.duration]])
-        found += _touched("duration", (Column("horizon", "s"),), taken, bounds_of_it)
+        found += _touch("duration", (Column("horizon", "s"),), taken, bounds_of_it)
     return (*found, *_of_via(solution, facts), *_of_phases(solution))
 
 
@@ -106,7 +106,7 @@ def _of_phases(solution: SolutionData) -> Iterator[ActiveLimit]:
         if place.is_free:
             taken = (solution.t[place.last] - solution.t[place.first]).reshape(1, 1)
             sides = np.array([[place.shortest], [place.longest]])
-            yield from _touched("phase", (Column(place.name, "s"),), taken, sides)
+            yield from _touch("phase", (Column(place.name, "s"),), taken, sides)
 
 
 def _touched_along(
@@ -119,7 +119,7 @@ def _touched_along(
                 sides = np.array([[-np.inf], [np.inf]])
                 sides[side] = bound
                 where = bounds == bound
-                yield from _touched(kind, (column,), values[where, i : i + 1], sides)
+                yield from _touch(kind, (column,), values[where, i : i + 1], sides)
 
 
 def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
@@ -130,7 +130,7 @@ def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
         if place.is_found and place.earliest < place.latest:
             sides = np.array([[place.earliest or -np.inf], [place.latest]])
             at = t[place.node].reshape(1, 1)
-            yield from _touched("time", (Column(place.name, "s"),), at, sides)
+            yield from _touch("time", (Column(place.name, "s"),), at, sides)
     if any(place.is_found for place in places):
         whole = float(t[-1]) if facts.duration_range is None else facts.duration_range[0]
         stops = [0, *(place.node for place in places), N]
@@ -153,9 +153,7 @@ def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, s
     return found
 
 
-def _pulled(
-    row: tuple[str, str, float, float, str], multipliers: Array, pulls: float
-) -> Iterator[ActiveLimit]:
+def _pull(row: tuple[str, str, float, float, str], multipliers: Array, pulls: float) -> Iterator[ActiveLimit]:
     """Sides of a limited rate whose multipliers, times the limit, count beside the adjoints."""
     kind, name, lower, upper, unit = row
     for side, bound, sign in (("lower", lower, -1.0), ("upper", upper, 1.0)):
@@ -170,7 +168,7 @@ def _largest(values: Array) -> float:
     return float(np.abs(np.where(np.isfinite(values), values, 0.0)).max(initial=0.0))
 
 
-def _touched(kind: str, columns: Sequence[Column], values: Array, limits: Array) -> Iterator[ActiveLimit]:
+def _touch(kind: str, columns: Sequence[Column], values: Array, limits: Array) -> Iterator[ActiveLimit]:
     for i, column in enumerate(columns):
         for side, bound, sign in (("lower", limits[0, i], -1.0), ("upper", limits[1, i], 1.0)):
             if np.isfinite(bound):

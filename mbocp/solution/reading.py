@@ -17,10 +17,10 @@ from mbocp import __version__
 from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.end_reached import rates_missed
+from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of
-from mbocp.formulation.resolution import unresolved
+from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
@@ -31,11 +31,11 @@ from mbocp.programme import Iterate
 from mbocp.robot import Robot, RobotFiles, singular_closure
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.its_problem import facts_of
-from mbocp.solution.later import deferred
+from mbocp.solution.later import defer
 from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
-from mbocp.solvers.records import timed
+from mbocp.solvers.records import time_phase
 
 
 def read_solution(
@@ -73,7 +73,7 @@ def read_solution(
     problem, result = formulation.problem, outcome.result
     approach: Approach | None = None
     last = result.record
-    with timed(phases, "diagnostics"):
+    with time_phase(phases, "diagnostics"):
         motion = formulation.motion_of(result.iterate)
         t = times_of(problem, motion.dts)
         told = left_out + _singular(problem.robot, motion.qs)
@@ -84,14 +84,14 @@ def read_solution(
         status, advice = _within_limits(excess, status, advice, varies=bool(motion.shares))
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
-        with timed(phases, "gains"):
+        with time_phase(phases, "gains"):
             gains = feedback_gains(formulation, result.iterate)
     clearance = problem.clearance if asked is None else asked.clearance
     if clearance is not None:
-        with timed(phases, "clearance"):
+        with time_phase(phases, "clearance"):
             if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE):
                 approach = nearest_approach(clearance, t, motion.qs)
-        status, advice = _cleared(approach, status, advice)
+        status, advice = _tell_contact(approach, status, advice)
     now = {
         "status": status,
         "advice": advice + _compiled_long(problem, result, phases) + told,
@@ -130,7 +130,7 @@ def read_solution(
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
     alone["facts_kept"] = partial(facts_of, problem)
-    return deferred(Solution, now, rest, alone)
+    return defer(Solution, now, rest, alone)
 
 
 def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:
@@ -190,7 +190,7 @@ def _singular(robot: Robot, qs: Array) -> str:
 
 def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) -> tuple[Status, str]:
     """Status and advice of a result, which is no motion where a joint turns too far in one step."""
-    words = unresolved(formulation, motion)
+    words = describe_coarse_turn(formulation, motion)
     if words is None:
         return result.status, result.advice
     remedy = 'take more steps, or give cost.velocity a weight ("auto")'
@@ -201,7 +201,7 @@ def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) 
 
 def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
     """Status and advice of a motion that does not end with the velocities that were asked for."""
-    missed = rates_missed(formulation, motion) if status is Status.CONVERGED else None
+    missed = miss_of_rates(formulation, motion) if status is Status.CONVERGED else None
     if missed is None or missed.is_small:
         return status, advice
     status = Status.OTHER_ROOT if missed.is_free else Status.UNDER_RESOLVED
@@ -236,7 +236,7 @@ def _told(approach: Approach | None) -> dict[str, Any]:
     }
 
 
-def _cleared(approach: Approach | None, status: Status, advice: str) -> tuple[Status, str]:
+def _tell_contact(approach: Approach | None, status: Status, advice: str) -> tuple[Status, str]:
     """Status and advice of a motion that touches something between its nodes, or comes nearer than it may."""
     if approach is None or approach.distance - approach.margin >= -BOUND_TOLERANCE:
         return status, advice

@@ -101,12 +101,12 @@ class Labels:
             v=v,
             p=p,
             u=_columns(robot.u_labels),
-            lam=tuple(Column(c.name, f"J/{_grouped(c.unit)}" if c.unit else "J") for c in rows),
+            lam=tuple(Column(c.name, f"J/{_group(c.unit)}" if c.unit else "J") for c in rows),
             mu=tuple(mu_q + mu_p),
             zeta=tuple(Column(c.name, f"cost/(s {c.unit})" if c.unit else "cost/s") for c in rows),
         )
 
-    def completed(self, **sizes: int) -> Labels:
+    def complete(self, **sizes: int) -> Labels:
         """Number the columns that have no name yet, and check the count of those that have."""
         filled: dict[str, tuple[Column, ...]] = {}
         for field in self.__dataclass_fields__:
@@ -133,10 +133,10 @@ def _pair(label: Sequence[str]) -> Column:
 
 def dual_columns(columns: tuple[Column, ...]) -> tuple[Column, ...]:
     """Columns of the multipliers of bounds on `columns`."""
-    return tuple(Column(c.name, f"cost/{_grouped(c.unit)}" if c.unit else "cost") for c in columns)
+    return tuple(Column(c.name, f"cost/{_group(c.unit)}" if c.unit else "cost") for c in columns)
 
 
-def _grouped(unit: str) -> str:
+def _group(unit: str) -> str:
     """Put a unit of several factors in brackets, to divide by it."""
     return f"({unit})" if " " in unit or "/" in unit else unit
 

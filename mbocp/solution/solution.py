@@ -347,7 +347,7 @@ class Solution(SolutionData):
             return super().facts
         from mbocp.solution.its_problem import facts_of_text  # as slow to import as all else
 
-        return self._fitted(self._told(partial(facts_of_text, self, self.load_robot)) or Facts())
+        return self._fit(self._told(partial(facts_of_text, self, self.load_robot)) or Facts())
 
     def _told(self, make: Callable[[], T]) -> T | None:
         """What is made of the problem; None, with a warning, where that cannot be."""

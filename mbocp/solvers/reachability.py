@@ -68,7 +68,7 @@ def dependent_end_rows(programme: StagewiseProgramme, rows: Array) -> tuple[int,
     """
     if programme.ng == 0:
         return ()
-    found = _examined(_Case(programme, rows))
+    found = _examine(_Case(programme, rows))
     if found.untouched:
         values = programme.end_functions.function("terminal_values")
         missed = np.asarray(values(found.x_end, programme.rho_terminal)[1]).ravel()
@@ -88,7 +88,7 @@ class _Found(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def _examined(case: _Case) -> _Found:
+def _examine(case: _Case) -> _Found:
     programme = case.programme
     dependent, untouched = set(range(programme.ng)), set(range(programme.ng))
     x_end: Array | None = None
@@ -99,7 +99,7 @@ def _examined(case: _Case) -> _Found:
         derivative, x_end = found
         for share in _SHARES:  # the last controls are not amplified yet
             late = derivative[:, -max(programme.ng, round(share * derivative.shape[1])) :]
-            implied, idle = _implied(late)
+            implied, idle = _find_implied(late)
             dependent, untouched = dependent & implied, untouched & idle
         if not dependent:
             break
@@ -108,7 +108,7 @@ def _examined(case: _Case) -> _Found:
     return _Found(tuple(sorted(dependent)), tuple(sorted(untouched)), x_end)
 
 
-def _implied(derivative: Array) -> tuple[set[int], set[int]]:
+def _find_implied(derivative: Array) -> tuple[set[int], set[int]]:
     """Rows that those before them imply, and those of them that are zero."""
     largest = np.abs(derivative).max(initial=0.0)
     chosen: list[int] = []

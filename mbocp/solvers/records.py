@@ -61,7 +61,7 @@ class Phase:
 
 
 @contextmanager
-def timed(phases: list[Phase], name: str) -> Iterator[None]:
+def time_phase(phases: list[Phase], name: str) -> Iterator[None]:
     """Add a phase without iterations: what is done in a `with` block."""
     clock = time.perf_counter()
     yield

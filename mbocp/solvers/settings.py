@@ -102,7 +102,7 @@ class SolverSettings:
         limit = self.max_iterations
         return self if limit is None else replace(self, most=max(1, limit - taken))
 
-    def unhurried(self) -> SolverSettings:
+    def with_patience(self) -> SolverSettings:
         """Settings for a Newton method that may go on while it makes progress, if the user sets no limit."""
         return self if self.max_iterations is not None else replace(self, most=_UNHURRIED_ITERATIONS)
 

@@ -22,10 +22,10 @@ def main(cpu_seconds: int, memory: int) -> None:
     _limit(resource.RLIMIT_CPU, cpu_seconds)
     _limit(resource.RLIMIT_AS, memory)
     from mbocp.storage.hdf5 import content_of, image_of  # under the limits
-    from mbocp.storage.seal import sealed
+    from mbocp.storage.seal import seal
 
     try:
-        result = sealed(image_of(content_of("-", sys.stdin.buffer.read(), is_sealed=False)))
+        result = seal(image_of(content_of("-", sys.stdin.buffer.read(), is_sealed=False)))
     except ResultFileError as error:
         sys.stdout.buffer.write(error.reason.encode())
         sys.stdout.buffer.flush()

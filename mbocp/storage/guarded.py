@@ -45,7 +45,7 @@ _START = "from mbocp.storage.child import main\nmain(*map(int, sys.argv[1:]))\n"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-def renewed(path: str | Path, content: bytes) -> bytes:
+def renew(path: str | Path, content: bytes) -> bytes:
     """Content of an old result file as that of a file of today's format.
 
     Raises
@@ -65,14 +65,14 @@ def renewed(path: str | Path, content: bytes) -> bytes:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        raise _damaged(path, f"reading it did not end in {limits.wall_seconds:g} s") from None
+        raise _damage(path, f"reading it did not end in {limits.wall_seconds:g} s") from None
     except OSError as error:
         reason = f"has an old format, and no process can be started to read it: {error.strerror or error}"
         raise ResultFileError(path, reason) from error
     if process.returncode == REFUSED:
         raise ResultFileError(path, process.stdout.decode(errors="replace"))
     if process.returncode:
-        raise _damaged(path, _end(process.returncode, limits))
+        raise _damage(path, _end(process.returncode, limits))
     return process.stdout
 
 
@@ -84,5 +84,5 @@ def _end(status: int, limits: Limits) -> str:
     return f"the process that read it ended with status {status}"
 
 
-def _damaged(path: str | Path, how: str) -> ResultFileError:
+def _damage(path: str | Path, how: str) -> ResultFileError:
     return ResultFileError(path, f"is damaged ({how}); solve again, or take a copy of it")

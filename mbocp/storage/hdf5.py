@@ -165,7 +165,7 @@ def _read(path: str | Path, file: h5py.File, largest: int) -> FileContent:
         structures=structures,
         texts=texts,
         meanings={name: _meanings(dataset) for name, dataset in data.items()},
-        robot_list=_listed(robot[_LIST]) if robot else None,
+        robot_list=_list(robot[_LIST]) if robot else None,
         robot_contents={name: dataset[()].tobytes() for name, dataset in contents.items()},
     )
 
@@ -200,7 +200,7 @@ def _robot_of(file: h5py.File) -> tuple[dict[str, h5py.Dataset], dict[str, h5py.
     )
 
 
-def _listed(dataset: h5py.Dataset) -> dict[str, Any]:
+def _list(dataset: h5py.Dataset) -> dict[str, Any]:
     listed = _unpack(json.loads(dataset[()].tobytes().decode()))
     if not isinstance(listed, dict):
         raise ValueError("the list of the robot's files is no table")

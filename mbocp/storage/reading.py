@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mbocp._files import path_of, read_bytes
 from mbocp.exceptions import ResultFileError, Unreadable
-from mbocp.storage.guarded import renewed
-from mbocp.storage.seal import HDF5_SIGNATURE, LARGEST, SEAL_SIZE, is_sealed, unsealed
+from mbocp.storage.guarded import renew
+from mbocp.storage.seal import HDF5_SIGNATURE, LARGEST, SEAL_SIZE, is_sealed, unseal
 
 
 def read_image(path: str | Path) -> memoryview:
@@ -21,14 +21,14 @@ def read_image(path: str | Path) -> memoryview:
     try:
         content = read_bytes(path_of(path), expected="a result file", limit=LARGEST)
         if not is_sealed(content) and content.startswith(HDF5_SIGNATURE):
-            content = renewed(path, content)
+            content = renew(path, content)
     except Unreadable as error:
         raise ResultFileError(path, error.reason) from error
     except MemoryError as error:
         raise ResultFileError(path, "needs more memory to be read than there is") from error
     if not is_sealed(content):
         raise ResultFileError(path, _foreign(content))
-    return unsealed(path, content)
+    return unseal(path, content)
 
 
 def _foreign(content: bytes) -> str:

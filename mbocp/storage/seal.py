@@ -30,7 +30,7 @@ _FACTS = re.compile(rb"\nformat ([0-9]{1,9}), ([0-9]{1,18}) bytes\n")
 _NOTE = b"HDF5 begins at byte 512. The digest is of all bytes of this file but its own 64 digits.\n"
 
 
-def sealed(image: bytes) -> bytes:
+def seal(image: bytes) -> bytes:
     """Put the seal in front of an HDF5 image that was made with a user block of 512 bytes."""
     facts = b"\nformat %d, %d bytes\n" % (FORMAT_VERSION, SEAL_SIZE + len(image))
     block = (_MAGIC + 64 * b"0" + facts + _NOTE).ljust(SEAL_SIZE - 1) + b"\n"
@@ -42,7 +42,7 @@ def is_sealed(content: bytes) -> bool:
     return content.startswith(_MAGIC)
 
 
-def unsealed(path: str | Path, content: bytes) -> memoryview:
+def unseal(path: str | Path, content: bytes) -> memoryview:
     """The HDF5 image of a result file with a seal, every bit as it was written.
 
     Raises

@@ -85,7 +85,7 @@ class StudyResult:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names that `column` takes: index, what was varied, the columns of every row, what was recorded."""
-        return ("index", *self._listed("varied"), *FIELDS, *self._listed("record"))
+        return ("index", *self._list("varied"), *FIELDS, *self._list("record"))
 
     def column(self, name: str) -> NDArray[Any]:
         """One column over all rows.
@@ -118,8 +118,8 @@ class StudyResult:
         """
         by = tuple(self.header.get("by", ())) if by is None else tuple(by)
         for name in by:
-            if name not in self._listed("varied"):
-                raise StudyError(f"{name!r} was not varied: {suggest(name, self._listed('varied'))}")
+            if name not in self._list("varied"):
+                raise StudyError(f"{name!r} was not varied: {suggest(name, self._list('varied'))}")
         reach = self.header.get("goal_distance") if goal_distance is None else goal_distance
         return summarise(self.rows, by, reach)
 
@@ -155,15 +155,15 @@ class StudyResult:
 
         return plot_summary(self.summary(by), path, title=self.name)
 
-    def _listed(self, key: str) -> list[str]:
+    def _list(self, key: str) -> list[str]:
         return list(self.header.get(key, ()))
 
     def _entries(self, name: str) -> list[Any]:
         if name == "index" or name in FIELDS:
             return [row.get(name) for row in self.rows]
-        if name in self._listed("varied"):
+        if name in self._list("varied"):
             return [row.get("values", {}).get(name) for row in self.rows]
-        if name in self._listed("record"):
+        if name in self._list("record"):
             return [row.get("record", {}).get(name) for row in self.rows]
         raise StudyError(f"there is no column {name!r}: {suggest(name, self.columns)}")
 

@@ -67,7 +67,7 @@ def solution_row(
         "message": "" if solution.converged else solution.advice[:_MAX_MESSAGE],
     }
     if record:
-        row["record"] = {name: _recorded(solution, name) for name in record}
+        row["record"] = {name: _record(solution, name) for name in record}
     return {name: plain_json(value) for name, value in row.items()}
 
 
@@ -101,7 +101,7 @@ def _recordable() -> set[str]:
     return fields | set(_LETTERS) | set(_DERIVED) | {"v_final"}
 
 
-def _recorded(solution: Solution, name: str) -> Any:
+def _record(solution: Solution, name: str) -> Any:
     return solution.vs[-1] if name == "v_final" else getattr(solution, _LETTERS.get(name, name))
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from mbocp._numbers import as_float, is_number
-from mbocp._text import shown
+from mbocp._text import show
 
 Keys: TypeAlias = dict[str, Any]
 Entries: TypeAlias = list[dict[str, Any]]
@@ -21,19 +21,19 @@ Names: TypeAlias = list[str]
 
 def _positive(value: Any) -> float:
     if not is_number(value) or not 0.0 < as_float(value) < math.inf:
-        raise ValueError(f"got {shown(value)}, expected a number above 0")
+        raise ValueError(f"got {show(value)}, expected a number above 0")
     return as_float(value)
 
 
 def _problem(value: Any) -> str | dict[str, Any]:
     if not isinstance(value, (str, dict)):
-        raise ValueError(f"got {shown(value)}, expected the path of a problem file, or its tables")
+        raise ValueError(f"got {show(value)}, expected the path of a problem file, or its tables")
     return value
 
 
 def _seed(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"got {shown(value)}, expected a whole number, 0 or above")
+        raise ValueError(f"got {show(value)}, expected a whole number, 0 or above")
     return value
 
 

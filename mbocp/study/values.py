@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._memory import check_memory
 from mbocp._numbers import as_float, is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.study.schema import AxisTable
@@ -120,7 +120,7 @@ def sample_dimension(written: Mapping[str, Any], seed: int) -> Dimension:
     """
     count = written.get(_COUNT)
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise StudyError(f"sample.count: got {shown(count)}, expected a whole number above 0")
+        raise StudyError(f"sample.count: got {show(count)}, expected a whole number above 0")
     keys = [key for key in written if key != _COUNT]
     if not keys:
         raise StudyError("sample: has a count but no key, as in " + _EXAMPLE)
@@ -172,19 +172,17 @@ def _grid_values(entry: Any, where: str) -> list[Any]:
     if isinstance(entry, Mapping) and len(entry) == 1 and (name := next(iter(entry))) in _RANGES:
         return _RANGES[name](entry[name], f"{where}.{name}")
     raise StudyError(
-        f"{where}: got {shown(entry)}, expected a list of values, {{ linspace = [first, last, count] }} or "
+        f"{where}: got {show(entry)}, expected a list of values, {{ linspace = [first, last, count] }} or "
         "{ geomspace = [first, last, count] }"
     )
 
 
 def _range_ends(written: Any, where: str) -> tuple[float, float, int]:
     if not isinstance(written, list) or len(written) != 3 or not all(map(_is_number, written)):
-        raise StudyError(f"{where}: got {shown(written)}, expected [first, last, count]")
+        raise StudyError(f"{where}: got {show(written)}, expected [first, last, count]")
     first, last, count = written
     if not isinstance(count, int) or not 1 <= count <= _MAX_VALUES:
-        raise StudyError(
-            f"{where}: got count {shown(count)}, expected a whole number from 1 to {_MAX_VALUES}"
-        )
+        raise StudyError(f"{where}: got count {show(count)}, expected a whole number from 1 to {_MAX_VALUES}")
     return float(first), float(last), count
 
 
@@ -205,7 +203,7 @@ def _draw(entry: Any, count: int, generator: np.random.Generator, where: str) ->
     if isinstance(entry, Mapping) and len(entry) == 1 and (name := next(iter(entry))) in _DRAWS:
         return _DRAWS[name](entry[name], count, generator, f"{where}.{name}")
     raise StudyError(
-        f"{where}: got {shown(entry)}, expected {{ uniform = [low, high] }}, "
+        f"{where}: got {show(entry)}, expected {{ uniform = [low, high] }}, "
         "{ normal = [mean, deviation] } or { choice = [...] }"
     )
 
@@ -213,21 +211,21 @@ def _draw(entry: Any, count: int, generator: np.random.Generator, where: str) ->
 def _uniform(written: Any, count: int, generator: np.random.Generator, where: str) -> list[Any]:
     low, high = _two(written, where, "[low, high]")
     if np.any(low > high):
-        raise StudyError(f"{where}: got {shown(written)}, but low is above high")
+        raise StudyError(f"{where}: got {show(written)}, but low is above high")
     return list(generator.uniform(low, high, (count, *low.shape)).tolist())
 
 
 def _normal(written: Any, count: int, generator: np.random.Generator, where: str) -> list[Any]:
     mean, deviation = _two(written, where, "[mean, deviation]")
     if np.any(deviation < 0.0):
-        raise StudyError(f"{where}: got {shown(written)}, but the deviation is below 0")
+        raise StudyError(f"{where}: got {show(written)}, but the deviation is below 0")
     deviation = np.abs(deviation)  # NumPy refuses -0.0
     return list(generator.normal(mean, deviation, (count, *mean.shape)).tolist())
 
 
 def _choice(written: Any, count: int, generator: np.random.Generator, where: str) -> list[Any]:
     if not isinstance(written, list) or not written:
-        raise StudyError(f"{where}: got {shown(written)}, expected a list of at least one value")
+        raise StudyError(f"{where}: got {show(written)}, expected a list of at least one value")
     return [written[i] for i in generator.integers(len(written), size=count)]
 
 
@@ -239,7 +237,7 @@ def _two(written: Any, where: str, what: str) -> tuple[Any, Any]:
         rows = [row for row in written if isinstance(row, list) and row and all(map(_is_number, row))]
         if len(rows) == 2 and len(rows[0]) == len(rows[1]):
             return np.array(rows[0], dtype=float), np.array(rows[1], dtype=float)
-    raise StudyError(f"{where}: got {shown(written)}, expected {what}, each a number or a list of one length")
+    raise StudyError(f"{where}: got {show(written)}, expected {what}, each a number or a list of one length")
 
 
 def _is_number(value: Any) -> bool:

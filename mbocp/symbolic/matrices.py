@@ -68,14 +68,14 @@ def call_with_matrices(
         elif operation == ca.OP_OUTPUT:
             value = work[out_of[0]]
             if isinstance(value, _Component):
-                raise _unsupported(function)
+                raise _refusal(function)
             outputs[into[0]].nz[into[1]] = value
         else:
-            work[into[0]] = _applied(function, operation, [work[i] for i in out_of], products)
+            work[into[0]] = _apply(function, operation, [work[i] for i in out_of], products)
     return outputs
 
 
-def _applied(
+def _apply(
     function: ca.Function, operation: int, values: list[ca.SX | _Component], products: list[list[list[ca.SX]]]
 ) -> ca.SX | _Component:
     components = [value for value in values if isinstance(value, _Component)]
@@ -97,10 +97,10 @@ def _applied(
         other = values[1] if values[0] is first else values[0]
         if isinstance(other, ca.SX) and other.is_constant():
             return _Component(first.quaternion, first.index, first.factor * float(other))
-    raise _unsupported(function)
+    raise _refusal(function)
 
 
-def _unsupported(function: ca.Function) -> UnsupportedRobot:
+def _refusal(function: ca.Function) -> UnsupportedRobot:
     return UnsupportedRobot(
         f"{function.name()} of this robot does more with a quaternion than build a rotation matrix of it; "
         'take rotations = "quaternion"'

@@ -118,7 +118,7 @@ class HullSlots:
             line[:] = [row.place, row.other, which, *row.numbers[:_PLACED], sharpness]
         return {
             "of_hulls": table.ravel(),
-            "hulls": np.concatenate([hull.filled(self.planes) for hull in hulls]),
+            "hulls": np.concatenate([hull.fill(self.planes) for hull in hulls]),
         }
 
 
@@ -193,7 +193,7 @@ class ClearanceTerm:
         plain = ca.MX.sym("plain", _PLACE, num_places)
         for group in self._groups:
             first, count = sum(part.numel() for part in h), group.count
-            chosen, numbers = group.taken(given)
+            chosen, numbers = group.take(given)
             row = _row(nq, group.carriers, group.measure).map(count)
             arguments = [placed[:, which] for which in chosen]
             found = row(*arguments, numbers, m[first : first + count].T)
@@ -215,7 +215,7 @@ class ClearanceTerm:
         placed = ca.Function("placed", [at.q, *_symbols_of(at)], [columns])(q, *numbers_of_robot)
         h = [ca.MX(0, 1)]
         for group in self._groups:
-            chosen, numbers = group.taken(given)
+            chosen, numbers = group.take(given)
             row = _distance(group.carriers, group.measure).map(group.count)
             h.append(row(*(placed[:, which] for which in chosen), numbers).T)
         return ca.Function("clearances", [q, *given.values(), *numbers_of_robot], [ca.vertcat(*h)])
@@ -246,7 +246,7 @@ class _Group:
     measure: ca.Function
     hulls: int = 0
 
-    def taken(self, given: dict[str, ca.MX]) -> tuple[list[ca.MX], ca.MX]:
+    def take(self, given: dict[str, ca.MX]) -> tuple[list[ca.MX], ca.MX]:
         """Places, one row for each carrier, and a column of numbers for each row."""
         if not self.hulls:
             table = ca.reshape(given[self.name], self.carriers + _NUMBERS, self.count)

@@ -22,7 +22,7 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
@@ -120,7 +120,7 @@ class Follow(PathTerm):
         return 7 if self.turn else 3
 
     @classmethod
-    def completed(
+    def complete(
         cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
     ) -> dict[str, Any]:
         """With points in the world."""
@@ -136,8 +136,8 @@ class Follow(PathTerm):
         tolerance = 0.0 if cls.of(given).is_exact else float(given.upper[1])
         if np.linalg.norm(there - end) > tolerance + BOUND_TOLERANCE:
             raise ProblemError(
-                f"{key}: the path ends at {shown(there.tolist())}, and the goal of its frame is at "
-                f"{shown(end.tolist())} m; move one of them, or give until"
+                f"{key}: the path ends at {show(there.tolist())}, and the goal of its frame is at "
+                f"{show(end.tolist())} m; move one of them, or give until"
             )
 
     @classmethod
@@ -224,7 +224,7 @@ class Follow(PathTerm):
         """The end, and in a tube the nearest point."""
         return self.rows_at_end if self.is_exact else (0, *self.rows_at_end)
 
-    def drawn(self, given: PathNumbers) -> Array | None:
+    def draw(self, given: PathNumbers) -> Array | None:
         """The path."""
         return self.curve(given).drawn
 
@@ -288,7 +288,7 @@ def _check_points(points: Array, is_closed: bool, key: str) -> None:
     if not least <= len(points) <= _MAX_POINTS:
         raise InvalidValue(f"{key}: points", f"{len(points)} points", f"{least} to {_MAX_POINTS}")
     if not np.isfinite(points).all():
-        raise InvalidValue(f"{key}: points", shown(points.tolist()), "finite numbers [m]")
+        raise InvalidValue(f"{key}: points", show(points.tolist()), "finite numbers [m]")
     steps = np.linalg.norm(np.diff(np.vstack([points, points[: int(is_closed)]]), axis=0), axis=1)
     if not (steps > max(_SHORTEST, _SHORTEST_SHARE * steps.sum())).all():
         n = int(np.argmin(steps))
@@ -306,7 +306,7 @@ def _rising_quaternions(given: Any, count: int, is_closed: bool, key: str) -> Ar
         )
     norms = np.linalg.norm(found, axis=1)
     if not (np.isfinite(norms).all() and (norms > _SHORTEST).all()):
-        raise InvalidValue(f"{key}: orientations", shown(found.tolist()), "unit quaternions xyzw")
+        raise InvalidValue(f"{key}: orientations", show(found.tolist()), "unit quaternions xyzw")
     found /= norms[:, None]
     for n in range(1, count):
         found[n] *= -1.0 if found[n] @ found[n - 1] < 0.0 else 1.0

@@ -116,10 +116,10 @@ class FrameShape:
             rows.append((position - p["position"])[list(self.coordinates)])
         if self.turn:
             R = mechanics.frame_rotation(self.frame, at.q)
-            rows.append(self._turned(R if R_r is None else R_r.T @ R, p))
+            rows.append(self._turn(R if R_r is None else R_r.T @ R, p))
         return ca.vertcat(*rows)
 
-    def _turned(self, R: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+    def _turn(self, R: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         if self.turn == "axis":
             a = R @ p["axis"]
             return 2 * (ca.reshape(p["normals"], 3, 2).T @ a) / (1 + ca.dot(p["direction"], a))
@@ -260,7 +260,7 @@ class FrameEnd:
             self._key("D_rate"): D.rate.ravel(order="F"),
         }
 
-    def moved(self, name: str, pose: Array) -> dict[str, Array]:
+    def numbers_at(self, name: str, pose: Array) -> dict[str, Array]:
         """Values of the parameters that say where a frame is to be.
 
         Parameters

@@ -60,7 +60,7 @@ class HullCore:
         """From planes, smoothed over a length [m]."""
         return cls(np.column_stack([normals, offsets]), float(np.log(len(offsets))) / smoothing, slope)
 
-    def filled(self, slots: int) -> Array:
+    def fill(self, slots: int) -> Array:
         """Planes of a table with room for more of them, shape (slots * PLANE,)."""
         return np.vstack([self.planes, np.tile(_NOWHERE, (slots - len(self.planes), 1))]).ravel()
 

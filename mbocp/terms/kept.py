@@ -72,7 +72,7 @@ class Line(PathTerm):
         return cls(given.frame, is_exact, len(given.lower) > (2 if is_exact else 1))
 
     @classmethod
-    def completed(
+    def complete(
         cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
     ) -> dict[str, Any]:
         """From where the frame is at the start to the position of its goal."""
@@ -120,7 +120,7 @@ class Line(PathTerm):
         """Two directions, or one distance; and the distance along the line."""
         return (2 if self.is_exact else 1) + self.is_segment
 
-    def drawn(self, given: PathNumbers) -> Array | None:
+    def draw(self, given: PathNumbers) -> Array | None:
         """Both ends."""
         return np.array([given.number("a"), given.number("b")])
 
@@ -136,7 +136,7 @@ class Line(PathTerm):
         """Distances."""
         term = cls.of(given)
         along = (Label(f"{given.name}.along", cls.unit),) if term.is_segment else ()
-        return (*_numbered(given.name, 2 if term.is_exact else 1, cls.unit), *along)
+        return (*_number(given.name, 2 if term.is_exact else 1, cls.unit), *along)
 
     def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Squares of distances."""
@@ -190,7 +190,7 @@ class OrientationKept(PathTerm):
         return cls(given.frame, len(given.lower) == 3)
 
     @classmethod
-    def completed(
+    def complete(
         cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
     ) -> dict[str, Any]:
         """As at the start."""
@@ -237,7 +237,7 @@ class OrientationKept(PathTerm):
     @classmethod
     def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
         """Angles."""
-        return _numbered(given.name, len(given.lower), cls.unit)
+        return _number(given.name, len(given.lower), cls.unit)
 
     def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Cosines of angles."""
@@ -263,6 +263,6 @@ def _within(given: Mapping[str, Any], rows: int, key: str) -> dict[str, Any]:
     return {"lower": [-np.inf], "upper": [tolerance]}
 
 
-def _numbered(name: str, rows: int, unit: str) -> tuple[Label, ...]:
+def _number(name: str, rows: int, unit: str) -> tuple[Label, ...]:
     names = [name] if rows == 1 else [f"{name}.{'xyz'[i]}" for i in range(rows)]
     return tuple(Label(word, unit) for word in names)

@@ -82,7 +82,7 @@ class Kinematics:
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
         function = self.mechanics.functions.frame_jacobian(self.robot.frame_id(frame), reference)
-        return self.mechanics.evaluated(function, self.q)
+        return self.mechanics.evaluate(function, self.q)
 
     def velocity(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Velocity of a frame, shape (6,) [m/s, rad/s]."""
@@ -109,12 +109,12 @@ class Kinematics:
 
     def centre_of_mass(self) -> ca.SX:
         """Centre of mass in the world, shape (3,) [m]."""
-        return self.mechanics.evaluated(self.mechanics.functions.center_of_mass, self.q)
+        return self.mechanics.evaluate(self.mechanics.functions.center_of_mass, self.q)
 
     def centroidal_momentum(self) -> ca.SX:
         """Momentum about the centre of mass, axes of the world, shape (6,) [kg m/s, N m s]."""
         function = self.mechanics.functions.centroidal_momentum
-        return self.mechanics.evaluated(function, self.q, self.v)
+        return self.mechanics.evaluate(function, self.q, self.v)
 
     def kinetic_energy(self) -> ca.SX:
         """Kinetic energy [J]."""

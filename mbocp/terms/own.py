@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
@@ -101,7 +101,7 @@ class OwnTerm:
     def __post_init__(self) -> None:
         key = f"terms: {self.name}"
         if not callable(self.function):
-            raise ProblemError(f"{key}: got {shown(self.function)}, expected a function of the kinematics")
+            raise ProblemError(f"{key}: got {show(self.function)}, expected a function of the kinematics")
         if not self.name:
             raise ProblemError("terms: a term needs a name")
         if not np.isfinite(self.weight):
@@ -109,13 +109,13 @@ class OwnTerm:
         numbers = {n: frozen_array(value, name=f"{key}: {n}") for n, value in self.parameters.items()}
         for name, value in numbers.items():
             if value.ndim > 1 or not np.isfinite(value).all():
-                raise InvalidValue(f"{key}: {name}", shown(value.tolist()), "a number or a list of them")
+                raise InvalidValue(f"{key}: {name}", show(value.tolist()), "a number or a list of them")
         object.__setattr__(self, "parameters", numbers)
         self.span.check(key)
         for side in ("lower", "upper"):
             object.__setattr__(self, side, frozen_array(getattr(self, side), name=f"{key}: {side}"))
 
-    def traced(self, robot: Robot, rotations: str = "quaternion") -> Traced:
+    def trace(self, robot: Robot, rotations: str = "quaternion") -> Traced:
         """Its expression for a robot.
 
         Raises
@@ -128,11 +128,11 @@ class OwnTerm:
 
     def digest(self, robot: Robot) -> str:
         """Digest of its expression for a robot, the same wherever the same is computed."""
-        return _digest(self.traced(robot).function)
+        return _digest(self.trace(robot).function)
 
     def rows(self, robot: Robot) -> int:
         """Number of its values."""
-        return self.traced(robot).rows
+        return self.trace(robot).rows
 
     def labels(self, robot: Robot) -> tuple[Label, ...]:
         """Name and unit of each row."""
@@ -148,7 +148,7 @@ class OwnTerm:
 
     def check(self, robot: Robot) -> None:
         """Refuse what does not fit a robot."""
-        traced, key = self.traced(robot), f"terms: {self.name}"
+        traced, key = self.trace(robot), f"terms: {self.name}"
         if self.role in ("running", "terminal") and traced.rows != 1:
             raise ProblemError(f"{key}: got {traced.rows} values, expected one: a cost is a number")
         if self.role != "path":
@@ -169,7 +169,7 @@ class OwnTerm:
         q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
         at = Point(mechanics, q, v, u, acceleration=lambda: mechanics.speed_rate(q, v, u, ca.SX(0)))
         numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.parameters.items()}
-        h = ca.densify(self.traced(robot)(at, numbers))
+        h = ca.densify(self.trace(robot)(at, numbers))
         found: Array = np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
         return found
 
@@ -292,7 +292,7 @@ def _expression(value: Any, name: str) -> ca.SX:
     if isinstance(value, (int, float, ca.DM)):
         value = ca.SX(value)
     if not isinstance(value, ca.SX) or value.shape[1] != 1 or not value.shape[0]:
-        got = f"a matrix {value.shape}" if isinstance(value, ca.SX) else shown(value)
+        got = f"a matrix {value.shape}" if isinstance(value, ca.SX) else show(value)
         raise ProblemError(f"terms: {name}: the function returns {got}, expected a casadi.SX, one column")
     return ca.densify(value)
 

@@ -31,7 +31,7 @@ class _Part:
     @classmethod
     def of(cls, term: OwnTerm, robot: Robot, rotations: str) -> Any:
         """The part of a robot with attitudes in these coordinates."""
-        return cls(term.digest(robot), term, term.traced(robot, rotations))
+        return cls(term.digest(robot), term, term.trace(robot, rotations))
 
     @property
     def signature(self) -> dict[str, Any]:

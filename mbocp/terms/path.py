@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._keys import Table
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.point import Point
@@ -101,7 +101,7 @@ class PathTerm(ABC):
         return cls(given.frame)
 
     @classmethod
-    def completed(
+    def complete(
         cls, given: Mapping[str, Any], start: pin.SE3, end: Array | None, key: str
     ) -> dict[str, Any]:
         """The keys that are written, with those that follow from the start and the goal of the frame.
@@ -144,7 +144,7 @@ class PathTerm(ABC):
         """Refuse numbers that the kind has no use for."""
         for name in cls.sizes:
             if not np.isfinite(given.number(name)).all():
-                raise InvalidValue(f"{key}: {name}", shown(given.number(name).tolist()), "finite numbers")
+                raise InvalidValue(f"{key}: {name}", show(given.number(name).tolist()), "finite numbers")
 
     @property
     def rows_at_end(self) -> tuple[int, ...]:
@@ -156,7 +156,7 @@ class PathTerm(ABC):
         """Rows that the progress along a path fulfils, whatever the configuration is."""
         return ()
 
-    def drawn(self, given: PathNumbers) -> Array | None:
+    def draw(self, given: PathNumbers) -> Array | None:
         """Points of the line that the frame is on, shape (k, 3) [m], where there is one."""
         return None
 

@@ -12,7 +12,7 @@ from pydantic import create_model
 from mbocp._arrays import BoolArray
 from mbocp._keys import Key, Kind, Table
 from mbocp._numbers import finite_number, is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 
 _GRAIN = 1e-6  # of a step: times closer to a node than this are the node's
@@ -91,7 +91,7 @@ def end_from(written: Any) -> End:
         return AtVia(written["phase"], share=finite_number(written["share"], " for share"))
     if isinstance(written, Mapping):
         raise ValueError(
-            f"got {shown(written)}, expected a time [s], the name of a via point or of a phase, "
+            f"got {show(written)}, expected a time [s], the name of a via point or of a phase, "
             "{ share = number }, or { phase = name, share = number }"
         )
     return finite_number(written)
@@ -233,12 +233,12 @@ def _check_end(end: End, key: str) -> None:
     """Refuse what is no share, and no time from the start on."""
     if isinstance(end, Share):
         if not (is_number(end.value) and 0.0 <= end.value <= 1.0):
-            raise InvalidValue(key, shown(end.value), "a part of the horizon, 0 <= share <= 1")
+            raise InvalidValue(key, show(end.value), "a part of the horizon, 0 <= share <= 1")
     elif isinstance(end, AtVia):
         if end.share is not None and not 0.0 <= end.share <= 1.0:
             raise InvalidValue(key, end.share, "a part of the phase, 0 <= share <= 1")
     elif end is not None and not (is_number(end) and np.isfinite(end) and end >= 0.0):
-        raise InvalidValue(key, shown(end), "a time from the start on [s], at least 0")
+        raise InvalidValue(key, show(end), "a time from the start on [s], at least 0")
 
 
 def _check_end_within(end: End, key: str, num_steps: int, dt: float, num_lengths: int) -> None:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mbocp._keys import Kind, Takes
 from mbocp._numbers import as_float, finite_number, is_number, named_numbers, vector
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 
 Vector: TypeAlias = list[float]
@@ -38,33 +38,33 @@ def _says_something(table: Any, key: str) -> bool:
     return value is not None and bool(getattr(value, "model_fields_set", True))
 
 
-def vector_or_named(value: Any) -> Vector | Named:
+def read_vector(value: Any) -> Vector | Named:
     """A list of numbers, or a table of them by name."""
     if isinstance(value, list):
         return vector(value)
     if isinstance(value, Mapping):
         return named_numbers(value)
-    raise ValueError(f"got {shown(value)}, expected a list of numbers or a table by joint name")
+    raise ValueError(f"got {show(value)}, expected a list of numbers or a table by joint name")
 
 
 def range_of(value: Any, where: str = "") -> list[float]:
     """A pair [lower, upper]; infinite where there is no bound."""
     if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"got {shown(value)}{where}, expected [lower, upper]")
-    return [sided(side, where) for side in value]
+        raise ValueError(f"got {show(value)}{where}, expected [lower, upper]")
+    return [read_side(side, where) for side in value]
 
 
-def sided(value: Any, where: str = "") -> float:
+def read_side(value: Any, where: str = "") -> float:
     """One side of a bound."""
     if not is_number(value) or math.isnan(value):
-        raise ValueError(f"got {shown(value)}{where}, expected a number (inf for no limit)")
+        raise ValueError(f"got {show(value)}{where}, expected a number (inf for no limit)")
     return as_float(value)
 
 
 def _trajectory_or_vector(value: Any) -> list[Vector] | Vector | Named:
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         return [vector(row, f" of row {n}") for n, row in enumerate(value)]
-    return vector_or_named(value)
+    return read_vector(value)
 
 
 def _vector_or_number(value: Any) -> float | Vector:
@@ -73,7 +73,7 @@ def _vector_or_number(value: Any) -> float | Vector:
 
 def _control(value: Any) -> float | Vector | Named:
     if isinstance(value, (list, Mapping)):
-        return vector_or_named(value)
+        return read_vector(value)
     return finite_number(value)
 
 
@@ -90,13 +90,13 @@ AUTO = "auto"  # what is written where mbocp is to choose
 Finite = Annotated[float, Kind("number", finite_number, float)]
 Positive = Annotated[Finite, Takes("number > 0", {"exclusiveMinimum": 0})]
 NonNegative = Annotated[Finite, Takes("number >= 0", {"minimum": 0})]
-Bound = Annotated[Any, Kind("number", sided, float)]
+Bound = Annotated[Any, Kind("number", read_side, float)]
 Range = Annotated[Any, Kind("pair", range_of, Vector)]
 Pair = Annotated[list[Finite] | None, Field(min_length=2, max_length=2), Takes("2 numbers")]
 Triple = Annotated[list[Finite] | None, Field(min_length=3, max_length=3), Takes("3 numbers")]
 Quaternion = Annotated[list[Finite] | None, Field(min_length=4, max_length=4), Takes("4 numbers")]
 TripleOrZero = Annotated[Triple, Kind("3 numbers, or 0 for rest", _triple_or_zero, Literal[0])]
-VectorOrNamed = Annotated[Any, Kind("vector", vector_or_named, Vector | Named)]
+VectorOrNamed = Annotated[Any, Kind("vector", read_vector, Vector | Named)]
 VectorOrNumber = Annotated[Any, Kind("number, or list", _vector_or_number, float | Vector)]
 Control = Annotated[Any, Kind("number, vector", _control, float | Vector | Named)]
 ControlWeights = Annotated[Control, Takes("number >= 0, list, table")]

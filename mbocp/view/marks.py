@@ -68,7 +68,7 @@ def _marks(problem: Problem, shares: Mapping[str, float]) -> Marks:
         if point.via.name in shares
         for frame in point.via.goal.poses
     )
-    lines = (constraint.term.drawn(constraint) for constraint in problem.frame_constraints)
+    lines = (constraint.term.draw(constraint) for constraint in problem.frame_constraints)
     drawn = tuple(points for points in lines if points is not None)
     return Marks(tuple(via), drawn, problem.obstacle)
 

@@ -80,20 +80,20 @@ def sample_motion(model: pin.Model, t: ArrayLike, qs: ArrayLike, samples_per_sec
     InvalidValue
         If a number is not finite, or time does not increase.
     """
-    t, qs = _checked(model, t, qs)
+    t, qs = _check(model, t, qs)
     duration = float(t[-1] - t[0])
     count = 1 if duration == 0.0 else min(int(np.ceil(duration * samples_per_second - 1e-9)) + 1, MAX_SAMPLES)
     times = np.linspace(0.0, duration, max(count, min(len(t), 2)))
     sampled = np.array([_configuration(model, t - t[0], qs, time) for time in times])
-    return _placed(model, times, sampled)
+    return _place(model, times, sampled)
 
 
 def pose_at(model: pin.Model, t: ArrayLike, qs: ArrayLike, time: float) -> Array:
     """Configuration at a time [s] from the first to the last, shape (nq,); see `sample_motion`."""
-    return _configuration(model, *_checked(model, t, qs), time)
+    return _configuration(model, *_check(model, t, qs), time)
 
 
-def _checked(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Array]:
+def _check(model: pin.Model, t: ArrayLike, qs: ArrayLike) -> tuple[Array, Array]:
     times = frozen_array(t, shape=(None,), name="t")
     configurations = frozen_array(qs, shape=(None, model.nq), name="qs")
     if len(times) == 0 or len(times) != len(configurations):
@@ -124,7 +124,7 @@ def _configuration(model: pin.Model, t: Array, qs: Array, time: float) -> Array:
     return np.asarray(pin.interpolate(model, qs[k], qs[k + 1], share), dtype=np.float64)
 
 
-def _placed(model: pin.Model, times: Array, qs: Array) -> Motion:
+def _place(model: pin.Model, times: Array, qs: Array) -> Motion:
     data = working_data(model)
     frames, joints = len(times), model.njoints
     rotations = np.empty((frames, joints, 3, 3))

@@ -59,7 +59,7 @@ def replay_solution(
     ReplayError, UnknownFrame
         As `mbocp.view.replay.write_replay`.
     """
-    shown, drawn = _drawn(solution, robot, trace, ghosts, others, direction, speed)
+    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, speed)
     if path is None:
         open_replay(shown, solution.t, solution.qs, **drawn)
         return None
@@ -98,7 +98,7 @@ def film_solution(
         As `replay_solution`; and if there is no Chromium or no ffmpeg.
     """
     how = film or Film()
-    shown, drawn = _drawn(solution, robot, trace, ghosts, others, direction, how.speed)
+    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, how.speed)
     page = replay_page(shown, solution.t, solution.qs, **drawn)
     longest = max(float(each.t[-1] - each.t[0]) for each in (solution, *others))
     pictures = pictures_of(page, frame_times(longest, how), how.size)
@@ -108,7 +108,7 @@ def film_solution(
         write_movie(pictures, movie, how.frames_per_second)
 
 
-def _drawn(
+def _collect(
     solution: Solution,
     robot: Robot | None,
     trace: Sequence[str] | None,

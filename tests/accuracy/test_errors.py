@@ -197,5 +197,5 @@ def test_replays_are_followed_until_two_digits_stay(left_over: float, expected: 
     """What one part of a step leaves over falls with the parts; where it stays too large, nothing is told."""
     course = SimpleNamespace(flow=SimpleNamespace(differences=np.subtract))
     motion = SimpleNamespace(qs=np.zeros((2, 1)), vs=np.zeros((2, 1)))
-    missed = errors._missed(course, lambda parts: np.array([0.5 + left_over / parts**2]), motion, 1)  # type: ignore[arg-type]
+    missed = errors._miss(course, lambda parts: np.array([0.5 + left_over / parts**2]), motion, 1)  # type: ignore[arg-type]
     assert missed == pytest.approx(expected, rel=0.01)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.accuracy.mesh import Wanted, control_shares, halved, lengths_for
+from mbocp.accuracy.mesh import Wanted, control_shares, halve, lengths_for
 
 LENGTHS = st.lists(st.floats(0.05, 0.2), min_size=3, max_size=30).map(np.array)
 MOST = 20_000
@@ -26,8 +26,8 @@ def test_steps_fill_the_duration_and_change_little_at_once(
     assert pairs.min() > 0.0
     assert pairs.sum() == pytest.approx(dts.sum(), rel=1e-12)
     assert 4 <= pairs.size <= MOST // 2
-    assert halved(pairs).size == 2 * pairs.size
-    np.testing.assert_allclose(halved(pairs).reshape(-1, 2).sum(axis=1), pairs)
+    assert halve(pairs).size == 2 * pairs.size
+    np.testing.assert_allclose(halve(pairs).reshape(-1, 2).sum(axis=1), pairs)
     assert pairs.max() / 2 <= 2.0 * dts.max() * (1 + 1e-9)  # no more than twice as long at once
     assert pairs.min() / 2 >= dts.min() / 8 / 2
 
@@ -55,7 +55,7 @@ def test_errors_of_the_next_steps_are_as_wanted(seed: int, q: int) -> None:
         wanted,
         most=MOST,
     )
-    dts = halved(pairs)
+    dts = halve(pairs)
     middles = np.cumsum(dts) - dts / 2
     local = local_density(middles) * dts ** (p + 1)
     assert local.max() <= 1.05 * wanted.step
@@ -74,7 +74,7 @@ def test_no_fewer_steps_would_do_for_the_cost() -> None:
         Wanted(1.0, 4, 0.1 * (density @ coarse**3), 2),
         most=MOST,
     )
-    dts = halved(pairs)
+    dts = halve(pairs)
     share = np.exp(-(np.cumsum(dts) - dts / 2) / 2) ** 3 * dts**3
     assert share.max() / share.min() < 1.2
 

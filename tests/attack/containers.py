@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from mbocp.storage.seal import SEAL_SIZE, is_sealed, sealed
+from mbocp.storage.seal import SEAL_SIZE, is_sealed, seal
 
 from .raw import EXTREMES, mutate_bytes, mutate_lines
 from .trees import mutate_tree
@@ -70,7 +70,7 @@ def mutate_result(data: bytes, random: Random) -> bytes:
     if random.random() < 0.35:
         return mutate_bytes(data, random)
     edited = _edited(data, random)
-    return sealed(edited[SEAL_SIZE:]) if is_sealed(data) else edited
+    return seal(edited[SEAL_SIZE:]) if is_sealed(data) else edited
 
 
 def _edited(data: bytes, random: Random) -> bytes:

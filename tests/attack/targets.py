@@ -21,7 +21,7 @@ from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import describe, load_robot
 from mbocp.solution import Solution
 from mbocp.solving import solve
-from mbocp.storage.seal import SEAL_SIZE, is_sealed, sealed
+from mbocp.storage.seal import SEAL_SIZE, is_sealed, seal
 from mbocp.study import Study, StudyResult
 from mbocp.study.task import make_problem
 from mbocp.view import plots  # noqa: F401  the forked command lines need not load it
@@ -114,7 +114,7 @@ def _result(case: Case, path: Path) -> None:
     if solution.converged and not np.isfinite(solution.qs).all():
         raise Broken("converged, with a trajectory that is not finite")
     data = case.files[case.main]
-    if data != case.originals[case.main] and is_sealed(data) and sealed(data[SEAL_SIZE:]) != data:
+    if data != case.originals[case.main] and is_sealed(data) and seal(data[SEAL_SIZE:]) != data:
         raise Broken("a file that was changed is loaded")
     solution.to_csv(path.with_name("out.csv"))
 

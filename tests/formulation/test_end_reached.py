@@ -18,7 +18,7 @@ from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.end_reached import RatesMissed, end_missed, rates_missed
+from mbocp.formulation.end_reached import RatesMissed, end_missed, miss_of_rates
 from mbocp.formulation.features.switches import ties_at_end
 from mbocp.formulation.fewer_ends import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
@@ -168,13 +168,13 @@ def at_speeds(problem: Problem, v: np.ndarray) -> Motion:
 
 def test_velocities_that_the_goal_does_not_have_are_told() -> None:
     formulation = formulated(swing(coordinates="joint", goal={"q": [0.5, 0.2], "v": [0.0, 0.0]}))
-    assert rates_missed(formulation, at_speeds(formulation.problem, np.array([1e-9, 0.0]))) is None
-    missed = rates_missed(formulation, at_speeds(formulation.problem, np.array([0.0, 0.3])))
+    assert miss_of_rates(formulation, at_speeds(formulation.problem, np.array([1e-9, 0.0]))) is None
+    missed = miss_of_rates(formulation, at_speeds(formulation.problem, np.array([0.0, 0.3])))
     assert missed is not None
     assert missed.is_free
     assert "joint2 ends 0.3 rad/s off goal.v" in missed.words
     momenta = formulated(swing(coordinates="joint", goal={"q": [0.5, 0.2], "p": [0.0, 0.0]}))
-    found = rates_missed(momenta, at_speeds(momenta.problem, np.array([0.0, 0.3])))
+    found = miss_of_rates(momenta, at_speeds(momenta.problem, np.array([0.0, 0.3])))
     assert found is not None
     assert "off goal.p" in found.words
 
@@ -183,12 +183,12 @@ def test_what_the_scheme_leaves_across_the_constraints_is_no_other_root() -> Non
     robot = mbocp.load_robot("four_bar")
     problem = Problem.create(robot, 1.0, 4, goal={"q": robot.q0, "v": 0}, scheme="midpoint")
     across = robot.constraint_jacobian(robot.q0)[0]
-    missed = rates_missed(formulated(problem), at_speeds(problem, across))
+    missed = miss_of_rates(formulated(problem), at_speeds(problem, across))
     assert missed is not None
     assert not missed.is_free
     assert "take more steps" in missed.words
     along = null_space(robot.constraint_jacobian(robot.q0), 1e-9)[:, 0]
-    assert rates_missed(formulated(problem), at_speeds(problem, along + 1e-3 * across)).is_free  # type: ignore[union-attr]
+    assert miss_of_rates(formulated(problem), at_speeds(problem, along + 1e-3 * across)).is_free  # type: ignore[union-attr]
 
 
 def test_a_motion_that_is_not_at_rest_has_not_converged(

@@ -12,7 +12,7 @@ import pytest
 from mbocp import Problem, load_problem
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.memory import RULES, memory_units, ordered
+from mbocp.formulation.features.memory import RULES, memory_units, order_blocks
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.rates import rates_along
 
@@ -141,9 +141,9 @@ def test_rows_and_rates_of_a_motion(name: str, integrator: dict[str, Any], is_fr
 
 
 def test_blocks_come_with_those_that_they_need() -> None:
-    assert ordered({"jerk"}) == ("acceleration", "jerk")
-    assert ordered({"control_rate", "acceleration"}) == ("control", "control_rate", "acceleration")
-    assert ordered(set()) == ()
+    assert order_blocks({"jerk"}) == ("acceleration", "jerk")
+    assert order_blocks({"control_rate", "acceleration"}) == ("control", "control_rate", "acceleration")
+    assert order_blocks(set()) == ()
 
 
 def test_units_are_those_of_the_limits() -> None:

@@ -72,7 +72,7 @@ def test_derivatives_of_conditions_where_frames_meet() -> None:
     robot, rng, step = arm().robot, np.random.default_rng(0), 1e-6
     for kind in HOLDS:
         keys: dict[str, Any] = {"pitch": 0.2} if kind == "screw" else {}
-        held = Hold(name="it", frame="tool0", kind=kind, at="coincide", **keys).held(robot)
+        held = Hold(name="it", frame="tool0", kind=kind, at="coincide", **keys).as_frame(robot)
         term = ContactConditionTerm(held, tuple(range(len(held.rows))), has_place=True, has_rate=True)
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
         h, x = term.expression(Point(JointMechanics(robot), q, v), {}), ca.vertcat(q, v)
@@ -205,7 +205,7 @@ def test_jacobians_of_held_frames_are_pinocchios() -> None:
     problem = drone()
     robot, hold = problem.robot, problem.holds[1]
     q = pin.randomConfiguration(robot.model, -np.ones(7), np.ones(7))
-    J = held_jacobians(robot, (hold.held(robot),), q[None])[0]
+    J = held_jacobians(robot, (hold.as_frame(robot),), q[None])[0]
     data = robot.model.createData()
     frame = robot.frame_id(hold.frame)
     world = pin.computeFrameJacobian(robot.model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)

@@ -98,7 +98,7 @@ def test_large_links_are_called_where_one_call_gives_all(feeds_itself: bool) -> 
         second = Affine.join(chain.apply(f, [of_second], [p * p]))
         result = first - 2.0 * second
         parts = [result.value, chain.jacobian(result), chain.hessian(result, m)]
-        written += [chain.resolved(parts[:n]) for n in (1, 2, 3)]
+        written += [chain.resolve(parts[:n]) for n in (1, 2, 3)]
     made = [ca.Function("f", [x, p, m], ca.cse([ca.densify(v) for v in parts])) for parts in written]
     calls = [bool(function.find_functions()) for function in made]
     assert calls == [False, False, False, False, True, not feeds_itself]

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from mbocp import load_problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.simulated import simulated
+from mbocp.guesses.simulated import guess_by_simulation
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
 from mbocp.robot import Robot, Rod, load_robot
@@ -238,7 +238,7 @@ def test_states_of_the_unicycle(scheme: str, expected: int, steps: tuple[int, in
     errors = []
     for count in steps:
         formulation = formulate(driven(scheme, count))
-        at, xs = formulation.layout, simulated(formulation, np.array([1.5, 0.8])).xs
+        at, xs = formulation.layout, guess_by_simulation(formulation, np.array([1.5, 0.8])).xs
         start, end = (np.append(x[at.z], x[at.s]) for x in (xs[0], xs[-1]))
         out = solve_ivp(rate_of_unicycle, (0.0, 1.0), start, method="DOP853", rtol=1e-13, atol=1e-13)
         errors.append(float(np.abs(end - out.y[:, -1]).max()))

@@ -107,7 +107,7 @@ def test_nothing_comes_nearer_than_its_points_move(clearance, seed, spread):
         shapes.place(q)
         found.append([shapes.of(k) for k in range(len(pairs))])
     for k, values in enumerate(np.array(found).T):
-        moved = shapes.moved(k, joints[0], joints)
+        moved = shapes.displacements(k, joints[0], joints)
         assert moved[0] == 0.0
         assert (np.maximum(values[0], 0.0) - np.maximum(values, 0.0) <= moved + 2e-6).all()
 

@@ -17,7 +17,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import InvalidValue
 from mbocp.programme import background, cache, compilation, tapes
-from mbocp.programme.cache import sealed
+from mbocp.programme.cache import seal
 from mbocp.programme.compilation import (
     BackgroundCompilerWarning,
     CompiledFunctions,
@@ -145,7 +145,7 @@ def test_tapes_that_are_damaged_or_not_ones_own_are_written_anew(folder: Path, d
         wrong = {
             "truncated": content[:-100],
             "overwritten": content[:200] + b"\0" * 50 + content[250:],
-            "foreign": sealed(b"no archive"),
+            "foreign": seal(b"no archive"),
         }
         file.write_bytes(wrong[damage])
     forget()
@@ -344,7 +344,7 @@ def test_what_is_no_tape_is_compiled_at_once(folder: Path) -> None:
 def test_policies(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBOCP_FUNCTIONS", "tapes")
     assert load_functions("key", doubling, at_once=True).library is None
-    assert load().compiled().library is None
+    assert load().compile().library is None
     monkeypatch.setenv("MBOCP_FUNCTIONS", "compiled")
     assert load().compiled_now
     monkeypatch.setenv("MBOCP_FUNCTIONS", "tapes")
@@ -359,8 +359,8 @@ def test_policies(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_tapes_can_be_compiled_when_that_is_asked_for(folder: Path) -> None:
     made = load()
     assert made.library is None
-    assert made.compiled().compiled_now
-    assert works(made.compiled())
+    assert made.compile().compiled_now
+    assert works(made.compile())
 
 
 def test_a_solve_needs_no_compiler_and_a_horizon_has_one(folder: Path, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ import pytest
 
 from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
 from mbocp.programme import cache, compiler
-from mbocp.programme.cache import cache_folder, scratch_folder, sealed, trim
+from mbocp.programme.cache import cache_folder, scratch_folder, seal, trim
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 
 LOADS = """
@@ -178,11 +178,11 @@ def test_a_fifo_is_replaced(folder: Path) -> None:
 def test_a_link_is_replaced_and_not_followed(folder: Path, tmp_path: Path) -> None:
     path = entry()
     elsewhere = tmp_path / "elsewhere"
-    elsewhere.write_bytes(sealed(b"not ours"))
+    elsewhere.write_bytes(seal(b"not ours"))
     path.symlink_to(elsewhere)
     assert load().compiled_now
     assert not path.is_symlink()
-    assert elsewhere.read_bytes() == sealed(b"not ours")
+    assert elsewhere.read_bytes() == seal(b"not ours")
 
 
 def test_a_folder_in_the_place_of_an_entry_stays(folder: Path) -> None:

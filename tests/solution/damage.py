@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 
-from mbocp.storage.seal import SEAL_SIZE, sealed
+from mbocp.storage.seal import SEAL_SIZE, seal
 
 _WRITABLE = 1  # H5LT_FILE_IMAGE_OPEN_RW
 
@@ -23,7 +23,7 @@ def edited_image(image: bytes, change: Callable[[h5py.File], object]) -> bytes:
 
 def edit(path: Path, change: Callable[[h5py.File], object]) -> None:
     """Change the content of a result file, and give it the digest that belongs to it."""
-    path.write_bytes(sealed(edited_image(path.read_bytes()[SEAL_SIZE:], change)))
+    path.write_bytes(seal(edited_image(path.read_bytes()[SEAL_SIZE:], change)))
 
 
 def make_old(path: Path, change: Callable[[h5py.File], object] = lambda _: None) -> None:

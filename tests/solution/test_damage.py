@@ -428,7 +428,7 @@ def strange(value: Any, draw: random.Random) -> Any:
 def test_any_change_gives_a_solution_or_one_error(make: Any, count: int, seed: int, tmp_path: Path) -> None:
     path = make(num_steps=20).save(tmp_path / "result.h5")
     for image in mutants(path.read_bytes()[seal.SEAL_SIZE :], count, seed):
-        path.write_bytes(seal.sealed(image))
+        path.write_bytes(seal.seal(image))
         try:
             solution = Solution.load(path)
         except ResultFileError:

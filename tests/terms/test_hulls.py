@@ -26,7 +26,7 @@ def measured(seed: int, count: int) -> tuple[Hull, Planes, ca.Function, np.ndarr
     hull = hull_of(clouds(seed, count))
     planes = planes_around(hull, REACH, 0.05 * REACH, 64)
     core = HullCore.of(planes.normals, planes.offsets, planes.slope, SMOOTHING)
-    return hull, planes, hull_measure(64), np.concatenate([[core.sharpness], core.filled(64)])
+    return hull, planes, hull_measure(64), np.concatenate([[core.sharpness], core.fill(64)])
 
 
 @settings(max_examples=20, deadline=None)
@@ -46,7 +46,7 @@ def test_next_to_a_side_it_is_the_distance() -> None:
     cube = hull_of(np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float))
     planes = planes_around(cube, REACH, 0.004, 64)
     core = HullCore.of(planes.normals, planes.offsets, planes.slope, SMOOTHING)
-    numbers, function = np.concatenate([[core.sharpness], core.filled(64)]), hull_measure(64)
+    numbers, function = np.concatenate([[core.sharpness], core.fill(64)]), hull_measure(64)
     for height in (0.05, -0.05, 0.3):
         found = called(function, np.array([0.1, -0.1, 0.5 + height]), numbers)[0]
         assert found[0, 0] == pytest.approx(height, abs=1e-9)

@@ -120,12 +120,12 @@ class ControlValues(Feature):
         if not self.shares:
             return {"own": motion.us}
         values = motion.values
-        found = np.array(values if values.shape[1] == self.count else self._filled(motion))
+        found = np.array(values if values.shape[1] == self.count else self._fill(motion))
         if self.is_continuous:
             found[1:, 0] = 0.0
         return {"own": found.reshape(len(found), -1)}
 
-    def _filled(self, motion: Motion) -> Array:
+    def _fill(self, motion: Motion) -> Array:
         """Values (N, k, nu) of a guess: its means, interpolated between the middles of the steps."""
         ends = np.cumsum(motion.dts)
         middles = ends - motion.dts / 2.0
@@ -151,7 +151,7 @@ class ControlValues(Feature):
         means: Array = np.einsum("k,nku->nu", control_means(self.shares), values)
         return replace(motion, us=means, values=values, shares=self.shares)
 
-    def summed(self, multipliers: Array) -> Array:
+    def sum_up(self, multipliers: Array) -> Array:
         """Return multipliers of limits of the robot's controls, (N, nu), from those of all values."""
         if not self.shares:
             return multipliers

@@ -141,7 +141,7 @@ class Feature(ABC):
         """Return what makes controls zero on which nothing depends."""
         return ca.SX(0)
 
-    def shown(self, name: str, value: ca.SX) -> ca.SX:
+    def show(self, name: str, value: ca.SX) -> ca.SX:
         """Return a block as terms see it, from its entries in the user's units."""
         return value
 
@@ -200,7 +200,7 @@ class Feature(ABC):
         return motion
 
 
-def joined(parts: Iterable[Mapping[str, V]]) -> dict[str, V]:
+def join(parts: Iterable[Mapping[str, V]]) -> dict[str, V]:
     """Return what all features say, as one mapping."""
     return {name: value for part in parts for name, value in part.items()}
 

@@ -84,7 +84,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
 )
 
 
-def ordered(names: set[str]) -> tuple[str, ...]:
+def order_blocks(names: set[str]) -> tuple[str, ...]:
     """Return names of blocks and of those that they need, in the order in which states have them."""
     wanted = names | {need for name in names & RULES.keys() for need in RULES[name].needs}
     return tuple(name for name in RULES if name in wanted)
@@ -100,7 +100,7 @@ class Memory(Feature):
     def of(cls, problem: Problem, asked: Asked) -> Memory | None:
         """Return what the cost, the path constraints, the end, and linear controls look at."""
         of_cost = {"control"} if asked.couples_steps or problem.controls == "linear" else set()
-        names = ordered(of_cost | asked.remembers)
+        names = order_blocks(of_cost | asked.remembers)
         return cls(names) if names else None
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:

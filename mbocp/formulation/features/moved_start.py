@@ -35,7 +35,7 @@ from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes, numbers_of
-from mbocp.problem.timeline.cycle import compared
+from mbocp.problem.timeline.cycle import compare_ends
 from mbocp.robot import Label
 from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
 
@@ -90,7 +90,7 @@ class MovedStart(Feature):
             return move
 
         along = ca.SX.zeros(at.space.layout.ndx) if at.space.layout.is_flat else at.d0
-        at0 = at.space.moved(at.x0, along, start_move(at.named_inputs["moves"]))
+        at0 = at.space.move(at.x0, along, start_move(at.named_inputs["moves"]))
         return replace(at, at0=at0, start_move=start_move)
 
     def following(self, name: str, step: Passage) -> Any:
@@ -162,14 +162,14 @@ def start_ends(problem: Problem, space: ConfigurationSpace) -> tuple[PeriodicEnd
     periodic = problem.goal.periodic
     if periodic is not None:
         found.append(_periodic_end(problem, periodic, space, start))
-    kept = _kept(problem)
+    kept = _rows_to_keep(problem)
     if kept is not None:
         held = problem.timeline.switches.held if problem.timeline.switches is not None else ()
         found.append(StartEnd(start, *kept, held))
     return tuple(found)
 
 
-def _kept(problem: Problem) -> tuple[KeptRows, KeptRows] | None:
+def _rows_to_keep(problem: Problem) -> tuple[KeptRows, KeptRows] | None:
     """Rows of the configuration and of the velocity that a free start has to keep."""
     free, periodic = problem.start_free, problem.goal.periodic
     if free is None:
@@ -195,7 +195,7 @@ def _periodic_end(
     held, so that constraints hold at both sides of it for other reasons, and all is compared.
     """
     robot, image = problem.robot, periodic.image(problem.robot)
-    positions, velocities = _compared(problem, periodic)
+    positions, velocities = _compare(problem, periodic)
     D_q = independent_rows(image.compared, positions, positions)
     D_v = independent_rows(np.ones(robot.nv, dtype=np.bool_), velocities, velocities)
     A_z, moved, places = np.eye(space.nz), np.zeros(space.nz), numbers_of(robot)
@@ -211,12 +211,12 @@ def _periodic_end(
     return PeriodicEnd(start, len(D_q), len(D_v), frame_id, axes, D_q, D_v, A_z, image.A, moved)
 
 
-def _compared(problem: Problem, periodic: Periodic) -> tuple[Array, Array]:
+def _compare(problem: Problem, periodic: Periodic) -> tuple[Array, Array]:
     """Bases of the directions in which positions and velocities are compared, shapes (nv, any)."""
     robot, table = problem.robot, problem.timeline.switches
     if table is not None:
         ends = problem.q_start, problem.goal.q
-        return compared(table, problem.start_free, periodic, ends)
+        return compare_ends(table, problem.start_free, periodic, ends)
     basis = np.eye(robot.nv) if periodic.impact else tangent_space(robot, problem.q_start)
     return basis, basis
 

@@ -86,11 +86,11 @@ class Progress(Feature):
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Along which path."""
-        return [f"progress along {constraint.name}" for constraint in _followed(problem)]
+        return [f"progress along {constraint.name}" for constraint in _followers(problem)]
 
     def control_words(self, problem: Problem) -> Sequence[str]:
         """Of which path."""
-        return [f"limit of the pace of {constraint.name}" for constraint in _followed(problem)]
+        return [f"limit of the pace of {constraint.name}" for constraint in _followers(problem)]
 
     def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
         """Paces that the configurations have."""
@@ -99,7 +99,7 @@ class Progress(Feature):
         return {"paces": np.divide(gained, e, out=np.zeros_like(e), where=e > 0.0)}
 
 
-def _followed(problem: Problem) -> tuple[PathConstraint, ...]:
+def _followers(problem: Problem) -> tuple[PathConstraint, ...]:
     """The path constraints whose frames follow a path."""
     return tuple(c for c in problem.frame_constraints if c.follows)
 
@@ -107,7 +107,7 @@ def _followed(problem: Problem) -> tuple[PathConstraint, ...]:
 def advances(problem: Problem) -> Array:
     """Parameter e of every step and path, shape (N, paths)."""
     columns = []
-    for constraint in _followed(problem):
+    for constraint in _followers(problem):
         on_path = constraint.span.nodes(problem.num_steps, problem.dt)
         if not constraint.span.has_start:
             on_path = on_path & np.append(False, on_path[:-1])  # the step to its first node leads to the path
@@ -118,9 +118,9 @@ def advances(problem: Problem) -> Array:
 
 def progress_along(problem: Problem, qs: Array) -> Array:
     """How far frames are along their paths at the nodes of a motion, shape (N + 1, paths), from 0 to 1."""
-    moves = np.vstack([np.zeros(len(_followed(problem))), advances(problem)]) > 0.0
+    moves = np.vstack([np.zeros(len(_followers(problem))), advances(problem)]) > 0.0
     found = np.zeros(moves.shape)
-    for k, constraint in enumerate(_followed(problem)):
+    for k, constraint in enumerate(_followers(problem)):
         on_path = np.flatnonzero(moves[:, k])
         found[on_path, k] = constraint.progress(problem.robot, qs[on_path])
         found[on_path[-1] + 1 :, k] = found[on_path[-1], k]

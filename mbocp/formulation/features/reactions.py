@@ -46,7 +46,7 @@ class Reactions(Feature):
         """Forces in the step."""
         return step.forces(self.rows) / step.units[name]
 
-    def shown(self, name: str, value: ca.SX) -> ca.SX:
+    def show(self, name: str, value: ca.SX) -> ca.SX:
         """Forces at their rows, and zeros at those that are not remembered."""
         found = ca.SX.zeros(self.rows[-1] + 1)
         found[list(self.rows)] = value

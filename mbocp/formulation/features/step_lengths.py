@@ -94,7 +94,7 @@ class StepLengths(Feature):
 
     def enter(self, at: StepSymbols) -> StepSymbols:
         """Take length and time of the step from the state before it."""
-        dt, h0, stretched = at.given["dt"], self._before(at, "h"), self._stretched(at)
+        dt, h0, stretched = at.given["dt"], self._before(at, "h"), self._stretch(at)
         length = stretched * dt
         if not self.has_clock:
             moment = None if at.moment is None else stretched * at.moment
@@ -107,13 +107,13 @@ class StepLengths(Feature):
     def _before(self, at: StepSymbols, name: str) -> ca.SX:
         return at.at0[at.space.layout.states[name]]
 
-    def _stretched(self, at: StepSymbols) -> ca.SX:
+    def _stretch(self, at: StepSymbols) -> ca.SX:
         """h0 + e w; a row of the step makes it equal to h1, but explicit steps know h0 alone."""
         return self._before(at, "h") + at.given[_BEGINS_PHASE] * at.named_inputs["lengths"]
 
     def own_rows(self, at: StepSymbols) -> Sequence[ca.SX]:
         """h0 + e w - h1 and t0 + (h0 + e w)/N - t1: how long steps are from here on."""
-        length, places = self._stretched(at), at.space.layout.states
+        length, places = self._stretch(at), at.space.layout.states
         rows = [length - at.at1[places["h"]]]
         if self.has_clock:
             passed = (1 - at.is_impact) * at.given[_STEP_SHARE] * length

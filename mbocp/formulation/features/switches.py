@@ -106,7 +106,7 @@ def filled_impulses(problem: Problem, dts: Array) -> Array:
     return found
 
 
-def repeated(values: Array, is_impact: BoolArray) -> Array:
+def repeat_at_impacts(values: Array, is_impact: BoolArray) -> Array:
     """Values of the steps, (N,) or (N, any), where impacts, which have none, repeat those of a neighbour.
 
     It is the step before, or the first that takes time.

@@ -124,7 +124,7 @@ def _explicit_derivatives(
     if layout.nr:
         kept = d1[layout.dr]
         moving = (before.s, reached.s, d0[layout.dr])
-        following = _remembered(chain, at, moving, controls, (dt, between))
+        following = _memory_after(chain, at, moving, controls, (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if at.own_rows.numel():
         pieces.append(Affine(at.own_rows, {0: ca.jacobian(at.own_rows, unknowns)}))
@@ -160,12 +160,12 @@ def _from_start(chain: Chain, at: StepSymbols, d: Affine, controls: Mapping[str,
     if not layout.is_flat:
         moved = x + ca.vertcat(move, ca.SX.zeros(layout.ndx - move.numel()))
     else:
-        moved = at.space.moved(x, ca.SX.zeros(layout.ndx), move)
+        moved = at.space.move(x, ca.SX.zeros(layout.ndx), move)
     function = ca.Function("moved", [x, w, at.rho], [ca.densify(moved)])
     return chain.apply(function, [d, moves], [at.rho])[0]
 
 
-def _remembered(
+def _memory_after(
     chain: Chain,
     at: StepSymbols,
     moving: tuple[Affine, Affine, Affine],

@@ -16,7 +16,7 @@ from mbocp.formulation.features.switches import (
     filled_impulses,
     filled_lengths,
     labels_of,
-    repeated,
+    repeat_at_impacts,
     ties_at_end,
     with_held,
 )
@@ -96,7 +96,7 @@ class ImplicitFormulation(JointFormulation):
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
         motion = super().motion_of(iterate)
-        return replace(motion, us=repeated(motion.us, self.problem.timeline.is_impact))
+        return replace(motion, us=repeat_at_impacts(motion.us, self.problem.timeline.is_impact))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
@@ -149,4 +149,4 @@ class ImplicitFormulation(JointFormulation):
         if robot.nc:
             residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
             hamiltonians += np.einsum("ni,ni->n", duals.zetas[:, : robot.nc], residuals)
-        return repeated(hamiltonians, self.problem.timeline.is_impact)
+        return repeat_at_impacts(hamiltonians, self.problem.timeline.is_impact)

@@ -16,7 +16,7 @@ from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
     filled_lengths,
-    repeated,
+    repeat_at_impacts,
     switched_violation,
     ties_at_end,
     worse_of,
@@ -141,7 +141,7 @@ class NaturalFormulation:
         zs = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
             lengths = filled_lengths(self.problem, motion.dts)[:, None]
-            rates = repeated(np.diff(zs, axis=0) / lengths, self.problem.timeline.is_impact)
+            rates = repeat_at_impacts(np.diff(zs, axis=0) / lengths, self.problem.timeline.is_impact)
             ws = np.vstack([programme.x_start[at.s], rates])
         else:
             ws = self.space.rates(motion.qs, motion.vs)
@@ -159,7 +159,7 @@ class NaturalFormulation:
         zs, ws = xs[:, at.z], xs[:, at.s]
         states = (self.space.configurations(zs), self.space.velocities(zs, ws))
         motion = read_motion(self.problem, features, at, states, xs, iterate.us)
-        return replace(motion, us=repeated(motion.us, self.problem.timeline.is_impact))
+        return replace(motion, us=repeat_at_impacts(motion.us, self.problem.timeline.is_impact))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
@@ -185,7 +185,7 @@ class NaturalFormulation:
         along = before * duals.states[:-1, : at.nw] + (1.0 - before) * rows[:, : at.nw]
         inertial = np.diff(ws, axis=0) / dts[:, None] @ self.space.mechanics.mass_at(iterate.xs[0, at.z])
         values = stage_costs(self.programme, iterate) / dts + np.einsum("ni,ni->n", along, velocity)
-        return repeated(
+        return repeat_at_impacts(
             values + np.einsum("ni,ni->n", rows[:, at.ds], inertial), self.problem.timeline.is_impact
         )
 

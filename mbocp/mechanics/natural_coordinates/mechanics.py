@@ -95,7 +95,7 @@ class NaturalMechanics(NaturalKinematics):
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """M, shape (nv, nv); constant but for rotors."""
         rotors, g = self._rotors(q)
-        return self._mass + g.T @ (_scaled(rotors, g)) if rotors.size else self._mass
+        return self._mass + g.T @ (_scale(rotors, g)) if rotors.size else self._mass
 
     def mass_at(self, z: Array) -> Array:
         """M at coordinates z as numbers, shape (nv, nv)."""
@@ -254,7 +254,7 @@ class NaturalMechanics(NaturalKinematics):
         return total
 
 
-def _scaled(factors: Array, rows: ca.SX) -> ca.SX:
+def _scale(factors: Array, rows: ca.SX) -> ca.SX:
     """Rows times a factor each."""
     return ca.diag(ca.SX(ca.DM(factors))) @ rows
 

@@ -68,7 +68,7 @@ class NaturalSpace:
     def configurations(self, zs: Array) -> Array:
         """Joint configurations, shape (k, nq), of the nodes of a motion (k, nz)."""
         found = np.asarray(_maps(self.mechanics).configuration.map(len(zs))(zs.T)).T
-        return self._unwound(self.mechanics.joint_space.configurations(found))
+        return self._unwind(self.mechanics.joint_space.configurations(found))
 
     def velocities(self, zs: Array, ws: Array) -> Array:
         """Joint velocities, shape (k, robot.nv), of coordinates and their rates."""
@@ -116,7 +116,7 @@ class NaturalSpace:
                 turned[:, at] = np.cross(angular, ws[:, at])
         return np.hstack([moved, turned])
 
-    def _unwound(self, qs: Array) -> Array:
+    def _unwind(self, qs: Array) -> Array:
         """Angles of revolute joints without jumps, beginning with the turn of the start."""
         for body in self.mechanics.tree.turning:
             if body.kind == "revolute" and not body.leader:

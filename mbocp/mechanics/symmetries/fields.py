@@ -221,7 +221,7 @@ def _lie_map(kind: str, qs: Array) -> Array:
         zero, one = np.zeros_like(x), np.ones_like(x)
         # Linear part R^T (v + w e_z x p), with e_z x p = (-y, x).
         rows = [[c, s, s * x - c * y], [-s, c, c * x + s * y], [zero, zero, one]]
-        return _stacked(rows)
+        return _stack(rows)
     rotations = _rotations(qs[:, :4] if kind == "JointModelSpherical" else qs[:, 3:7])
     inverse: Array = rotations.transpose(0, 2, 1)
     if kind == "JointModelSpherical":
@@ -240,10 +240,10 @@ def _rotations(quaternions: Array) -> Array:
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    return _stacked(rows)
+    return _stack(rows)
 
 
-def _stacked(rows: list[list[Array]]) -> Array:
+def _stack(rows: list[list[Array]]) -> Array:
     """Turn a matrix of columns over n into n matrices."""
     out: Array = np.array(rows).transpose(2, 0, 1)
     return out

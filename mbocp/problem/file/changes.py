@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import plain
 from mbocp._keys import Table
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
 from mbocp.problem.document import UNSAID, Document
@@ -102,9 +102,9 @@ def _check_words(values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if name in _OBJECTS and not isinstance(value, _OBJECTS[name]):
             kind = _OBJECTS[name].__name__
-            raise ProblemError(f"{name}: got {shown(value)}, expected a table, or a {kind}")
+            raise ProblemError(f"{name}: got {show(value)}, expected a table, or a {kind}")
         if name in ("start", "integrator"):
-            raise ProblemError(f"{name}: got {shown(value)}, expected a table")
+            raise ProblemError(f"{name}: got {show(value)}, expected a table")
         if name not in known:
             words = dict.fromkeys([*_TABLES, *_LISTS, "steps", *known])
             raise ProblemError(f"{name}: a problem has no such field: {suggest(name, words, 40)}")

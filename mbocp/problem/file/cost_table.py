@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._keys import Table, merged
+from mbocp._keys import Table, merge_tables
 from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import Cost, further_terms, weights_by_key
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.file.target import read_target
 from mbocp.problem.goals.goal import Goal
@@ -27,11 +27,11 @@ from mbocp.terms.cost import Reader
 from mbocp.terms.tables import WeightsTable
 from mbocp.terms.written import AUTO
 
-CostTable = merged(
+CostTable = merge_tables(
     "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
 )
 
-PhaseCostTable = merged(
+PhaseCostTable = merge_tables(
     "PhaseCostTable", "Weights that differ in a phase.", (t.Keys for t in weights_by_key().values()), Table
 )
 
@@ -91,7 +91,7 @@ class _CostReader:
     def on_controls(self, written: Any, key: str) -> Any:
         if isinstance(written, float):
             return written  # one for all; errors name no control then
-        with located(key):
+        with locate(key):
             return control_from(self.robot, written, key)
 
     def on_velocities(self, written: Any, key: str) -> Array:
@@ -102,7 +102,7 @@ class _CostReader:
             T, _ = check_duration(self.horizon["duration"], self.horizon["duration_range"])
             ends = (self.q_start, self.v_start, goal.q, goal.q_active)
             return velocity_weight(self.robot, typical_force(self.robot, *ends, T), T)
-        with located(key):
+        with locate(key):
             return weights_from(self.robot, written, key)
 
     def targets(self, target: Any, target_file: str | None) -> tuple[Array, Array, BoolArray]:
@@ -157,7 +157,7 @@ def _target_rows(robot: Robot, written: Any, letter: str, base: Array) -> tuple[
         return base, np.zeros(robot.nv, dtype=np.bool_)
     is_trajectory = isinstance(written, list) and written and isinstance(written[0], list)
     rows, active = [], np.ones(robot.nv, dtype=np.bool_)
-    with located(key):
+    with locate(key):
         for row in written if is_trajectory else [written]:
             if letter == "q":
                 q, active = configuration_from(robot, row, base, key)
@@ -171,7 +171,7 @@ def _target_rows(robot: Robot, written: Any, letter: str, base: Array) -> tuple[
 def _weights(robot: Robot, table: WeightsTable | None, default: BoolArray, key: str) -> Array:
     if table is None:
         return np.asarray(default, dtype=np.float64)
-    with located(key):
+    with locate(key):
         if table.qp is not None:
             return np.array(table.qp)
         parts = [

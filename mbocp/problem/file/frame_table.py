@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from mbocp._keys import Key, Table
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms import FrameGoal
@@ -104,7 +104,7 @@ def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") ->
     found = []
     for table in tables:
         words = table.model_dump(exclude_none=True)
-        with located(key):
+        with locate(key):
             rates = {name: words.pop(name) for name in _FURTHER if name in words}
             found.append(FrameGoal(target=target_from_words(words), **rates))
     return tuple(found)

@@ -11,12 +11,12 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
-from mbocp.mechanisms.completion import assembled, assembled_velocity
+from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size, choice
 from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
 from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from
 from mbocp.problem.file.periodic_table import periodic_from, periodic_table
 from mbocp.problem.goals.drives import without_driven_velocities
@@ -140,12 +140,12 @@ def _nothing(robot: Robot) -> tuple[Array, BoolArray]:
 def _configuration(table: GoalMemberTable, robot: Robot, q_start: Array) -> tuple[Array, BoolArray]:
     if table.q is None:
         return np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
-    with located("goal.q"):
+    with locate("goal.q"):
         q, active = configuration_from(robot, table.q, q_start, "goal.q")
         q = np.array(robot.normalise(q, name="goal.q"))
         check_size("goal.q", q, robot.q_labels, MAX_POSITION)
         if table.assemble:
-            q = assembled(robot, q, active, assemble=True, base=q_start, key="goal.q")
+            q = close_loops(robot, q, active, assemble=True, base=q_start, key="goal.q")
     return q, active
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import is_file
 from mbocp._keys import Key, Table
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.named_values import configuration_from, control_from
@@ -58,7 +58,7 @@ def read_guess(guess_table: GuessTable, robot: Robot, said_q_start: Array, folde
     u = control_from(robot, table.u, "guess.u") if table.u is not None and kind == "control" else None
     path = folder / table.file if table.file is not None and kind == "solution" else None
     if path is not None and not is_file(path):
-        raise ProblemError(f"guess.file: no such file {shown(str(path))}")
+        raise ProblemError(f"guess.file: no such file {show(str(path))}")
     q = _corners(table.q, robot, q_start) if table.q is not None and kind == "way" else None
     at = table.at if kind == "solution" else None
     return Guess(kind=kind, u=u, path=path, q=q, at=at)  # type: ignore[arg-type]  # checked by the class

@@ -53,7 +53,7 @@ def rows() -> dict[str, Row]:
 
     Keys of tables within tables (`phase.limits`, `goal.any`) share that of the same declaration further out.
     """
-    named = [(*_parted(name), info, key) for name, info in all_keys() if (key := key_of(info)) is not None]
+    named = [(*_split(name), info, key) for name, info in all_keys() if (key := key_of(info)) is not None]
     homes: dict[tuple[str, Key], str] = {}
     for under, leaf, _, key in sorted(named, key=lambda one: one[0].count(".")):
         homes.setdefault((leaf, key), under)
@@ -70,7 +70,7 @@ def rows() -> dict[str, Row]:
     return found
 
 
-def updated(page: str) -> str:
+def update_page(page: str) -> str:
     """Return a page with its tables of keys as they are now."""
     described = [row for name, row in rows().items() if name == row.names[0]]
 
@@ -82,7 +82,7 @@ def updated(page: str) -> str:
     return _TABLE.sub(table, page)
 
 
-def _parted(name: str) -> tuple[str, str]:
+def _split(name: str) -> tuple[str, str]:
     """What a key is under, with the dot, and its last name."""
     under, dot, leaf = name.rpartition(".")
     return under + dot, leaf
@@ -91,4 +91,4 @@ def _parted(name: str) -> tuple[str, str]:
 if __name__ == "__main__":
     for argument in sys.argv[1:]:
         path = Path(argument)
-        path.write_text(updated(path.read_text(encoding="utf-8")), encoding="utf-8")
+        path.write_text(update_page(path.read_text(encoding="utf-8")), encoding="utf-8")

@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from mbocp._keys import Kind, OneOrSeveral
 from mbocp._numbers import finite_number, is_number
-from mbocp._text import shown
-from mbocp.terms.written import Named, Vector, range_of, sided, vector_or_named
+from mbocp._text import show
+from mbocp.terms.written import Named, Vector, range_of, read_side, read_vector
 
 Limit: TypeAlias = float | list[float]
 
 
-def _listed(value: Any) -> Any:
+def _as_list(value: Any) -> Any:
     """One table, or several."""
     return [value] if isinstance(value, Mapping) else value
 
@@ -24,10 +24,10 @@ def _rate(value: Any) -> Vector | Named | float:
         return 0.0
     if is_number(value):
         raise ValueError(
-            f"got {shown(value)}, expected 0 for rest, a list of as many numbers as mbocp robots NAME "
+            f"got {show(value)}, expected 0 for rest, a list of as many numbers as mbocp robots NAME "
             "counts for v, or a table by joint name such as { elbow_joint = 0.5 }"
         )
-    return vector_or_named(value)
+    return read_vector(value)
 
 
 def _rate_or_free(value: Any) -> Any:
@@ -35,7 +35,7 @@ def _rate_or_free(value: Any) -> Any:
     return value if value == "free" else _rate(value)
 
 
-def _released(value: Any) -> Any:
+def _releases(value: Any) -> Any:
     """Names of constraints, or tables with more."""
     entries = [value] if isinstance(value, (str, Mapping)) else value
     if not isinstance(entries, list):
@@ -44,7 +44,7 @@ def _released(value: Any) -> Any:
 
 
 def _limit(value: Any, where: str = "") -> Limit:
-    return range_of(value, where) if isinstance(value, list) else sided(value, where)
+    return range_of(value, where) if isinstance(value, list) else read_side(value, where)
 
 
 def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
@@ -53,10 +53,10 @@ def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
     if isinstance(value, list):
         return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
     if isinstance(value, Mapping):
-        return {name: _limit(entry, f" for {shown(name)}") for name, entry in value.items()}
+        return {name: _limit(entry, f" for {show(name)}") for name, entry in value.items()}
     if isinstance(value, str):
-        raise ValueError(f"got {shown(value)}, expected true, a number, a list or a table by name")
-    return sided(value)
+        raise ValueError(f"got {show(value)}, expected true, a number, a list or a table by name")
+    return read_side(value)
 
 
 def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
@@ -65,24 +65,22 @@ def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     if isinstance(value, list):
         return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
     if isinstance(value, Mapping):
-        return {name: range_of(entry, f" for {shown(name)}") for name, entry in value.items()}
-    raise ValueError(
-        f"got {shown(value)}, expected true, a list of [lower, upper] or a table of them by name"
-    )
+        return {name: range_of(entry, f" for {show(name)}") for name, entry in value.items()}
+    raise ValueError(f"got {show(value)}, expected true, a list of [lower, upper] or a table of them by name")
 
 
 def _duration(value: Any) -> float | dict[str, float] | None:
     if value is None:
         return None
     if isinstance(value, Mapping):
-        return {name: finite_number(entry, f" for {shown(name)}") for name, entry in value.items()}
+        return {name: finite_number(entry, f" for {show(name)}") for name, entry in value.items()}
     return finite_number(value)
 
 
 def _via_time(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {
-            name: entry if name == "phase" else finite_number(entry, f" for {shown(name)}")
+            name: entry if name == "phase" else finite_number(entry, f" for {show(name)}")
             for name, entry in value.items()
         }
     return value if value is None or isinstance(value, str) else finite_number(value)
@@ -92,7 +90,7 @@ def _free(value: Any) -> Any:
     if value is None or value is True or value in ("q", "v") or isinstance(value, Mapping):
         return value
     raise ValueError(
-        f'got {shown(value)}, expected true, "q", "v" or a table with q and v such as '
+        f'got {show(value)}, expected true, "q", "v" or a table with q and v such as '
         '{ v = true, q = ["elbow"] }'
     )
 
@@ -101,12 +99,12 @@ def _periodic(value: Any) -> Any:
     if value is None or value is True or isinstance(value, Mapping):
         return value
     raise ValueError(
-        f"got {shown(value)}, expected true, or a table with swap, mirror, combine, moved, except, impact"
+        f"got {show(value)}, expected true, or a table with swap, mirror, combine, moved, except, impact"
     )
 
 
-SEVERAL = OneOrSeveral("table, or several", _listed, None)
-RELEASED = OneOrSeveral("strings, or tables", _released, str)
+SEVERAL = OneOrSeveral("table, or several", _as_list, None)
+RELEASED = OneOrSeveral("strings, or tables", _releases, str)
 _Free = Literal[True] | list[str] | dict[str, Literal[True] | Vector]
 Rate = Annotated[Any, Kind("vector, or 0", _rate, Literal[0] | Vector | Named)]
 RateOrFree = Annotated[

@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.kinds import Limits, Ranges
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
@@ -65,16 +65,16 @@ def bounds_from(
     ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
         If a value does not fit the robot.
     """
-    with located(LIMITS["u"]):
+    with locate(LIMITS["u"]):
         u_lower, u_upper = _effort(robot, effort)
-    with located(LIMITS["v"]):
+    with locate(LIMITS["v"]):
         v_lower, v_upper = _velocity(robot, velocity)
-    with located(LIMITS["q"]):
+    with locate(LIMITS["q"]):
         q_lower, q_upper = _position(robot, position)
     sides: dict[str, Array] = {}
     for key, written in rates.items():
         term = RATE_TERMS[key]
-        with located(LIMITS[term.letter]):
+        with locate(LIMITS[term.letter]):
             lower, upper = _rate(robot, term, written)
         sides |= {f"{term.letter}_lower": lower, f"{term.letter}_upper": upper}
     return Bounds(

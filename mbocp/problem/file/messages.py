@@ -11,12 +11,12 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from mbocp._keys import tables_in
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
 
 @contextmanager
-def located(key: str) -> Iterator[None]:
+def locate(key: str) -> Iterator[None]:
     """Put the `key` in front of the message of every error from the block, unless it is there."""
     try:
         yield
@@ -50,7 +50,7 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     """Translate everything that pydantic complains about; the first complaint is the error's key."""
     # A misspelt key explains a missing one, so it comes first.
     items = sorted(error.errors(), key=lambda item: item["type"] == "missing")
-    found = [(_dotted(item["loc"]), _reason(model, item)) for item in items]
+    found = [(_join(item["loc"]), _reason(model, item)) for item in items]
     key, reason = found[0]
     rest = "".join(f"\n{path}: {other}: {what}" for other, what in found[1:])
     return ProblemFileError(path, reason + rest, key)
@@ -86,7 +86,7 @@ _LETTERS = {
 }
 
 
-def _dotted(loc: Sequence[str | int]) -> str:
+def _join(loc: Sequence[str | int]) -> str:
     return ".".join(str(part) for part in loc if part not in _HIDDEN)
 
 
@@ -101,7 +101,7 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
     expected = _EXPECTED.get(kind, item["msg"])
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
-    return f"got {shown(got, _MAX_VALUE_LENGTH)}, expected {expected}"
+    return f"got {show(got, _MAX_VALUE_LENGTH)}, expected {expected}"
 
 
 _EXPECTED = {

@@ -16,7 +16,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
@@ -116,7 +116,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
     rest = {name: [0.0] * sizes[name] for name, entry in written.items() if entry == 0 and name in sizes}
     for name, entry in _by_part(robot, {**written, **rest}, key, [slot.nv for slot in _slots(robot)]).items():
         where = _find(slots, name, robot)
-        numbers = _listed(entry)
+        numbers = _as_list(entry)
         if len(numbers) != where.stop - where.start:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), where.stop - where.start)
         value[where] = numbers
@@ -128,7 +128,7 @@ def rate_from(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
     """Return a velocity, momentum or acceleration, of which 0 says that all is zero; and what was written."""
     if isinstance(written, float):
         return np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
-    with located(key):
+    with locate(key):
         return tangent_from(robot, written, key)
 
 
@@ -166,7 +166,7 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
             raise ProblemError(
                 f"{key}: robot {robot.name!r} has no actuator {name!r}: {suggest(name, names)}"
             )
-        numbers = _listed(entry)
+        numbers = _as_list(entry)
         if len(numbers) != 1:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
         u[names.index(name)] = numbers[0]
@@ -185,7 +185,7 @@ def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) ->
             continue
         places = [i for i, slot in enumerate(_slots(robot)) if slot.name.startswith(part.prefix)]
         names = [slot.name for slot in _slots(robot) if slot.name.startswith(part.prefix)]
-        numbers = _listed(entry)
+        numbers = _as_list(entry)
         fitting = [counts for counts in sizes if sum(counts[i] for i in places) == len(numbers)]
         if not fitting:
             expected = sum(sizes[0][i] for i in places)
@@ -238,7 +238,7 @@ def _by_joint(
     if isinstance(written, Mapping):
         by_name = {slot.name: slot for slot in slots}
         for name, entry in written.items():
-            yield _find(by_name, name, robot), _listed(entry)
+            yield _find(by_name, name, robot), _as_list(entry)
         return
     sizes = [slot.nq for slot in slots]
     if len(written) != sum(sizes):
@@ -261,7 +261,7 @@ def _find(slots: Mapping[str, _T], name: str, robot: Robot) -> _T:
     return slots[name]
 
 
-def _listed(entry: float | Sequence[float]) -> Sequence[float]:
+def _as_list(entry: float | Sequence[float]) -> Sequence[float]:
     return [entry] if isinstance(entry, (int, float)) else entry
 
 

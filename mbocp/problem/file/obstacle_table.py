@@ -12,10 +12,10 @@ from pydantic import Field
 
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
@@ -137,7 +137,7 @@ def self_collision_from(
     srdf = None if self_collision_table.srdf is None else (folder or Path()) / self_collision_table.srdf
     for pair in self_collision_table.disabled:
         if len(pair) != 2:
-            raise ProblemError(f"self_collision.disabled: got {shown(pair)}, expected pairs of links")
+            raise ProblemError(f"self_collision.disabled: got {show(pair)}, expected pairs of links")
     pairs = tuple((pair[0], pair[1]) for pair in self_collision_table.disabled)
     return SelfCollision(self_collision_table.margin, pairs, srdf)
 
@@ -155,9 +155,9 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     sizes = _sizes(table, key) if table.shape in SHAPES else []
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
-    with located(key), located(f"obstacle {name!r}"):
+    with locate(key), locate(f"obstacle {name!r}"):
         hull, excess = _hull(table, folder)
-    with located(key):
+    with locate(key):
         return Obstacle(
             name=name,
             shape=table.shape,
@@ -216,5 +216,5 @@ def _hull(table: ObstacleTable, folder: Path) -> tuple[Hull | None, float]:
     assert table.file is not None
     scale = np.ones(3) if table.scale is None else np.asarray(table.scale, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not np.all(scale > 0.0):
-        raise InvalidValue("scale", shown(table.scale), "one number or three above 0 [m]")
+        raise InvalidValue("scale", show(table.scale), "one number or three above 0 [m]")
     return hull_of_file(folder / path_of(table.file), np.broadcast_to(scale, (3,)), table.hull)

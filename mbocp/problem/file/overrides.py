@@ -9,7 +9,7 @@ from typing import Any
 
 from mbocp._arrays import plain
 from mbocp._files import parse_toml
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, Unreadable
 
 # A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
@@ -60,11 +60,11 @@ def _parse_key(key: str, text: str) -> tuple[str, ...]:
     try:
         nested: Any = parse_toml(f"{key} = 0")
     except Unreadable as error:
-        raise _error(text, f"{shown(key)} is not a key such as horizon.steps") from error
+        raise _error(text, f"{show(key)} is not a key such as horizon.steps") from error
     path: list[str] = []
     while isinstance(nested, dict):
         if len(nested) != 1:
-            raise _error(text, f"{shown(key)} is not one key such as horizon.steps")
+            raise _error(text, f"{show(key)} is not one key such as horizon.steps")
         ((name, nested),) = nested.items()
         path.append(name)
     return tuple(path)
@@ -79,7 +79,7 @@ def _parse_value(value: str, text: str) -> Any:
         if type(error.__cause__).__name__ != "TOMLDecodeError":  # it is TOML, but too long or too deep
             raise _error(text, error.reason) from error
         allowed = 'a number, [a, list], true, or a "string"'
-        raise _error(text, f"{shown(value)} is not a TOML value ({allowed})") from error
+        raise _error(text, f"{show(value)} is not a TOML value ({allowed})") from error
     if set(parsed) != {"value"}:
         raise _error(text, "one key at a time; repeat --set for more")
     return parsed["value"]
@@ -94,7 +94,7 @@ def _put(document: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
             below = table[name] = {short: below}
         if not (isinstance(below, dict) or _has_entry(below, path[depth])):
             here = ".".join(path[:depth])
-            reason = f"{here} is {shown(below)}, which has no keys below it; set {here} as a whole"
+            reason = f"{here} is {show(below)}, which has no keys below it; set {here} as a whole"
             raise _error(".".join(path), reason)
         table = below
     table[_place(table, path[-1]) if isinstance(table, list) else path[-1]] = value
@@ -115,4 +115,4 @@ def _names(entries: list[Any]) -> list[Any]:
 
 
 def _error(text: str, reason: str) -> ProblemFileError:
-    return ProblemFileError("--set", f"{reason}; got {shown(text)}")
+    return ProblemFileError("--set", f"{reason}; got {show(text)}")

@@ -10,12 +10,12 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import path_of
-from mbocp._keys import Key, Table, merged
+from mbocp._keys import Key, Table, merge_tables
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.points_file import read_points
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.path import PathConstraint
@@ -45,7 +45,7 @@ class PathHead(Table):
     ] = None
 
 
-PathTable = merged(
+PathTable = merge_tables(
     "PathTable",
     "One constraint on a frame or a force that holds along the motion: the keys of all kinds.",
     (*PATH_KEYS.values(), SpanKeys),
@@ -65,7 +65,7 @@ def path_from(
     """
     found = []
     for i, table in enumerate(tables):
-        with located(f"path.{i}"):
+        with locate(f"path.{i}"):
             found.append(_constraint(robot, table, f"path.{i}", q_start, goal, folder))
     return tuple(found)
 
@@ -97,9 +97,7 @@ def _constraint(
     term = PATH_TERMS[kind]
     frame = robot.frame_id(table.frame)
     start = robot.frame_placement(table.frame, q_start)
-    values = term.read(
-        term.completed(given, start, _goal_position(robot, table.frame, goal), key), robot, key
-    )
+    values = term.read(term.complete(given, start, _goal_position(robot, table.frame, goal), key), robot, key)
     known = PathConstraint.__dataclass_fields__
     return PathConstraint(
         name=table.name or f"{kind} of {table.frame}",

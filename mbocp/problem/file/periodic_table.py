@@ -9,9 +9,9 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._numbers import is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemError
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import tangent_slots
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.periodic import Periodic
@@ -68,20 +68,20 @@ def _which(robot: Robot, written: Any, key: str) -> tuple[BoolArray, Array, Arra
         written = dict.fromkeys(written, True)
     if not isinstance(written, Mapping):
         raise ProblemError(
-            f"{key}: got {shown(written)}, expected true, a list of joints, or a table with true or "
+            f"{key}: got {show(written)}, expected true, a list of joints, or a table with true or "
             "[lower, upper] for each"
         )
     slots = tangent_slots(robot)
     for name, entry in written.items():
         if name not in slots:
-            with located(key):
+            with locate(key):
                 raise robot.unknown_joint(str(name), slots)
         free[slots[name]] = True
         if entry is True:
             continue
         pair = entry if isinstance(entry, list) else []
         if len(pair) != 2 or not all(is_number(side) for side in pair) or not pair[0] < pair[1]:
-            raise ProblemError(f"{key}.{name}: got {shown(entry)}, expected true, or [lower, upper]")
+            raise ProblemError(f"{key}.{name}: got {show(entry)}, expected true, or [lower, upper]")
         lower[slots[name]], upper[slots[name]] = float(pair[0]), float(pair[1])
     return free, lower, upper
 
@@ -101,21 +101,21 @@ def periodic_from(written: Any) -> Periodic | None:
     swap, moved = table.get("swap", []), table.get("moved", {})
     if not (isinstance(swap, list) and all(_are_names(pair) and len(pair) == 2 for pair in swap)):
         raise ProblemError(
-            f'{key}.swap: got {shown(swap)}, expected pairs of joints such as [["left", "right"]]'
+            f'{key}.swap: got {show(swap)}, expected pairs of joints such as [["left", "right"]]'
         )
     for word in ("mirror", "except"):
         if not _are_names(table.get(word, [])):
-            raise ProblemError(f"{key}.{word}: got {shown(table[word])}, expected a list of joints")
+            raise ProblemError(f"{key}.{word}: got {show(table[word])}, expected a list of joints")
     if not isinstance(moved, Mapping):
-        raise ProblemError(f"{key}.moved: got {shown(moved)}, expected a table such as {{ x = 0.5 }}")
+        raise ProblemError(f"{key}.moved: got {show(moved)}, expected a table such as {{ x = 0.5 }}")
     combine, impact = table.get("combine", {}), table.get("impact", "")
     if not (isinstance(combine, Mapping) and all(isinstance(sums, Mapping) for sums in combine.values())):
         raise ProblemError(
-            f"{key}.combine: got {shown(combine)}, expected a table for each joint such as "
+            f"{key}.combine: got {show(combine)}, expected a table for each joint such as "
             "{ leg = { leg = 1, hip = 1 } }"
         )
     if not isinstance(impact, str):
-        raise ProblemError(f"{key}.impact: got {shown(impact)}, expected the name of a frame")
+        raise ProblemError(f"{key}.impact: got {show(impact)}, expected the name of a frame")
     return Periodic(
         swap=tuple((a, b) for a, b in swap),
         mirror=table.get("mirror", ()),

@@ -78,7 +78,7 @@ def horizon_from(table: HorizonTable, phases: Sequence[Phase]) -> Horizon:
         If a key is missing, and there are no phases to say it.
     """
     own = horizon_of(phases) if phases else None
-    table = _completed(table, has_phases=bool(phases))
+    table = _complete(table, has_phases=bool(phases))
     missing = [key for key in ("duration", "steps") if getattr(table, key) is None]
     if own is None and missing:
         key = "horizon" if len(missing) == 2 else f"horizon.{missing[0]}"
@@ -94,7 +94,7 @@ def horizon_from(table: HorizonTable, phases: Sequence[Phase]) -> Horizon:
     return Horizon(steps, fields["duration"], fields["duration_range"])
 
 
-def _completed(table: HorizonTable, *, has_phases: bool) -> HorizonTable:
+def _complete(table: HorizonTable, *, has_phases: bool) -> HorizonTable:
     """The table with the number of steps, and the duration, that other keys say."""
     says = [key for key in ("steps", "accuracy", "lengths") if getattr(table, key) is not None]
     if len(says) > 1:

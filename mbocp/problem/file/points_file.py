@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, read_bytes, read_text
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemError, Unreadable
 
 _MAX_BYTES = 16 * MEGABYTE
@@ -34,7 +34,7 @@ def read_points(path: Path, key: str) -> dict[str, Any]:
         If there is no such file, or it holds no table of three or seven columns.
     """
     if not is_file(path):
-        raise ProblemError(f"{key}: no such file {shown(str(path))}")
+        raise ProblemError(f"{key}: no such file {show(str(path))}")
     try:
         table = _array(path) if path.suffix.lower() == ".npy" else _table(path)
     except Unreadable as error:

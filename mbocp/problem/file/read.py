@@ -19,7 +19,7 @@ from mbocp.problem.file.goal_table import read_goals
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
 from mbocp.problem.file.limits_table import LimitsTable, bounds_from
-from mbocp.problem.file.messages import located, schema_error
+from mbocp.problem.file.messages import locate, schema_error
 from mbocp.problem.file.obstacle_table import (
     obstacles_from,
     self_collision_from,
@@ -70,7 +70,7 @@ def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
 
 def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
     """Load the robot that a problem names."""
-    with located("robot"):
+    with locate("robot"):
         return load_keys(keys, folder)
 
 

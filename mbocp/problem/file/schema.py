@@ -17,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import Field, create_model
 
 from mbocp._keys import Key, Kind, Table, json_schema_of
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.integrators import CONTROLS
 from mbocp.problem._checks import choice, whole
 from mbocp.problem.coordinates import COORDINATES
@@ -43,7 +43,7 @@ def _named_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {SHORT["robot"]: value}
     if not isinstance(value, Mapping):
-        raise ValueError(f"got {shown(value)}, expected a name, a path or a table with the key name")
+        raise ValueError(f"got {show(value)}, expected a name, a path or a table with the key name")
     return value
 
 

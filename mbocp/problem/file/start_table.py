@@ -10,12 +10,12 @@ from pydantic import Field
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.exceptions import ProblemError
-from mbocp.mechanisms.completion import assembled, assembled_velocity
+from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import FramePoseTable, frames_from
 from mbocp.problem.file.kinds import SEVERAL, Free, Rate
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, rate_from
 from mbocp.problem.file.periodic_table import free_from, free_table
 from mbocp.problem.goals.frames import start_at
@@ -85,12 +85,12 @@ def _start_state(table: StartTable, robot: Robot) -> tuple[Array, Array]:
 def _start_configuration(table: StartTable, robot: Robot) -> Array:
     q, written = np.array(robot.q0), np.zeros(robot.nv, dtype=np.bool_)
     if table.q is not None:
-        with located("start.q"):
+        with locate("start.q"):
             q, written = configuration_from(robot, table.q, robot.q0, "start.q")
             q = np.array(robot.normalise(q, name="start.q"))
             check_size("start.q", q, robot.q_labels, MAX_POSITION)
             if not table.frame:
-                q = assembled(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
+                q = close_loops(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
     if not table.frame:
         return q
     targets = [goal.target for goal in frames_from(table.frame, key="start.frame")]

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, read_text
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
 from mbocp.robot import Robot
 from mbocp.storage.reading import read_image
@@ -44,7 +44,7 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
     target_p : ndarray, shape (N, nv)
     """
     if not is_file(path):
-        raise ProblemError(f"{_KEY}: no such file {shown(str(path))}")
+        raise ProblemError(f"{_KEY}: no such file {show(str(path))}")
     motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
     _check(motion, robot, path, duration)
     times = np.arange(1, num_steps + 1) * (duration / num_steps)

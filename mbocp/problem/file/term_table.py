@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from mbocp._arrays import frozen_array
-from mbocp._keys import Key, Table, merged
+from mbocp._keys import Key, Table, merge_tables
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning, choice
@@ -49,7 +49,7 @@ class TermHead(Table):
     parameters: dict[str, VectorOrNumber] = Field(default_factory=dict)
 
 
-TermTable = merged(
+TermTable = merge_tables(
     "TermTable",
     "What the text of a problem says of a term of one's own, whose function it does not hold.",
     (SpanKeys,),

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem.file.frame_table import frame_tables, frames_from
-from mbocp.problem.file.messages import located
+from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import time_from, written_time
@@ -41,15 +41,15 @@ def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoin
     q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
     value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
     if table.q is not None:
-        with located(f"{key}.q"):
+        with locate(f"{key}.q"):
             q, q_active = configuration_from(robot, table.q, q_start, f"{key}.q")
             q = robot.normalise(q, name=f"{key}.q")
     if isinstance(table.v, float):  # 0 for all
         rate_active = np.ones(robot.nv, dtype=np.bool_)
     elif table.v is not None:
-        with located(f"{key}.v"):
+        with locate(f"{key}.v"):
             value, rate_active = tangent_from(robot, table.v, f"{key}.v")
-    with located(key):
+    with locate(key):
         goal = Goal(
             q=q,
             q_active=q_active,

@@ -124,7 +124,7 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
 
 def _near(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | None:
     """What a short search from the start finds, if the mechanism gets there: as a rule it does."""
-    targets, start, fixed = _asked(robot, goal, q_start)
+    targets, start, fixed = _search_for(robot, goal, q_start)
     branches, restarts = (1, 0) if robot.nc else (_NEAR_BRANCHES, _affordable(_NEAR_RESTARTS, robot.nv))
     within = _limit_choices(limits)[0]
     found = robot.inverse_kinematics(
@@ -152,7 +152,7 @@ def goal_branches(
 
     Within the position limits of the problem; where it has none, within the robot's if that is possible.
     """
-    targets, start, fixed = _asked(robot, goal, q_start)
+    targets, start, fixed = _search_for(robot, goal, q_start)
     found: InverseKinematics | None = None
     for choice in _limit_choices(limits):
         for seed, (branches, tries) in enumerate(((most, restarts), (1, _many(robot)))):
@@ -181,7 +181,7 @@ def _affordable(restarts: int, nv: int) -> int:
     return max(_MIN_RESTARTS, round(restarts * min(1.0, (_ORDINARY_NV / max(nv, 1)) ** 2)))
 
 
-def _asked(robot: Robot, goal: Goal, q_start: Array) -> tuple[list[FrameTarget], Array, list[str]]:
+def _search_for(robot: Robot, goal: Goal, q_start: Array) -> tuple[list[FrameTarget], Array, list[str]]:
     """Targets, where the search for them begins, and the joints that the goal gives."""
     start, fixed = np.array(q_start), []
     for joint in robot.joint_names:

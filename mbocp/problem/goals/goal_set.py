@@ -23,7 +23,7 @@ def of_member(place: int) -> Iterator[None]:
     try:
         yield
     except MbocpError as error:
-        error.args = (_named(place, str(error)),)
+        error.args = (_name(place, str(error)),)
         raise
 
 
@@ -75,7 +75,7 @@ def reachable_members(goals: Sequence[Goal], resolve: Callable[[Goal], P]) -> tu
                     raise  # a via point
                 refused.append(error)
                 told[f"{error}; this goal is left out"] = ProblemWarning
-        told |= {_named(place, str(entry.message)): entry.category for entry in caught}
+        told |= {_name(place, str(entry.message)): entry.category for entry in caught}
     if not found:
         raise UnreachableGoal(
             f"goal.any: all {len(goals)} goals are out of reach; {'; '.join(map(str, refused))}"
@@ -85,5 +85,5 @@ def reachable_members(goals: Sequence[Goal], resolve: Callable[[Goal], P]) -> tu
     return tuple(found)
 
 
-def _named(place: int, message: str) -> str:
+def _name(place: int, message: str) -> str:
     return message.replace("goal", f"goal.any.{place}", 1) if message.startswith("goal") else message

@@ -170,7 +170,7 @@ class _Search:
             self._joints = self.clearance.joint_placements(self.qs[self._looked_at])
         others = np.flatnonzero(self.bounds[:, k] < most)
         here, there = np.searchsorted(self._looked_at, n), np.searchsorted(self._looked_at, others)
-        moved = shapes.moved(k, self._joints[here], self._joints[there])
+        moved = shapes.displacements(k, self._joints[here], self._joints[there])
         least = distance - moved - np.minimum(moved, _ITERATED)
         least = np.where(least > 0.0, least - self.margins[k], -np.inf)
         self.bounds[others, k] = np.maximum(self.bounds[others, k], least)

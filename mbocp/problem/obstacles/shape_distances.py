@@ -61,7 +61,7 @@ class ShapeDistances:
         found = (pin.computeDistance(self._geometry, self._placed, k).min_distance for k in numbers)
         return float(min(found, default=np.inf))
 
-    def moved(self, pair: int, here: Array, others: Array) -> Array:
+    def displacements(self, pair: int, here: Array, others: Array) -> Array:
         """By how much the shapes of a pair may have come nearer to each other in other poses, shape (n,) [m].
 
         Nothing on a link moves farther than the middle of a ball around it does, and by turning what is

@@ -67,7 +67,7 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
     is_given = problem.start_free is None and goal.is_exact and goal.periodic is None
     if changes or not is_given or robot.nu >= robot.nv:
         return
-    kept = list(_kept(problem))
+    kept = list(_symmetries(problem))
     asked = [one for one in kept if _asks_for_rest(problem, one)]
     scale = _scale(problem)
     for one in asked:
@@ -77,7 +77,7 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
                 "stays, and the goal has it at rest"
             )
             yield Cause("momentum", one.symmetry.name, line, True, 1.0 + abs(one.momentum) / scale)
-    yield from _misplaced(problem, kept)
+    yield from _centres_elsewhere(problem, kept)
     still = [one for one in asked if abs(one.momentum) <= _ZERO * scale]
     for beginning in dict.fromkeys(one.nothing_moves(robot) for one in still):
         yield _asked_twice(problem, [one for one in still if one.nothing_moves(robot) == beginning])
@@ -89,7 +89,7 @@ def _asked_twice(problem: Problem, still: Sequence[_Kept]) -> Cause:
     moved = np.max([np.abs(one.symmetry.generator(_poses(problem))).max(axis=0) for one in still], axis=0)
     driven = np.abs(robot.actuation_matrix(problem.q_start)).max(axis=1) > 0.0
     passive = (moved > _ZERO * moved.max()) & ~driven
-    axes, moved_names = _listed([one.words for one in still]), _listed(_names(robot, passive))
+    axes, moved_names = _join([one.words for one in still]), _join(_names(robot, passive))
     line = (
         f"{still[0].nothing_moves(robot)} {axes}: its momentum stays zero there, so that rest at the end "
         f"holds by itself, and a goal.{rate} that asks for it makes the equations singular; leave "
@@ -110,7 +110,7 @@ def _names(robot: Robot, moved: BoolArray) -> list[str]:
     return names
 
 
-def _misplaced(problem: Problem, kept: Sequence[_Kept]) -> Iterator[Cause]:
+def _centres_elsewhere(problem: Problem, kept: Sequence[_Kept]) -> Iterator[Cause]:
     """Centres of mass that are elsewhere at the goal than their momentum takes them.
 
     Those of robots whose base flies are told of otherwise, see `mbocp.problem.reasons.causes`.
@@ -135,7 +135,7 @@ def _misplaced(problem: Problem, kept: Sequence[_Kept]) -> Iterator[Cause]:
             yield Cause("momentum", one.symmetry.name, line, True, 1.0 + missed)
 
 
-def _kept(problem: Problem) -> Iterator[_Kept]:
+def _symmetries(problem: Problem) -> Iterator[_Kept]:
     """Symmetries along which nothing acts."""
     robot, qs = problem.robot, _poses(problem)
     losses = np.zeros(robot.nv, dtype=np.bool_)
@@ -187,5 +187,5 @@ def _poses(problem: Problem) -> Array:
     return np.array([problem.q_start, problem.goal.q, *others])
 
 
-def _listed(words: Sequence[str]) -> str:
+def _join(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -11,7 +11,7 @@ from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError, sugg
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.held import HeldFrame, held_jacobians
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
-from mbocp.mechanisms.held import independent_rows_held, is_moved
+from mbocp.mechanisms.held import find_independent_rows, is_moved
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.hold import Hold, Release, Schedule, Spans, holds_in
 from mbocp.problem.timeline.switches import Begin, SwitchTable, rows_of_frames
@@ -34,7 +34,7 @@ def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[
         If what acts from the start does not fit it.
     """
     holds, releases, impacts = schedule
-    held = tuple(hold.held(robot) for hold in holds)
+    held = tuple(hold.as_frame(robot) for hold in holds)
     own, wanted = _own_rows(robot, releases, num_steps), _wanted_rows(holds, held, num_steps)
     q = start[0]
     _check_holds_something(robot, holds, held, q)
@@ -42,7 +42,7 @@ def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[
     for step in range(num_steps):
         key = own[step].tobytes() + b"|" + wanted[step].tobytes()
         if key not in known:
-            known[key] = independent_rows_held(robot, q, held, own[step], wanted[step])
+            known[key] = find_independent_rows(robot, q, held, own[step], wanted[step])
         rows[step] = known[key]
     is_impact = np.zeros(num_steps, dtype=np.bool_)
     is_impact[list(impacts)] = True

@@ -41,7 +41,7 @@ class Compared(NamedTuple):
     velocities: Array
 
 
-def compared(
+def compare_ends(
     table: SwitchTable, free: FreeStart | None, periodic: Periodic, ends: tuple[Array, Array]
 ) -> Compared:
     """Return the directions that a cycle compares.

@@ -98,7 +98,7 @@ def phases_between(
     shortest = [least_time(count, timed, bounds[0]) for count in steps]
     _check_bounds(stops, shortest)
     _check_guesses(stops)
-    times = _guessed(stops, shortest, [_ROOM * count * bounds[0] / timed for count in steps])
+    times = _guess(stops, shortest, [_ROOM * count * bounds[0] / timed for count in steps])
     return tuple(
         Phase(steps=count, duration=after - before, duration_range=(least, math.inf), first=first, last=last)
         for (first, last), count, least, (before, after) in zip(
@@ -132,7 +132,7 @@ def _check_guesses(stops: Sequence[TimedNode]) -> None:
             )
 
 
-def _guessed(stops: Sequence[TimedNode], shortest: Sequence[float], wanted: Sequence[float]) -> list[float]:
+def _guess(stops: Sequence[TimedNode], shortest: Sequence[float], wanted: Sequence[float]) -> list[float]:
     """Return times that rise, within the bounds, near the guesses; with room for steps where there is any."""
     for room in (wanted, shortest):
         lower, upper, least = [], [stops[-1].guess], 0.0

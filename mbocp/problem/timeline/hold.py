@@ -24,7 +24,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics.held import HeldFrame
 from mbocp.problem._checks import check_choice
@@ -90,7 +90,7 @@ class Hold:
         """Names of the fields that its kind has beside its frames."""
         return HOLDS[self.kind].hold_keys or ()
 
-    def held(self, robot: Robot) -> HeldFrame:
+    def as_frame(self, robot: Robot) -> HeldFrame:
         """What its equations are written of."""
         return HeldFrame(self.constraint(robot), self.is_anchored)
 
@@ -109,7 +109,7 @@ class Hold:
             raise ProblemError(f"hold {self.name!r}: holds frame {self.frame!r} at itself; give another `to`")
         frames = (self.frame, self.to)
         given = {key: getattr(self, key) for key in self.keys}
-        return HOLDS[self.kind].held(self.name, (a, b), frames, given)
+        return HOLDS[self.kind].for_hold(self.name, (a, b), frames, given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
         first, last = (int(step) for step in span)
         if not before < first < last:
             expected = "steps [first, last) that rise, with steps between one span and the next"
-            raise InvalidValue(f"{key}: spans", shown(list(spans)), expected)
+            raise InvalidValue(f"{key}: spans", show(list(spans)), expected)
         found.append((first, last))
         before = last
     return tuple(found)

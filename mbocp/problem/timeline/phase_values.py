@@ -47,7 +47,7 @@ def fitted_phases(robot: Robot, phases: Sequence[Phase], limits: Bounds, cost: C
     found = []
     for phase in phases:
         with in_phase(phase.name):
-            own = replace(phase, limits=phase.limits.completed(robot))
+            own = replace(phase, limits=phase.limits.complete(robot))
             check_rates(robot, own.limits)
             weighed = cost.with_weights(own.weights).on_controls(robot.nu)
             weighed.check_controls(
@@ -134,7 +134,7 @@ def limits_along(limits: Bounds, phases: Sequence[Phase]) -> Mapping[str, tuple[
 def heaviest_cost(cost: Cost, phases: Sequence[Phase], robot: Robot) -> Cost:
     """Return the cost with those weights of all phases that are largest, component by component."""
     rows = _weights_of_phases(cost, phases, robot)
-    return cost.with_weights({key: _shaped(key, _heaviest(values)) for key, values in rows.items()})
+    return cost.with_weights({key: _shape(key, _heaviest(values)) for key, values in rows.items()})
 
 
 def weight_shares(cost: Cost, phases: Sequence[Phase], robot: Robot) -> dict[str, Array]:
@@ -163,5 +163,5 @@ def _heaviest(rows: Array) -> Array:
     return found
 
 
-def _shaped(key: str, weights: Array) -> Array | float:
+def _shape(key: str, weights: Array) -> Array | float:
     return float(weights[0]) if key == "potential" else weights

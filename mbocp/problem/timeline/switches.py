@@ -112,15 +112,15 @@ class SwitchTable:
         """
         if of_rates:
             return self.in_step(q, len(self.rows) - 1)
-        return self._tied(q, self.last_timed)
+        return self._tie_rows(q, self.last_timed)
 
-    def _tied(self, q: Array, step: int) -> Array:
+    def _tie_rows(self, q: Array, step: int) -> Array:
         """Derivatives of what ties the configuration after a step, the start being given, shape (any, nv)."""
         at = np.where(self.rows[step], self.anchors[step], -1)
         found = [self.derivatives(q, self.own[step], self.rows[step] & ((at <= 0) | self.coincides))]
         for anchor in np.unique(at[(at > 0) & ~self.coincides]):
             mine = self.derivatives(q, np.zeros_like(self.own[step]), (at == anchor) & ~self.coincides)
-            before = self._tied(q, anchor - 1)
+            before = self._tie_rows(q, anchor - 1)
             # combinations of these rows that those which tie the place do not let move there
             loose = null_space(before, RANK_TOLERANCE)
             found.append(null_space((mine @ loose).T, RANK_TOLERANCE).T @ mine)

@@ -235,7 +235,7 @@ def timeline_of(
     impacts = switches.schedule.impacts if switches is not None else ()
     times = {**{phase.last: ANY_TIME for phase in phases}, horizon.steps: bounds_of_sum}
     if not phases[0].name:
-        phases, times = _divided(phases, conditions, horizon, impacts)
+        phases, times = _divide(phases, conditions, horizon, impacts)
     by_node: dict[int, list[Condition]] = {node: [] for node in (*impacts, *times)}
     for one in conditions:
         by_node.setdefault(one.node, []).append(one)
@@ -248,7 +248,7 @@ def timeline_of(
     )
 
 
-def _divided(
+def _divide(
     phases: Sequence[Phase], conditions: Sequence[Condition], horizon: Horizon, impacts: Sequence[int]
 ) -> tuple[Sequence[Phase], dict[int, tuple[float, float]]]:
     """Divide the only phase at via points of free times; return bounds of times by node, too [s]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mbocp._numbers import is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_number, check_positive
 
@@ -31,12 +31,12 @@ def check_duration(duration: Any, bounds: Any, key: str = _KEY) -> tuple[float, 
         If one is not positive, too small or too large, or they are not in order.
     """
     if bounds is None:
-        return _checked(key, duration), None
-    lower, upper = (_checked(f"{key}.{word}", side) for word, side in zip(_BOUNDS, bounds, strict=False))
+        return _check_time(key, duration), None
+    lower, upper = (_check_time(f"{key}.{word}", side) for word, side in zip(_BOUNDS, bounds, strict=False))
     if not lower < upper <= _WIDEST * lower:
         expected = f"more than min ({lower:g} s), and at most {_WIDEST:g} times as much"
         raise InvalidValue(f"{key}.max", upper, expected)
-    value = _checked(f"{key}.guess", duration)
+    value = _check_time(f"{key}.guess", duration)
     if not lower <= value <= upper:
         raise InvalidValue(
             f"{key}.guess", value, f"a duration between min and max, {lower:g} and {upper:g} s"
@@ -44,7 +44,7 @@ def check_duration(duration: Any, bounds: Any, key: str = _KEY) -> tuple[float, 
     return value, (lower, upper)
 
 
-def _checked(key: str, value: Any) -> float:
+def _check_time(key: str, value: Any) -> float:
     seconds = check_positive(key, value, "s")
     if not _SMALLEST <= seconds <= _LARGEST:
         expected = f"a positive number [s] of at least {_SMALLEST:g} and of at most {_LARGEST:g}"
@@ -110,14 +110,14 @@ class FreeTime:
         InvalidValue
         """
         if not (is_number(self.earliest) and 0.0 <= self.earliest < math.inf):
-            raise InvalidValue(f"{key}: time.min", shown(self.earliest), "a time from the start on [s]")
+            raise InvalidValue(f"{key}: time.min", show(self.earliest), "a time from the start on [s]")
         if not (is_number(self.latest) and self.latest >= self.earliest and self.latest > 0.0):
             expected = f"a time not before min = {self.earliest:g} [s], and after the start"
-            raise InvalidValue(f"{key}: time.max", shown(self.latest), expected)
+            raise InvalidValue(f"{key}: time.max", show(self.latest), expected)
         if self.guess is None:
             return
         if not (is_number(self.guess) and 0.0 < self.guess < math.inf):
-            raise InvalidValue(f"{key}: time.guess", shown(self.guess), "a time after the start [s]")
+            raise InvalidValue(f"{key}: time.guess", show(self.guess), "a time after the start [s]")
         if not self.earliest <= self.guess <= self.latest:
             expected = f"a time between min and max, {self.earliest:g} and {self.latest:g} s"
             raise InvalidValue(f"{key}: time.guess", self.guess, expected)
@@ -147,7 +147,7 @@ class InPhase:
         """
         if not (is_number(self.share) and 0.0 <= self.share <= 1.0):
             expected = "a part of the phase, 0 <= share <= 1"
-            raise InvalidValue(f"{key}: time.share", shown(self.share), expected)
+            raise InvalidValue(f"{key}: time.share", show(self.share), expected)
 
 
 def time_from(written: Any, key: str) -> float | FreeTime | InPhase | None:
@@ -164,7 +164,7 @@ def time_from(written: Any, key: str) -> float | FreeTime | InPhase | None:
         return FreeTime() if written == FREE else InPhase(written)
     if not isinstance(written, Mapping):
         raise ProblemError(
-            f'{key}.time: got {shown(written)}, expected a number of seconds, "{FREE}", the name of a phase, '
+            f'{key}.time: got {show(written)}, expected a number of seconds, "{FREE}", the name of a phase, '
             "or a table with min, max and, if you like, guess"
         )
     return _part_from(written, key) if "phase" in written else _free_from(written, key)
@@ -172,7 +172,7 @@ def time_from(written: Any, key: str) -> float | FreeTime | InPhase | None:
 
 def _part_from(written: Mapping[str, Any], key: str) -> InPhase:
     if set(written) - {"phase", "share"} or not isinstance(written["phase"], str):
-        raise ProblemError(f"{key}.time: got {shown(written)}, expected {{ phase = name, share = number }}")
+        raise ProblemError(f"{key}.time: got {show(written)}, expected {{ phase = name, share = number }}")
     return InPhase(written["phase"], written.get("share", 1.0))
 
 

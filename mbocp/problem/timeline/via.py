@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._linear import independent_rows
 from mbocp._numbers import is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.lie import ConfigurationSpace
@@ -269,7 +269,7 @@ def _check_goal(key: str, goal: Goal) -> None:
 
 def _check_between(key: str, value: float | None, largest: float, expected: str) -> None:
     if value is not None and not (is_number(value) and 0.0 < value < largest):
-        raise InvalidValue(key, shown(value), expected)
+        raise InvalidValue(key, show(value), expected)
 
 
 def _labels_of_pose(frame: FrameGoal) -> list[Label]:

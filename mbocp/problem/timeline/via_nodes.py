@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import ProblemWarning
@@ -130,7 +130,7 @@ class _Steps:
     def _check_name(self, name: str, key: str) -> None:
         if not self.phases:
             raise ProblemError(
-                f'{key}: time: got {shown(name)}, expected a number of seconds, "free", or a '
+                f'{key}: time: got {show(name)}, expected a number of seconds, "free", or a '
                 "table with min, max and, if you like, guess; or the name of a phase, where there are some"
             )
         if name not in self.phases:
@@ -188,7 +188,7 @@ def via_order(via: Sequence[ViaPoint], nodes: Sequence[int | None]) -> list[int]
     return list(range(len(via)))
 
 
-def placed(
+def place_via_points(
     robot: Robot,
     via: Sequence[ViaPoint],
     nodes: Sequence[int | None],

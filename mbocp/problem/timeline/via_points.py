@@ -20,7 +20,7 @@ from mbocp.problem.limits import Bounds, check_end_limits
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import Horizon
 from mbocp.problem.timeline.via import ViaConstraint, ViaPoint
-from mbocp.problem.timeline.via_nodes import placed, via_nodes, via_order
+from mbocp.problem.timeline.via_nodes import place_via_points, via_nodes, via_order
 from mbocp.problem.warn import warn_singular
 from mbocp.robot import Robot
 
@@ -56,7 +56,7 @@ def placed_via(
     if not via:
         return ()
     q_end = goal.q if goal.says_where else via[-1].goal.q
-    at = placed(robot, via, nodes, q_start, q_end, num_steps)
+    at = place_via_points(robot, via, nodes, q_start, q_end, num_steps)
     return _via_constraints(robot, via, at, num_steps)
 
 
@@ -77,8 +77,8 @@ def _resolved_points(
     for point in via:
         if names.count(point.name) > 1:
             raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
-        with _named(point.name):
-            there = _resolved(robot, point, q, limits)
+        with _name_errors(point.name):
+            there = _resolve(robot, point, q, limits)
         found.append(there)
         q = there.goal.q
     return tuple(found)
@@ -107,7 +107,7 @@ def _via_constraints(
     return tuple(found)
 
 
-def _resolved(robot: Robot, point: ViaPoint, q_before: Array, limits: Bounds) -> ViaPoint:
+def _resolve(robot: Robot, point: ViaPoint, q_before: Array, limits: Bounds) -> ViaPoint:
     goal = point.goal
     goal.check_dimensions(robot.nq, robot.nv)
     base = np.array(q_before)
@@ -118,7 +118,7 @@ def _resolved(robot: Robot, point: ViaPoint, q_before: Array, limits: Bounds) ->
     check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
     check_size("goal.v", goal.value, robot.v_labels, MAX_RATE)
     check_frames(robot, goal)
-    goal = without_driven_velocities(robot, _posed(robot, point, goal, q_before, limits))
+    goal = without_driven_velocities(robot, _pose(robot, point, goal, q_before, limits))
     goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_before))
     check_goal_rate(robot, goal)
     check_driven_rate(robot, goal)
@@ -126,7 +126,7 @@ def _resolved(robot: Robot, point: ViaPoint, q_before: Array, limits: Bounds) ->
     return replace(point, goal=goal)
 
 
-def _posed(robot: Robot, point: ViaPoint, goal: Goal, q_before: Array, limits: Bounds) -> Goal:
+def _pose(robot: Robot, point: ViaPoint, goal: Goal, q_before: Array, limits: Bounds) -> Goal:
     """With a configuration at the poses of the frames, or within their tolerances."""
     try:
         return with_configuration(robot, goal, q_before, limits)
@@ -151,7 +151,7 @@ def _is_within(robot: Robot, point: ViaPoint, goal: Goal) -> bool:
 
 
 @contextmanager
-def _named(name: str) -> Iterator[None]:
+def _name_errors(name: str) -> Iterator[None]:
     """Name the via point in every error from the block, whose words are those of a goal."""
     try:
         yield

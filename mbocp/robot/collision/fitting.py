@@ -46,7 +46,7 @@ class Cover:
         """How far points are outside all spheres, shape (M,) [m]; negative within."""
         return np.asarray(_depths(self.centers, self.radii, points).min(axis=1))
 
-    def enlarged(self, points: Array) -> Cover:
+    def enlarge(self, points: Array) -> Cover:
         """With radii so large that all points are covered; each grows the sphere that it is nearest to."""
         depths = _depths(self.centers, self.radii, points)
         nearest = depths.argmin(axis=1)
@@ -67,10 +67,10 @@ def cover(solid: Solid, tolerance: float, most: int) -> Cover:
         Number of spheres.
     """
     inner = solid.inner
-    points = np.vstack([_thinned(solid.surface), _thinned(inner) if len(inner) else inner])
+    points = np.vstack([_thin(solid.surface), _thin(inner) if len(inner) else inner])
     found: list[tuple[Cover, float]] = []
     for count in range(1, most + 1):
-        made = _balls(points, count).enlarged(solid.surface)
+        made = _balls(points, count).enlarge(solid.surface)
         found.append((made, float(sticking_out(made, solid).max())))
         if found[-1][1] <= tolerance:
             return made
@@ -125,7 +125,7 @@ def _far_apart(points: Array, count: int) -> Array:
     return np.array(chosen)
 
 
-def _thinned(points: Array) -> Array:
+def _thin(points: Array) -> Array:
     """At most `_POINTS` of the points, those of the bounding box's sides among them."""
     if len(points) <= _POINTS:
         return points

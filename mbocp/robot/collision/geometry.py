@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import shortened
+from mbocp._text import shorten
 from mbocp.exceptions import RobotFileError
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
@@ -105,14 +105,14 @@ def _mesh(path: Path, where: str, mesh: Path, scale: Array) -> coal.BVHModelOBBR
     try:
         vertices, faces = read_triangles(mesh)
     except UNREADABLE as error:
-        reason = f"{where}: mesh {shortened(str(mesh))} cannot be read: {error}"
+        reason = f"{where}: mesh {shorten(str(mesh))} cannot be read: {error}"
         raise RobotFileError(path, reason) from error
     vertices = vertices * scale
     if np.abs(vertices).max() > _MAX_SIZE or len(faces) > MAX_TRIANGLES:
-        reason = f"{where}: mesh {shortened(str(mesh))} is larger than {_MAX_SIZE:g} m, or has more than"
+        reason = f"{where}: mesh {shorten(str(mesh))} is larger than {_MAX_SIZE:g} m, or has more than"
         raise RobotFileError(path, f"{reason} {MAX_TRIANGLES} triangles")
     if not np.ptp(vertices, axis=0).max() >= _MIN_LENGTH:
-        raise RobotFileError(path, f"{where}: mesh {shortened(str(mesh))} has no extent")
+        raise RobotFileError(path, f"{where}: mesh {shorten(str(mesh))} has no extent")
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(vertices))
     triangles.extend([coal.Triangle(*face) for face in faces.tolist()])

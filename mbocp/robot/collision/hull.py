@@ -10,7 +10,7 @@ import coal
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._text import shortened
+from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
@@ -121,14 +121,14 @@ def hull_of_file(path: Path, scale: Array, may_be_larger: bool) -> tuple[Hull, f
     InvalidValue
         If the file is missing or cannot be read, or its surface is not closed or not convex.
     """
-    name = shortened(str(path))
+    name = shorten(str(path))
     try:
         vertices, faces = read_triangles(path)
     except UNREADABLE as error:
         what = f"{name}, which cannot be read: {error}"
         raise InvalidValue("file", what, "a mesh: STL, Collada, OBJ or PLY") from error
     hull = hull_of(vertices * scale)
-    volume, open_edges = _enclosed(vertices * scale, faces)
+    volume, open_edges = _measure(vertices * scale, faces)
     excess = np.nan if open_edges else hull.volume / max(volume, 1e-300) - 1.0
     if may_be_larger:
         return hull, excess
@@ -143,7 +143,7 @@ def hull_of_file(path: Path, scale: Array, may_be_larger: bool) -> tuple[Hull, f
     return hull, excess
 
 
-def _enclosed(vertices: Array, faces: Indices) -> tuple[float, int]:
+def _measure(vertices: Array, faces: Indices) -> tuple[float, int]:
     """Volume that triangles enclose [m^3], and how many edges have no second triangle the other way round."""
     size = float(np.ptp(vertices, axis=0).max())
     rounded = np.round((vertices - vertices.min(axis=0)) / (size * _SAME)).astype(np.int64)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._numbers import is_number
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
 from mbocp.robot.collision.hull import Hull
@@ -85,7 +85,7 @@ class Obstacle:
         key = f"obstacle {self.name!r}"
         if self.shape in _LATER:
             expected = f"{' or '.join(SHAPES)}; cover other shapes by some of these"
-            raise InvalidValue(f"{key}: shape", shown(self.shape), expected)
+            raise InvalidValue(f"{key}: shape", show(self.shape), expected)
         if self.shape not in SHAPES:
             raise InvalidValue.of_choice(f"{key}: shape", self.shape, SHAPES, "")
         if (self.hull is not None) != (self.shape == MESH):
@@ -104,10 +104,10 @@ class Obstacle:
         for name, least in (("margin", -_LARGEST), ("smoothing", 1e-9)):
             value = getattr(self, name)
             if not (is_number(value) and least <= value <= _LARGEST):
-                raise InvalidValue(f"{key}: {name}", shown(value), f"a length from {least:g} on [m]")
+                raise InvalidValue(f"{key}: {name}", show(value), f"a length from {least:g} on [m]")
             object.__setattr__(self, name, float(value))
         if not isinstance(self.movable, bool | np.bool_):
-            raise InvalidValue(f"{key}: movable", shown(self.movable), "true or false")
+            raise InvalidValue(f"{key}: movable", show(self.movable), "true or false")
 
     @property
     def placement(self) -> pin.SE3:

@@ -27,7 +27,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.robot.collision.hull import Hull
 
 _LEAST_REACH = 1e-3  # [m]
-_SAME = 1.0 - 1e-9  # cosine of normals that are one
+_SAME = 1.0 - 1e-12  # cosine of normals that are one: depths are wrong by a millionth of the size at most
 _APART = 0.97  # cosine of normals that are added at once
 _POINT = 1e-9  # [m] radius of a point
 _SHARE = 0.5  # of the worst error: corners below are left to the next turn

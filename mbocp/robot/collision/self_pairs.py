@@ -57,7 +57,7 @@ def self_pairs(
     disabled : collection of frozenset of str
         Pairs of links by name that are left out.
     """
-    placed = [_placed(model, links, q) for q in (q0, *_poses(model, q0, *limits))]
+    placed = [_place(model, links, q) for q in (q0, *_poses(model, q0, *limits))]
     chosen, kept = [], []
     left_out: dict[str, list[tuple[str, str]]] = {}
     for a, b in combinations(range(len(links)), 2):
@@ -101,7 +101,7 @@ def _are_neighbours(model: pin.Model, a: int, b: int) -> bool:
     return int(model.parents[a]) == b or int(model.parents[b]) == a
 
 
-def _placed(model: pin.Model, links: Sequence[LinkSpheres], q: Array) -> list[Array]:
+def _place(model: pin.Model, links: Sequence[LinkSpheres], q: Array) -> list[Array]:
     """Centres of each link's spheres in the world at a pose."""
     data = model.createData()
     pin.framesForwardKinematics(model, data, np.array(q))

@@ -142,7 +142,7 @@ def _covering(
     if all(isinstance(shape.geometry, coal.Sphere) for shape in shapes):
         centers = np.array([shape.placement.translation for shape in shapes])
         return "urdf", Cover(centers, np.array([shape.geometry.radius for shape in shapes]))
-    made = cover(solid, tolerance, _MOST).enlarged(_looked_at(shapes, solid, _OTHER))
+    made = cover(solid, tolerance, _MOST).enlarge(_looked_at(shapes, solid, _OTHER))
     return "fitted", Cover(made.centers, made.radii * _SLACK)
 
 

@@ -152,7 +152,7 @@ class ActuationReader:
             that no drive moves.
         """
         reader = DriveReader(self.names, tuple(self.table.drives))
-        fixed, varying = self._columns(self._actuated(actuated, reader))
+        fixed, varying = self._columns(self._actuated_joints(actuated, reader))
         columns = [column for column, _, _ in fixed]
         selection = np.column_stack(columns) if columns else np.zeros((self.names.model.nv, 0))
         pairs = reader.drives(selection)
@@ -168,9 +168,9 @@ class ActuationReader:
     def motors(self, actuated: Sequence[str] | None) -> list[str]:
         """Names of the joints that have motors, in the order of their controls."""
         reader = DriveReader(self.names, tuple(self.table.drives))
-        return [self.names.model.names[joint] for joint in self._actuated(actuated, reader)]
+        return [self.names.model.names[joint] for joint in self._actuated_joints(actuated, reader)]
 
-    def _actuated(self, actuated: Sequence[str] | None, reader: DriveReader) -> list[int]:
+    def _actuated_joints(self, actuated: Sequence[str] | None, reader: DriveReader) -> list[int]:
         named = self.table.actuation.joints
         declared = [a.joint for a in self.table.actuators if isinstance(a, JointActuator)]
         if actuated is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mbocp._files import is_file, is_folder, path_of
-from mbocp._text import shortened, shown
+from mbocp._text import shorten, show
 from mbocp.robot.loading.unpacked import unpacked_file, unpacked_root
 
 NO_PACKAGE = ": no package folder "  # in the message about an address without one
@@ -35,7 +35,7 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     path = Path(uri.removeprefix("file://"))
     path = path if path.is_absolute() else base / path
     if not is_file(path):
-        raise FileNotFoundError(f"{shortened(str(path))} does not exist")
+        raise FileNotFoundError(f"{shorten(str(path))} does not exist")
     return path
 
 
@@ -45,13 +45,13 @@ def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Ite
     roots += [folder for folder in folders if folder.name == package]
     if not roots:
         raise FileNotFoundError(
-            f"{shortened(uri)}{NO_PACKAGE}{shown(package)} found, name its parent in package_dirs or "
+            f"{shorten(uri)}{NO_PACKAGE}{show(package)} found, name its parent in package_dirs or "
             "--package-dir"
         )
     for root in roots:
         if is_file(root / rest):
             return root / rest
-    raise FileNotFoundError(f"{shortened(uri)}: {shortened(str(roots[0] / rest))} does not exist")
+    raise FileNotFoundError(f"{shorten(uri)}: {shorten(str(roots[0] / rest))} does not exist")
 
 
 def _environment_packages() -> list[Path]:

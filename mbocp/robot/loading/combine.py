@@ -15,12 +15,12 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.followers import Follower
 from mbocp.robot.loading.resistances import Losses
-from mbocp.robot.loading.whole_table import Part, combined_table, joint_positions, prefixed, prefixed_frame
+from mbocp.robot.loading.whole_table import Part, combined_table, joint_positions, prefix, prefixed_frame
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR
 
 
-def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[str] = ()) -> Description:
+def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[str] = ()) -> Description:
     """Make one description of several, in their order; a part on another one's frame follows its joint.
 
     Parameters
@@ -43,7 +43,7 @@ def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[s
     model, visuals = pin.Model(), pin.GeometryModel()
     for part in _parents_first(parts):
         parent = _parent(model, part, parts)
-        model, visuals = _appended(model, visuals, part, parent)
+        model, visuals = _append(model, visuals, part, parent)
     model.name = name
     for part in parts:
         _copy_numbers(part, model)
@@ -59,7 +59,7 @@ def combined(parts: Sequence[Part], name: str, file: Path, settled: Collection[s
         parts=tuple(leaf for part in parts for leaf in part.leaves),
         losses=tuple(_losses(losses, part) for part in parts for losses in part.description.losses),
         carried=_each(parts, "carried", _payload),
-        named_locks=frozenset(_each(parts, "named_locks", prefixed)),
+        named_locks=frozenset(_each(parts, "named_locks", prefix)),
     )
 
 
@@ -71,16 +71,16 @@ def _each(parts: Sequence[Part], key: str, renamed: Callable[[Any, str], Any]) -
 
 
 def _follower(follower: Follower, part: str) -> Follower:
-    return replace(follower, name=prefixed(follower.name, part), leader=prefixed(follower.leader, part))
+    return replace(follower, name=prefix(follower.name, part), leader=prefix(follower.leader, part))
 
 
 def _payload(payload: Payload, part: str) -> Payload:
-    return replace(payload, name=prefixed(payload.name, part), frame=prefixed_frame(payload.frame, part))
+    return replace(payload, name=prefix(payload.name, part), frame=prefixed_frame(payload.frame, part))
 
 
 def _losses(losses: Losses, part: Part) -> Losses:
     own = losses.joints or joints.joint_names(part.description.model)
-    return replace(losses, joints=frozenset(map(part.named, own)))
+    return replace(losses, joints=frozenset(map(part.name_of, own)))
 
 
 def _parents_first(parts: Sequence[Part]) -> list[Part]:
@@ -112,7 +112,7 @@ def _parent(model: pin.Model, part: Part, parts: Sequence[Part]) -> int:
         raise
 
 
-def _appended(
+def _append(
     model: pin.Model, visuals: pin.GeometryModel, part: Part, parent: int
 ) -> tuple[pin.Model, pin.GeometryModel]:
     """The model with one more part; a joint of several children keeps its subtree together."""
@@ -125,15 +125,15 @@ def _appended(
     added.addFrame(pin.Frame(base, 0, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME), False)
     for shape in shown.geometryObjects:
         shape.name = part.placed.prefix + shape.name
-    known = _numbered(model, "a")
-    new = _numbered(added, "b")
+    known = _number(model, "a")
+    new = _number(added, "b")
     model, visuals = pin.appendModel(model, added, visuals, shown, parent, part.placement)
     for frame in list(model.frames)[1:]:
         frame.name = {**known, **new}[frame.name]
     return model, visuals
 
 
-def _numbered(model: pin.Model, letter: str) -> dict[str, str]:
+def _number(model: pin.Model, letter: str) -> dict[str, str]:
     """Give each frame a name of its own, as `pin.appendModel` needs; return the names that they had."""
     names = {}
     for number, frame in enumerate(list(model.frames)[1:]):
@@ -146,7 +146,7 @@ def _copy_numbers(part: Part, model: pin.Model) -> None:
     """Limits, losses and rotors of the joints; `pin.appendModel` forgets some of them."""
     own = part.description.model
     for joint in range(1, own.njoints):
-        there = joints.joint_id(model, part.named(own.names[joint]), part.placed.name)
+        there = joints.joint_id(model, part.name_of(own.names[joint]), part.placed.name)
         joints.copy_numbers(own, joint, model, there)
 
 
@@ -154,7 +154,7 @@ def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:
     q = pin.neutral(model)
     for part in parts:
         for joint, numbers in joint_positions(part):
-            there = joints.joint_id(model, part.named(joint), part.placed.name)
+            there = joints.joint_id(model, part.name_of(joint), part.placed.name)
             q[joints.configuration_slice(model, there)] = numbers
     pose: Array = q
     return pose

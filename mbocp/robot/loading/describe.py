@@ -16,7 +16,7 @@ from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.ball_joints import make_spherical
-from mbocp.robot.loading.combine import combined
+from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import FORMATS, format_of
@@ -59,7 +59,7 @@ def describe_source(
     """
     table = read_robot_toml(source.path) if source.kind == "toml" else None
     if table is not None and table.parts:
-        return _assembled(source, table, keys, folders, within)
+        return _describe_parts(source, table, keys, folders, within)
     free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
     if table is not None:
         found = _with_table(source, table, keys, folders)
@@ -116,7 +116,7 @@ def _losses(table: RobotTable, keys: ReadingKeys) -> Losses:
     return Losses(bool(acts), table.friction if keys.friction is None else keys.friction, float(scale))
 
 
-def _assembled(
+def _describe_parts(
     source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path], within: tuple[Path, ...]
 ) -> Description:
     """The whole that a robot.toml with parts describes."""
@@ -161,7 +161,7 @@ def describe_parts(parts: Sequence[Part], own: RobotTable, name: str, file: Path
         For what is wrong with one of them, naming it.
     """
     settled = [key for key in ("gravity", "rotations") if getattr(own, key) is not None]
-    return with_own_tables(combined(parts, name, file, settled), own)
+    return with_own_tables(combine(parts, name, file, settled), own)
 
 
 def read_parts(
@@ -204,7 +204,7 @@ def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: 
             found = describe_source(source, table, (*table.folders(base), *folders), within)
             spec = {**table.portable(base), "robot": source.address}
         joints.check_joints(found.model, found.name)
-        described, placed = _with_options(found, table), _placed(table, found)
+        described, placed = _with_options(found, table), _place(table, found)
     except MbocpError as error:
         error.args = (f"part {table.name!r}: {error}",)
         raise
@@ -230,7 +230,7 @@ def _with_options(found: Description, keys: PartTable) -> Description:
     return replace(found, table=table.model_copy(update=said), named_locks=locks)
 
 
-def _placed(table: PartTable, found: Description) -> PlacedRobot:
+def _place(table: PartTable, found: Description) -> PlacedRobot:
     placement = table.placement
     return PlacedRobot(
         name=table.name,

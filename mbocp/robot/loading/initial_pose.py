@@ -42,13 +42,13 @@ def close_loops(robot: Robot, given: Sequence[str]) -> Robot:
     """
     if not robot.constraints:
         return robot
-    q0, held = _assembled(robot, given)
+    q0, held = _assemble(robot, given)
     posed = replace(robot, q0=q0)
     kept = replace(posed, redundant_rows=redundant_rows(posed))
-    return replace(kept, q0=_closed(kept, q0, held))
+    return replace(kept, q0=_close(kept, q0, held))
 
 
-def _assembled(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]:
+def _assemble(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]:
     """A pose that closes the loops up to few digits, and the joints that could be held."""
     moved = np.any(robot.actuation.selection != 0.0, axis=1)
     moved[list(robot.driven)] = True
@@ -79,7 +79,7 @@ def _from_afar(robot: Robot, held: Sequence[str]) -> Array | None:
     return closed_anywhere(robot, robot.q0, held) if robot.parts else None
 
 
-def _closed(robot: Robot, q0: Array, held: Sequence[str]) -> Array:
+def _close(robot: Robot, q0: Array, held: Sequence[str]) -> Array:
     """To round-off; joints whose position was written with a few digits move if they must."""
     try:
         return assemble(robot, q0, held)

@@ -41,7 +41,7 @@ def lock_joints(
     values = by_joint(lock)
     if not values:
         return model, visuals, q0, ()
-    gone = _locked(model, values, robot)
+    gone = _find_joints(model, values, robot)
     given = {name: value for name, value in values.items() if value is not None}
     q_ref = pose_by_joint(model, q0, given, robot)
     check_working_memory(model)
@@ -61,7 +61,7 @@ def by_joint(lock: Any) -> dict[str, Any]:
     return dict(lock) if isinstance(lock, Mapping) else dict.fromkeys(lock)
 
 
-def _locked(model: pin.Model, names: Iterable[str], robot: str) -> list[int]:
+def _find_joints(model: pin.Model, names: Iterable[str], robot: str) -> list[int]:
     """Joints of these names, and those that follow them."""
     ids = {joints.joint_id(model, name, robot) for name in names}
     for joint in ids:

@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, mo
 
 from mbocp._arrays import plain
 from mbocp._numbers import finite_number
-from mbocp._text import has_control_characters, shown
+from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.loading.schema_errors import refusal
 from mbocp.robot.loading.table_types import Position, vector_of
@@ -22,7 +22,7 @@ def _inertia(value: Any) -> tuple[float, ...]:
     if isinstance(value, Mapping):
         for key in value:
             if key not in INERTIA_KEYS:
-                raise ValueError(f"unknown key {shown(key)}; {suggest(str(key), INERTIA_KEYS)}")
+                raise ValueError(f"unknown key {show(key)}; {suggest(str(key), INERTIA_KEYS)}")
         missing = [key for key in INERTIA_KEYS[:3] if key not in value]
         if missing:
             raise ValueError(f"{missing[0]} is missing; give ixx, iyy, izz and what is not zero of the rest")
@@ -34,7 +34,7 @@ def _inertia(value: Any) -> tuple[float, ...]:
 
 def _name(value: Any) -> str:
     if not isinstance(value, str) or not value or has_control_characters(value):
-        raise ValueError(f"got {shown(value)}, expected a name")
+        raise ValueError(f"got {show(value)}, expected a name")
     return value
 
 
@@ -96,7 +96,7 @@ def _payload(entry: Any, number: int) -> Payload:
         return entry.payload(f"payload_{number}")
     if not isinstance(entry, Mapping):
         keys = ", ".join(("frame", "mass", *SHAPES))
-        raise RobotError(f"{where}: got {shown(entry)}, expected a table with {keys}")
+        raise RobotError(f"{where}: got {show(entry)}, expected a table with {keys}")
     said = {key: plain(value) for key, value in entry.items() if value is not None}
     try:
         return PayloadTable.model_validate(said).payload(f"payload_{number}")

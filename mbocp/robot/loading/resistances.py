@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._text import listed
+from mbocp._text import list_names
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
@@ -79,7 +79,7 @@ def _tell_friction(found: Iterable[JointResistance], losses: Losses, robot: str)
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
-            f"robot {robot!r}: the Coulomb friction that the URDF gives {listed(rubbing, _MAX_NAMES)} is "
+            f"robot {robot!r}: the Coulomb friction that the URDF gives {list_names(rubbing, _MAX_NAMES)} is "
             'left out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )

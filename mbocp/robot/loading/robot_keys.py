@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from mbocp._arrays import plain
 from mbocp._keys import Declared, Key, Kind
 from mbocp._numbers import finite_number, named_numbers
-from mbocp._text import has_control_characters, shown
+from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.addresses import absolute
@@ -30,9 +30,9 @@ from mbocp.robot.placed import SEPARATOR
 
 def _name(value: Any) -> str:
     if not isinstance(value, str) or not value or SEPARATOR in value or has_control_characters(value):
-        raise ValueError(f"got {shown(value)}, expected a name without {SEPARATOR!r}")
+        raise ValueError(f"got {show(value)}, expected a name without {SEPARATOR!r}")
     if value == WORLD:
-        raise ValueError(f"got {shown(value)}, which is the frame that stands still; take another name")
+        raise ValueError(f"got {show(value)}, which is the frame that stands still; take another name")
     return value
 
 
@@ -41,9 +41,7 @@ def _lock(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return named_numbers(value)
-    raise ValueError(
-        f"got {shown(value)}, expected a list of joint names or a table with a position for each"
-    )
+    raise ValueError(f"got {show(value)}, expected a list of joint names or a table with a position for each")
 
 
 _OWN = "what the robot says"

@@ -182,7 +182,7 @@ _OF_FILES = (
 )
 
 
-def _named(rows: Any, kind: str) -> Any:
+def _name(rows: Any, kind: str) -> Any:
     """Call rows without a name by kind and place: weld_0, spring_1."""
     if not isinstance(rows, list):
         return rows
@@ -229,7 +229,7 @@ class RobotTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _rows_have_names(cls, data: Any) -> Any:
-        return {**data, **{key: _named(data[key], key) for key in _NAMED if key in data}}
+        return {**data, **{key: _name(data[key], key) for key in _NAMED if key in data}}
 
     @model_validator(mode="after")
     def _parts_have_files(self) -> RobotTable:

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import RobotError, suggest
 
 Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]  # keys of the table that one stands in
@@ -56,14 +56,14 @@ def _reason(error: Any, data: Any, allowed: Allowed) -> str:
     if kind == "union_tag_not_found":
         return f"type is required: {_plain(context.get('discriminator', 'type'))}"
     if kind == "union_tag_invalid":
-        return f"unknown type {shown(context['tag'])}, known: {_plain(context['expected_tags'])}"
+        return f"unknown type {show(context['tag'])}, known: {_plain(context['expected_tags'])}"
     if kind == "literal_error":
         what = "unknown type" if error["loc"][-1] == "type" else "got"
-        return f"{what} {shown(got)}, known: {_plain(context['expected'])}"
+        return f"{what} {show(got)}, known: {_plain(context['expected'])}"
     if kind == "model_type":
-        return f"got {shown(got)}, expected a table"
+        return f"got {show(got)}, expected a table"
     message = error["msg"].removeprefix("Value error, ")
-    return message if kind == "value_error" else f"got {shown(got)}: {message}"
+    return message if kind == "value_error" else f"got {show(got)}: {message}"
 
 
 def _plain(text: str) -> str:

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from mbocp._numbers import finite_number, is_number
-from mbocp._text import has_control_characters, shown
+from mbocp._text import has_control_characters, show
 
 _MAX_VALUE = 1e15  # of numbers in the equations, as in files of robots
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
@@ -80,7 +80,7 @@ def vector_of(expected: str, *counts: int) -> Callable[[Any], tuple[float, ...]]
 
     def read(value: Any) -> tuple[float, ...]:
         if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
-            raise ValueError(f"got {shown(value)}, expected {expected}")
+            raise ValueError(f"got {show(value)}, expected {expected}")
         return tuple(map(finite_number, value))
 
     return read
@@ -88,7 +88,7 @@ def vector_of(expected: str, *counts: int) -> Callable[[Any], tuple[float, ...]]
 
 def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
     if len(numbers) == 4 and np.linalg.norm(numbers) < _MIN_NORM:
-        raise ValueError(f"got {shown(list(numbers))}, expected a quaternion that is not zero")
+        raise ValueError(f"got {show(list(numbers))}, expected a quaternion that is not zero")
     return numbers
 
 

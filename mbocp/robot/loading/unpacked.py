@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from mbocp._text import shortened
+from mbocp._text import shorten
 
 PREFIX = "mbocp-robot-"  # of the folder's name
 LIST = "mbocp-robot.json"
@@ -30,7 +30,7 @@ def unpacked_root(folder: Path | None) -> Path | None:
 
 def unpacked_source(root: Path, spec: str, folder: Path) -> Mapping[str, Any] | None:
     """What `spec` meant, asked from `folder`; None if nobody asked for it where the robot was stored."""
-    return _asked(root, "sources", spec, folder)
+    return _read_asked(root, "sources", spec, folder)
 
 
 def unpacked_file(root: Path, address: str, folder: Path) -> Path:
@@ -41,16 +41,16 @@ def unpacked_file(root: Path, address: str, folder: Path) -> Path:
     FileNotFoundError
         If it was missing, or left out.
     """
-    found = _asked(root, "addresses", address, folder)
+    found = _read_asked(root, "addresses", address, folder)
     if found is None:
-        raise FileNotFoundError(f"{shortened(address)} was missing where the result was written")
+        raise FileNotFoundError(f"{shorten(address)} was missing where the result was written")
     path = root / str(found["path"])
     if not path.is_file():
-        raise FileNotFoundError(f"{shortened(address)} was left out of the result")
+        raise FileNotFoundError(f"{shorten(address)} was left out of the result")
     return path
 
 
-def _asked(root: Path, table: str, asked: str, folder: Path) -> Mapping[str, Any] | None:
+def _read_asked(root: Path, table: str, asked: str, folder: Path) -> Mapping[str, Any] | None:
     try:
         within = folder.relative_to(root).as_posix()
     except ValueError:

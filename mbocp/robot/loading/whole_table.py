@@ -47,9 +47,9 @@ class Part:
     placement: pin.SE3
     spec: Mapping[str, Any]
 
-    def named(self, name: str) -> str:
+    def name_of(self, name: str) -> str:
         """Name of its joint or element among those of all."""
-        return prefixed(name, self.placed.name)
+        return prefix(name, self.placed.name)
 
     @property
     def leaves(self) -> tuple[PlacedRobot, ...]:
@@ -58,23 +58,23 @@ class Part:
         if not self.description.parts:
             return (self.placed,)
         return tuple(
-            replace(part, name=prefixed(part.name, name), parent=prefixed_frame(part.parent, name))
+            replace(part, name=prefix(part.name, name), parent=prefixed_frame(part.parent, name))
             for part in self.description.parts
         )
 
 
-def prefixed(name: str, part: str) -> str:
+def prefix(name: str, part: str) -> str:
     """Name of a part's joint or element among those of all."""
     return part + SEPARATOR + name
 
 
 def prefixed_frame(name: str, part: str) -> str:
     """Name of a part's frame among those of all; what "world" was to it is the frame that its base is."""
-    return prefixed(_UNIVERSE if name == kinematics.WORLD else name, part)
+    return prefix(_UNIVERSE if name == kinematics.WORLD else name, part)
 
 
 # Keys of tables that hold a name; in the plural they hold several.
-_NAMES = {"frame": prefixed_frame, "joint": prefixed}
+_NAMES = {"frame": prefixed_frame, "joint": prefix}
 
 
 def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterator[tuple[str, Array]]:
@@ -96,28 +96,28 @@ def combined_table(parts: Sequence[Part], settled: Collection[str]) -> RobotTabl
         Which of gravity and rotations is said beside the parts, so that their files need not agree.
     """
     changes: dict[str, Any] = {key: [row for part in parts for row in _rows(part, key)] for key in _LISTS}
-    changes |= _named(parts)
-    changes |= {key: _agreed(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
+    changes |= _names_in_tables(parts)
+    changes |= {key: _common_value(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
     changes["description"] = "; ".join(f"{part.placed.name}: {part.placed.robot}" for part in parts)
     return RobotTable.model_construct().model_copy(update=changes)
 
 
-def _named(parts: Sequence[Part]) -> dict[str, Any]:
+def _names_in_tables(parts: Sequence[Part]) -> dict[str, Any]:
     """What tables say by names: locked joints, motors, frames to trace, initial positions."""
     lock, initial = dict[str, Any](), dict[str, Any]()
     motors, trace = list[str](), list[str]()
     for part in parts:
         table = part.description.table
-        lock |= {part.named(joint): value for joint, value in by_joint(table.lock).items()}
-        motors += map(part.named, table.actuation.joints or ())
+        lock |= {part.name_of(joint): value for joint, value in by_joint(table.lock).items()}
+        motors += map(part.name_of, table.actuation.joints or ())
         trace += [prefixed_frame(frame, part.placed.name) for frame in table.trace or ()]
         posed = joint_positions(part, part.description.posed_joints)
-        initial |= {part.named(joint): numbers.tolist() for joint, numbers in posed}
+        initial |= {part.name_of(joint): numbers.tolist() for joint, numbers in posed}
     pose = InitialTable(q=initial) if initial else None
     return {"lock": lock, "initial": pose, "actuation": ActuationTable(joints=motors), "trace": trace}
 
 
-def _agreed(parts: Sequence[Part], key: str, default: Any) -> Any:
+def _common_value(parts: Sequence[Part], key: str, default: Any) -> Any:
     """Value of a key that holds for all parts."""
     asked = [part for part in parts if not part.placed.is_object] or parts
     values = {part.placed.name: getattr(part.description.table, key) or default for part in asked}
@@ -148,7 +148,7 @@ def _in_part(row: Table, part: str) -> Table:
             several = said[f"{key}s"]
             changes[f"{key}s"] = type(several)(renamed(name, part) for name in several)
     if said.get("name"):
-        changes["name"] = prefixed(said["name"], part)
+        changes["name"] = prefix(said["name"], part)
     return row.model_copy(update=changes)
 
 

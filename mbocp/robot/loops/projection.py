@@ -60,7 +60,7 @@ def assemble(
         if not violations(robot, found, allowed):
             return found
         nearest = found if attempt == 0 else nearest
-    raise _not_closed(robot, nearest, fixed, allowed)
+    raise _error(robot, nearest, fixed, allowed)
 
 
 def components(robot: Mechanism, joints: Sequence[str]) -> NDArray[np.bool_]:
@@ -119,7 +119,7 @@ def follow(
                 nearest = q
             if kicks == max_kicks:
                 return nearest
-            q, step, kicks = _kicked(robot, nearest, rng), _STRIDE, kicks + 1
+            q, step, kicks = _kick(robot, nearest, rng), _STRIDE, kicks + 1
     placed = _with(robot, q, target, wanted)
     found = gauss_newton(robot, placed, ~wanted, robot.kept_rows)
     return q if violations(robot, found) else found
@@ -132,11 +132,11 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     the weld vanish at half turns, too.
     """
     if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
-        q = reduced(robot, q, free, rows, closure_by_angle)
-    return reduced(robot, q, free, rows, _by_rows)
+        q = reduce_rows(robot, q, free, rows, closure_by_angle)
+    return reduce_rows(robot, q, free, rows, _by_rows)
 
 
-def reduced(
+def reduce_rows(
     robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual
 ) -> Array:
     """Reduce some rows of a residual as far as possible, by the free velocity components.
@@ -279,7 +279,7 @@ def _stride(
     return found if is_good else None, bent
 
 
-def _kicked(robot: Mechanism, q: Array, rng: np.random.Generator) -> Array:
+def _kick(robot: Mechanism, q: Array, rng: np.random.Generator) -> Array:
     basis = null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
     away = basis @ rng.normal(scale=_STRIDE, size=basis.shape[1])
     found = gauss_newton(robot, robot.integrate(q, away), np.ones(robot.nv, dtype=np.bool_), robot.kept_rows)
@@ -321,7 +321,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     return step
 
 
-def _not_closed(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
+def _error(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
     bad = violations(robot, q, allowed)
     words = ", ".join(f"{name!r} by {value:.3g} {unit}" for name, value, unit in bad[:3])
     with_held = f" with {', '.join(map(repr, fixed))} held" if fixed else ""

@@ -47,15 +47,15 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
         If a constraint as a whole is implied by the others or holds nothing that moves, or if the constraints
         leave nothing that moves, naming them.
     """
-    first = _scaled(robot, robot.closure_jacobian(robot.q0))
+    first = _scale(robot, robot.closure_jacobian(robot.q0))
     if len(first) < robot.nv and np.linalg.svd(first, compute_uv=False)[-1] > _MIN_INDEPENDENT_VALUE:
         return ()
-    jacobians = [_scaled(robot, robot.closure_jacobian(q)) for q in _poses(robot)]
+    jacobians = [_scale(robot, robot.closure_jacobian(q)) for q in _poses(robot)]
     best = _best_choice(jacobians)
     redundant = tuple(i for i in range(len(robot.closure_labels)) if i not in best)
     _check_constraints(robot, redundant, jacobians)
     if len(best) == robot.nv:
-        names = _quoted(constraint.name for constraint in robot.constraints)
+        names = _quote(constraint.name for constraint in robot.constraints)
         raise UnsupportedRobot(
             f"robot {robot.name!r}: its constraints ({names}) leave nothing that moves: {len(best)} "
             f"independent rows on {robot.nv} velocities; take one out, or close the loop with a type that "
@@ -64,7 +64,7 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
     if redundant:
         labels = robot.closure_labels
         _log.info(
-            "robot %r: redundant rows left out: %s", robot.name, _quoted(labels[i].name for i in redundant)
+            "robot %r: redundant rows left out: %s", robot.name, _quote(labels[i].name for i in redundant)
         )
     return redundant
 
@@ -148,7 +148,7 @@ def _near_singular(robot: Mechanism, rows: Array, smallest: Array) -> str:
     node, largest = int(smallest.argmin()), float(smallest.max())
     where = f"near a singular configuration at node {node}"
     if smallest[node] > _SINGULAR_RATIO * largest:
-        passed = _passed(rows, smallest)
+        passed = _first_pass(rows, smallest)
         if passed is None:
             return ""
         where = f"through a singular configuration between nodes {passed} and {passed + 1}"
@@ -160,7 +160,7 @@ def _near_singular(robot: Mechanism, rows: Array, smallest: Array) -> str:
     )
 
 
-def _passed(rows: Array, smallest: Array) -> int | None:
+def _first_pass(rows: Array, smallest: Array) -> int | None:
     """First node after which the smallest singular value would change its sign, if it had one."""
     low = smallest < _CROSSING_RATIO * smallest.max()
     steps = np.flatnonzero(low[:-1] & low[1:])
@@ -181,14 +181,14 @@ def _dependence(robot: Mechanism, rows: Array) -> str:
     names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _MIN_ROW_SHARE)]
     if len(names) == 1:
         return f"the constraint {names[0]!r} holds nothing"
-    return f"the constraints {_quoted(names)} depend on each other"
+    return f"the constraints {_quote(names)} depend on each other"
 
 
 def _poses(robot: Mechanism) -> list[Array]:
     """The initial pose, and poses around it that close the loops."""
     rng = np.random.default_rng(0)
     everything = np.ones(robot.nv, dtype=np.bool_)
-    basis = null_space(_scaled(robot, robot.closure_jacobian(robot.q0)), _RANK_TOLERANCE)
+    basis = null_space(_scale(robot, robot.closure_jacobian(robot.q0)), _RANK_TOLERANCE)
     found = [np.array(robot.q0)]
     for _ in range(_NUM_POSES):
         away = basis @ rng.normal(scale=_POSE_SPREAD, size=basis.shape[1])
@@ -198,7 +198,7 @@ def _poses(robot: Mechanism) -> list[Array]:
     return found
 
 
-def _scaled(robot: Mechanism, jacobian: Array) -> Array:
+def _scale(robot: Mechanism, jacobian: Array) -> Array:
     """Rows of unit length; rows of round-off become zero."""
     scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
     return scaled
@@ -273,8 +273,8 @@ def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Ar
         pairs = [(len(_independent(J[other])), len(_independent(J[other + own]))) for J in jacobians]
         if all(alone == both for alone, both in pairs):
             return f"is a duplicate: {name!r} implies it"
-    return f"follows from the others ({_quoted(rows)})"
+    return f"follows from the others ({_quote(rows)})"
 
 
-def _quoted(names: Iterable[str]) -> str:
+def _quote(names: Iterable[str]) -> str:
     return ", ".join(map(repr, names))

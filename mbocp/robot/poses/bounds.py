@@ -23,26 +23,26 @@ class JointBounds(NamedTuple):
     upper: Array  # (n,)
     angular: BoolArray  # (n,) whether a full turn leads to the same pose: revolute, and nothing follows it
 
-    def clipped(self, q: Array) -> Array:
+    def clip(self, q: Array) -> Array:
         """Configuration with each joint within its bounds, shape (nq,)."""
         out = np.array(q)
         out[self.at_q] = np.minimum(np.maximum(out[self.at_q], self.lower), self.upper)
         return out
 
-    def blocked(self, q: Array, gradient: Array) -> BoolArray:
+    def blocks(self, q: Array, gradient: Array) -> BoolArray:
         """Velocity components at a bound that a step against the gradient would take beyond it."""
         values, slope = q[self.at_q], gradient[self.at_v]
         mask = np.zeros(gradient.size, dtype=np.bool_)
         mask[self.at_v] = ((values <= self.lower) & (slope > 0.0)) | ((values >= self.upper) & (slope < 0.0))
         return mask
 
-    def touched(self, q: Array) -> IntArray:
+    def touching(self, q: Array) -> IntArray:
         """Positions in q of the joints that are at a bound."""
         values = q[self.at_q]
         found: IntArray = self.at_q[(values <= self.lower + _AT_BOUND) | (values >= self.upper - _AT_BOUND)]
         return found
 
-    def unwound(self, q: Array, start: Array) -> Array:
+    def unwind(self, q: Array, start: Array) -> Array:
         """The same pose, each angle in the turn nearest to the start within the bounds, shape (nq,)."""
         out, turn = np.array(q), 2.0 * np.pi
         at = self.at_q[self.angular]
@@ -67,7 +67,7 @@ class JointBounds(NamedTuple):
         low = np.where(self.angular, first, np.where(is_closed, self.lower, q[self.at_q]))
         width = np.where(self.angular, turn, np.where(is_closed, self.upper - self.lower, 0.0))
         q[self.at_q] = low + rng.random(len(low)) * width
-        return self.clipped(q)
+        return self.clip(q)
 
 
 def joint_bounds(model: pin.Model, lower: Array, upper: Array, coupled: frozenset[int]) -> JointBounds:

@@ -121,7 +121,7 @@ class _Search:
         found, has_arrived = reach(self.rows, q, self.bounds, self.held, self.tolerance)
         if not has_arrived:
             return found, False
-        found = self.with_held(self.bounds.unwound(found, self.start))
+        found = self.with_held(self.bounds.unwind(found, self.start))
         is_closed = not self.robot.constraints or not violations(self.robot, found)
         return found, is_closed and inside(self.robot.model, found, self.lower, self.upper)
 
@@ -134,7 +134,7 @@ class _Search:
                 out[where] = self.start[where]
         return out
 
-    def closed(self, q: Array) -> Array:
+    def close_loops(self, q: Array) -> Array:
         """A best try with its loops closed to round-off."""
         if not self.robot.constraints:
             return q
@@ -167,7 +167,7 @@ def solve_inverse_kinematics(
     _check(branches, restarts, tolerance)
     frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in wanted]
     lower, upper = _limits(robot, within_limits)
-    bounds = joint_bounds(robot.model, lower, upper, _coupled(robot))
+    bounds = joint_bounds(robot.model, lower, upper, _leaders_and_followers(robot))
     held = components(robot, fixed)
     search = _Search(robot, PoseRows(robot, wanted, frames), bounds, lower, upper, start, tolerance, held)
     found: list[Array] = []
@@ -175,7 +175,7 @@ def solve_inverse_kinematics(
     rng = np.random.default_rng(seed)
     for attempt in range(1 + restarts):
         q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
-        q, counts = search.attempt(search.with_held(bounds.clipped(q0)))
+        q, counts = search.attempt(search.with_held(bounds.clip(q0)))
         attempts += 1
         if counts and _is_new(search, q, found):
             found.append(q)
@@ -186,7 +186,7 @@ def solve_inverse_kinematics(
             break
     lengths = np.array([np.linalg.norm(search.distance(q)) for q in found])
     order = np.argsort(lengths, kind="stable")
-    nearest = found[order[0]] if found else search.closed(best)
+    nearest = found[order[0]] if found else search.close_loops(best)
     errors: PoseErrors = search.rows.errors(nearest)
     return InverseKinematics(
         targets=wanted,
@@ -224,13 +224,13 @@ def closed_anywhere(
         None if no attempt closes the loops.
     """
     lower, upper = _limits(robot, True)
-    bounds = joint_bounds(robot.model, lower, upper, _coupled(robot))
+    bounds = joint_bounds(robot.model, lower, upper, _leaders_and_followers(robot))
     held = components(robot, fixed)
     search = _Search(robot, PoseRows(robot, (), ()), bounds, lower, upper, start, _CLOSURE_TOLERANCE, held)
     rng = np.random.default_rng(seed)
     for attempt in range(1 + restarts):
         q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
-        q, is_closed = search.attempt(search.with_held(bounds.clipped(q0)))
+        q, is_closed = search.attempt(search.with_held(bounds.clip(q0)))
         if is_closed:
             return q
     return None
@@ -239,11 +239,11 @@ def closed_anywhere(
 def _at_limits(search: _Search, q: Array, *, is_reached: bool) -> tuple[str, ...]:
     robot, bounds = search.robot, search.bounds
     if is_reached:
-        return tuple(robot.q_labels[i].name for i in bounds.touched(q))
+        return tuple(robot.q_labels[i].name for i in bounds.touching(q))
     e = search.rows.residual(q)
     gradient = search.rows.jacobian(q).T @ e
     pushed = np.where(np.abs(gradient) > _MIN_PUSH * np.linalg.norm(e), gradient, 0.0)
-    stopped = bounds.blocked(bounds.clipped(q), pushed)
+    stopped = bounds.blocks(bounds.clip(q), pushed)
     return tuple(robot.v_labels[i].name for i in np.flatnonzero(stopped))
 
 
@@ -271,7 +271,7 @@ def _limits(robot: Posable, choice: LimitChoice) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _coupled(robot: Posable) -> frozenset[int]:
+def _leaders_and_followers(robot: Posable) -> frozenset[int]:
     """Joints whose whole turns count since others follow them."""
     leaders: Sequence[int] = robot.model.mimicked_joints
     return frozenset([*leaders, *(joint for c in robot.constraints for joint in c.joint_ids)])

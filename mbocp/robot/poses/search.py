@@ -62,7 +62,7 @@ def reach(
         has_arrived = np.abs(e).max() <= tolerance
         J = rows.jacobian(q)
         gradient = J.T @ e
-        free = ~(bounds.blocked(q, gradient) | held)
+        free = ~(bounds.blocks(q, gradient) | held)
         if not free.any() or np.abs(gradient[free]).max() <= _MIN_GRADIENT * np.sqrt(cost):
             return q, bool(has_arrived)
         found = _step(rows, q, J, gradient, free, factor * cost, bounds)
@@ -92,4 +92,4 @@ def _step(
     if longest > _MAX_STEP:
         step *= _MAX_STEP / longest
     moved: Array = pin.integrate(rows.model, q, step)
-    return bounds.clipped(moved)
+    return bounds.clip(moved)

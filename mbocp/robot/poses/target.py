@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, IntArray, frozen_array
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.kinematics import WORLD
 
@@ -92,7 +92,7 @@ class FrameTarget:
         x, y, z, w = self.orientation if self.orientation is not None else (0.0, 0.0, 0.0, 1.0)
         return np.array(pin.Quaternion(w, x, y, z).matrix())
 
-    def completed(self, placement: pin.SE3) -> pin.SE3:
+    def complete(self, placement: pin.SE3) -> pin.SE3:
         """The pose that is asked for, with what is left free as in a placement in the reference frame."""
         position, rotation = np.array(placement.translation), np.array(placement.rotation)
         if self.position is not None:
@@ -147,9 +147,9 @@ def target_from_words(words: Mapping[str, Any]) -> FrameTarget:
     """Target from name, position or x, y, z, orientation or rpy, axis, direction, relative_to."""
     for word in words:
         if word not in _WORDS:
-            raise InvalidValue("targets", shown(word), f"other words: {suggest(str(word), _WORDS)}")
+            raise InvalidValue("targets", show(word), f"other words: {suggest(str(word), _WORDS)}")
     if not isinstance(words.get("name"), str):
-        raise InvalidValue("targets: name", shown(words.get("name")), "the name of a frame")
+        raise InvalidValue("targets: name", show(words.get("name")), "the name of a frame")
     given = {key: words[key] for key in ("orientation", "axis", "direction", "relative_to") if key in words}
     where = f"frame {words['name']!r}"
     if "rpy" in words:

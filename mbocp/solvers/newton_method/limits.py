@@ -64,7 +64,7 @@ def init_barrier(
         state = resume(programme, iterate, tolerance, is_centred=True, threads=threads)
         if state.evaluation.residual <= _NEARLY * tolerance:
             return state
-    native = _loaded(programme, iterate, threads)
+    native = _load(programme, iterate, threads)
     native.start_limits(_MIN_BARRIER, _MARGIN)
     barrier = _first_barrier(native)
     if iterate.bounds is None:
@@ -92,7 +92,7 @@ def resume(
     """
     if not _has_limits(programme):
         return start(programme, iterate, threads)
-    native, rows = _loaded(programme, iterate, threads), _Rows.of(programme)
+    native, rows = _load(programme, iterate, threads), _Rows.of(programme)
     barrier = _last_barrier(native, tolerance)
     native.start_limits(barrier, 0.0)
     known = (
@@ -123,7 +123,7 @@ def warm_barrier(
     """
     if not _has_limits(programme):
         return start(programme, iterate).native
-    native = _loaded(programme, iterate)
+    native = _load(programme, iterate)
     native.start_limits(_MIN_BARRIER, _WARM_MARGIN)
     barrier = barrier_of(native.evaluate().cost, native.num_limits)
     if iterate.bounds is None:
@@ -223,7 +223,7 @@ def _has_limits(programme: StagewiseProgramme) -> bool:
     return bool(programme.num_guards) or not programme.bounds.is_empty
 
 
-def _loaded(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> KernelProgramme:
+def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> KernelProgramme:
     """Kernel programme with its limits at an iterate."""
     iterate.check(programme)
     reason = why_limits_cannot_be_kept(programme)

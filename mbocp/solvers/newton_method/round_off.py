@@ -71,12 +71,12 @@ def round_off_of_terms(native: KernelProgramme, evaluation: Norms) -> tuple[floa
     primal, dual = round_off(native)
     share = _ROUND_OFF_OF_TERMS / _MOVED
     return (
-        max(primal, share * _grown(evaluation.primal, moved.primal)),
-        max(dual, share * _grown(evaluation.dual, moved.dual)),
+        max(primal, share * _growth(evaluation.primal, moved.primal)),
+        max(dual, share * _growth(evaluation.dual, moved.dual)),
     )
 
 
-def _grown(before: float, after: float) -> float:
+def _growth(before: float, after: float) -> float:
     """Norm of what was added to a vector, at a right angle as random signs have it."""
     return math.sqrt(max(0.0, after**2 - before**2)) if math.isfinite(after) else 0.0
 

@@ -66,7 +66,7 @@ def _is_round_off(state: NewtonState, increment: float, tolerance: float) -> boo
     return (
         evaluation.residual <= tolerance
         and (increment <= _NOISE * tolerance or relative_increment(native) <= tolerance)
-        and (left <= _RESOLVED * tolerance or left <= max(_allowed(state)))
+        and (left <= _RESOLVED * tolerance or left <= max(_round_off(state)))
     )
 
 
@@ -76,7 +76,7 @@ def leads_no_farther(state: NewtonState, increment: float, tolerance: float) -> 
     return _is_round_off(stuck, increment, tolerance) or is_within_round_off(stuck, tolerance)
 
 
-def _allowed(state: NewtonState) -> tuple[float, float]:
+def _round_off(state: NewtonState) -> tuple[float, float]:
     """What round-off may leave of the residual: by the terms themselves where steps have led no farther."""
     if state.still < STILL:
         return round_off(state.native)
@@ -114,7 +114,7 @@ def is_within_round_off(state: NewtonState, tolerance: float) -> bool:
     native, is_still = state.native, state.still >= STILL
     if not (is_still or is_resolved(state, tolerance, round_off(native))):  # the quickest of the questions
         return False
-    if relative_increment(native) > tolerance or not is_resolved(state, tolerance, _allowed(state)):
+    if relative_increment(native) > tolerance or not is_resolved(state, tolerance, _round_off(state)):
         return False
     return has_a_say(native, state.evaluation)
 

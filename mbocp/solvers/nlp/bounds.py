@@ -25,7 +25,7 @@ def bounds_of(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]
     return {"lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
 
 
-def missed(values: Array, bounds: dict[str, Array], letter: str) -> Array:
+def miss(values: Array, bounds: dict[str, Array], letter: str) -> Array:
     """By how much values miss their bounds, those of the unknowns ("x") or of the rows ("g")."""
     lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
     by: Array = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
@@ -39,7 +39,7 @@ def kinds_of_bounds(programme: StagewiseProgramme) -> bytes:
     return b"".join(kinds.tobytes() for kinds in (bounds.lower > -np.inf, bounds.upper < np.inf, is_equation))
 
 
-def tightened(bounds: dict[str, Array]) -> dict[str, Array]:
+def tighten(bounds: dict[str, Array]) -> dict[str, Array]:
     """Bounds less the part by which fatrop relaxes them, so that those given are kept."""
     found: dict[str, Array] = {}
     for letter in "xg":

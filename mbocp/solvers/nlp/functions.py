@@ -71,7 +71,7 @@ class NlpFunctions:
         if layout.num_guards:
             self._end["guard"] = programme.end_functions.function("guard")
         self.f = self._make("nlp_f", self._cost, ["f"])
-        self.g = self._make("nlp_g", lambda at: [self._constraints(at, self._mapped("values", at)[0])], ["g"])
+        self.g = self._make("nlp_g", lambda at: [self._constraints(at, self._map("values", at)[0])], ["g"])
         self.jac_g = self._make("nlp_jac_g", self._constraints_and_jacobian, ["g", "jac_g_x"])
 
     def gradient(self, *, has_cost: bool) -> ca.Function:
@@ -104,8 +104,8 @@ class NlpFunctions:
         """
         at = self._given()
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
-        m = self.layout.sign * _taken(lam_g, self.layout.steps)
-        blocks = self._mapped("complete", at, scale=lam_f, m=m)[4]
+        m = self.layout.sign * _take(lam_g, self.layout.steps)
+        blocks = self._map("complete", at, scale=lam_f, m=m)[4]
         hessian = self._hessian(at, lam_f, lam_g, blocks, is_upper=is_upper)
         if not is_upper:
             hessian = finite_or_zero(hessian)
@@ -115,7 +115,7 @@ class NlpFunctions:
         return ca.Function("nlp_hess_l", [at.w, at.p, lam_f, lam_g], outputs, _INPUTS, words)
 
     def _constraints_and_jacobian(self, at: _Given) -> list[ca.MX]:
-        stages = self._mapped("jacobian", at)
+        stages = self._map("jacobian", at)
         return [self._constraints(at, stages[0]), self._jacobian(at, stages[2])]
 
     def _make(self, name: str, body: Callable[[_Given], list[ca.MX]], outputs: Sequence[str]) -> ca.Function:
@@ -136,19 +136,19 @@ class NlpFunctions:
         x1 = blocks[lay.nx + lay.nu + lay.ny :, :] if lay.is_lifted else nodes
         return _Given(w, p, x0, x1, y, u, nodes, x_start, theta, ca.reshape(rho, nr, N), rho_end)
 
-    def _mapped(
+    def _map(
         self, name: str, at: _Given, *, scale: ca.MX | None = None, m: ca.MX | None = None
     ) -> list[ca.MX]:
         """Outputs of a stage function at all stages, side by side; the costs scaled."""
         N = self.layout.num_steps
-        theta = ca.repmat(self._scaled(at.theta, self._programme.theta_weights, scale), 1, N)
+        theta = ca.repmat(self._scale(at.theta, self._programme.theta_weights, scale), 1, N)
         between = [] if m is None else [m]
         return list(
             self._stage[name].map(N).call([at.x0, at.x1, at.y, at.u, *between, theta, at.rho], False, True)
         )
 
     @staticmethod
-    def _scaled(numbers: ca.MX, mask: NDArray[np.bool_], scale: ca.MX | None) -> ca.MX:
+    def _scale(numbers: ca.MX, mask: NDArray[np.bool_], scale: ca.MX | None) -> ca.MX:
         if scale is None:
             return numbers
         chosen = ca.DM(mask.astype(float))
@@ -156,7 +156,7 @@ class NlpFunctions:
 
     def _cost(self, at: _Given) -> list[ca.MX]:
         psi = self._end["terminal_values"](at.nodes[:, -1], at.rho_end)[0]
-        return [ca.sum2(self._mapped("values", at)[1]) + psi]
+        return [ca.sum2(self._map("values", at)[1]) + psi]
 
     def _constraints(self, at: _Given, rows: ca.MX) -> ca.MX:
         lay = self.layout
@@ -187,20 +187,20 @@ class NlpFunctions:
 
     def _terminal(self, at: _Given, eta: ca.MX | None = None, scale: ca.MX | None = None) -> list[ca.MX]:
         eta = ca.MX.zeros(self.layout.ng) if eta is None else eta
-        rho = self._scaled(at.rho_end, self._programme.terminal_weights, scale)
+        rho = self._scale(at.rho_end, self._programme.terminal_weights, scale)
         return list(self._end["terminal_complete"].call([at.nodes[:, -1], eta, rho]))
 
     def _gradient(self, at: _Given) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries(ca.Sparsity.dense(lay.num_unknowns, 1))
-        slopes = self._mapped("gradient", at)[0]
+        slopes = self._map("gradient", at)[0]
         _, columns = _pattern(self._stage["gradient"].sparsity_out(0))
         positions = lay.zs[:, columns]
         entries.add(positions.ravel(), np.zeros(positions.size, np.int64), slopes.nz[:])
         _, columns = _pattern(self._end["terminal_complete"].sparsity_out(3))
         of_end = self._terminal(at)[3].nz[:]
         entries.add(lay.xs[N][columns], np.zeros(columns.size, np.int64), of_end)
-        return entries.gathered()
+        return entries.gather()
 
     def _jacobian(self, at: _Given, blocks: ca.MX) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
@@ -220,7 +220,7 @@ class NlpFunctions:
         if lay.nh:
             rows, columns = _pattern(self._stage["path"].sparsity_out(1))
             entries.add(lay.path[:, rows].ravel(), lay.xs[1:, columns].ravel(), self._path(at)[1].nz[:])
-        return entries.gathered((lay.num_rows, lay.num_unknowns))
+        return entries.gather((lay.num_rows, lay.num_unknowns))
 
     def _hessian(self, at: _Given, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX, *, is_upper: bool) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
@@ -242,9 +242,9 @@ class NlpFunctions:
             curvature = self._guard(at, lam_g[lay.guards.tolist()])[2]
             add(lay.xs[N], self._end["guard"].sparsity_out(2), curvature)
         if lay.nh:
-            curvature = self._path(at, _taken(lam_g, lay.path))[2]
+            curvature = self._path(at, _take(lam_g, lay.path))[2]
             add(lay.xs[1:], self._stage["path"].sparsity_out(2), curvature)
-        return entries.gathered((lay.num_unknowns, lay.num_unknowns))
+        return entries.gather((lay.num_unknowns, lay.num_unknowns))
 
 
 # Where an entry is not finite, fatrop raises its shift for ever, and looks at no clock: unless the whole
@@ -309,7 +309,7 @@ def _is_finite(matrix: ca.MX) -> ca.MX:
     return ca.fabs(ca.sum1(ca.reshape(matrix.nz[:], -1, 1))) < ca.inf
 
 
-def _taken(vector: ca.MX, rows: Index) -> ca.MX:
+def _take(vector: ca.MX, rows: Index) -> ca.MX:
     """Entries of a vector as a matrix, one column for each row of `rows`."""
     return ca.reshape(vector.nz[rows.ravel().tolist()], rows.shape[1], rows.shape[0])
 
@@ -339,7 +339,7 @@ class _Entries:
         """One value at places."""
         self.add(rows, columns, ca.MX(ca.DM.ones(len(rows), 1) * value))
 
-    def gathered(self, shape: tuple[int, int] | None = None) -> ca.MX:
+    def gather(self, shape: tuple[int, int] | None = None) -> ca.MX:
         """The matrix."""
         rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
         sparsity = self._sparsity

@@ -24,7 +24,7 @@ from mbocp._arrays import Array
 from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.bounds import bounds_of, check_fatrop_takes, kinds_of_bounds, missed, tightened
+from mbocp.solvers.nlp.bounds import bounds_of, check_fatrop_takes, kinds_of_bounds, miss, tighten
 from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.iteration_callback import IterationCallback
 from mbocp.solvers.nlp.layout import NlpLayout
@@ -83,9 +83,9 @@ class InteriorPoint:
             If there is what fatrop does not take, see `check_fatrop_takes`.
         """
         watch = None if callback is None else lambda record, _: callback(record)
-        return self.watched(programme, iterate, watch, phase, first)
+        return self.run_and_watch(programme, iterate, watch, phase, first)
 
-    def watched(
+    def run_and_watch(
         self,
         programme: StagewiseProgramme,
         iterate: Iterate,
@@ -110,7 +110,7 @@ class InteriorPoint:
         clock, phase = time.perf_counter(), phase or self.name
         if self.name == "fatrop":
             check_fatrop_takes(programme)
-        compiled = _compiled(_Key.of(self, programme))
+        compiled = _compile(_Key.of(self, programme))
         lay, iteration_callback = compiled.layout, compiled.iteration_callback
 
         def callback(record: IterationRecord) -> None:
@@ -119,10 +119,10 @@ class InteriorPoint:
 
         log = IterationLog(phase, first, callback)
         bounds = bounds_of(programme, lay)
-        inner = tightened(bounds) if self.name == "fatrop" else bounds
+        inner = tighten(bounds) if self.name == "fatrop" else bounds
         iteration_callback.start(self.time_limit and clock + self.time_limit - time.perf_counter())
         p = parameters(programme)
-        guess, solver = _Point(_packed(iterate, lay), np.zeros(lay.num_rows)), compiled.solver()
+        guess, solver = _Point(_pack(iterate, lay), np.zeros(lay.num_rows)), compiled.solver()
         if begin is not None:
             begin(replace(compiled.record(guess, p, bounds)[0], iteration=first, phase=phase))
         found = _call(solver, iteration_callback, log, x0=guess.w, p=p, **inner)
@@ -149,7 +149,7 @@ class InteriorPoint:
             status = Status.DIVERGED
         violations = compiled.violations(point.w, p, bounds)
         words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
-        end = unpacked(point.w, point.lam_g, lam_x, lay)
+        end = unpack(point.w, point.lam_g, lam_x, lay)
         return SolverResult(status, words, end, record, history or (record,))
 
 
@@ -299,7 +299,7 @@ class _Compiled:
         left = np.abs(slopes) * np.minimum(1.0, np.abs(distance))
         row_distance = np.where(lam_g < 0.0, g - bounds["lbg"], bounds["ubg"] - g)
         unused = np.abs(lam_g) * np.minimum(1.0, np.abs(row_distance))
-        beyond = np.concatenate([missed(w, bounds, "x"), missed(g, bounds, "g")])
+        beyond = np.concatenate([miss(w, bounds, "x"), miss(g, bounds, "g")])
         primal, dual = norm(beyond), norm(np.concatenate([left, unused]))
         record = IterationRecord(
             iteration=0,
@@ -312,11 +312,11 @@ class _Compiled:
 
     def violations(self, w: Array, p: Array, bounds: dict[str, Array]) -> Array:
         """By how much each row misses its bounds, shape (num_rows,)."""
-        return missed(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
+        return miss(np.array(self.functions.g(w, p)).ravel(), bounds, "g")
 
 
 @lru_cache(maxsize=_MAX_SOLVERS)
-def _compiled(key: _Key) -> _Compiled:
+def _compile(key: _Key) -> _Compiled:
     return _Compiled(key)
 
 
@@ -357,14 +357,14 @@ def _fatrop_options(key: _Key) -> dict[str, Any]:
     }
 
 
-def _packed(iterate: Iterate, lay: NlpLayout) -> Array:
+def _pack(iterate: Iterate, lay: NlpLayout) -> Array:
     w = np.zeros(lay.num_unknowns)
     w[lay.xs], w[lay.us], w[lay.ys] = iterate.xs, iterate.us, iterate.ys
     w[lay.x_nexts] = iterate.xs[1:]
     return w
 
 
-def unpacked(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
+def unpack(w: Array, lam_g: Array, lam_x: Array, lay: NlpLayout) -> Iterate:
     """Return unknowns and multipliers as an iterate."""
     lam_xs = lam_x[lay.xs]
     return Iterate(

@@ -171,9 +171,7 @@ class FBSMGradient:
         state = self._at(native, outcome.evaluation, sweeps)
         e = state.evaluation
         effort = programme.control_weight / programme.dt
-        return self._finished(
-            replace(state, first_cost=e.cost, effort=effort, best=(e.residual, math.inf, 0))
-        )
+        return self._finish(replace(state, first_cost=e.cost, effort=effort, best=(e.residual, math.inf, 0)))
 
     def step(self, state: GradientState) -> GradientState:
         """One accepted step."""
@@ -217,7 +215,7 @@ class FBSMGradient:
             increment=float(np.linalg.norm(length * direction)),
             step_length=length,
         )
-        return self._finished(after)
+        return self._finish(after)
 
     def terminate(self, state: GradientState) -> Status | None:
         """Residual below the tolerance; or the switch of a hybrid; or nothing better for long."""
@@ -249,7 +247,7 @@ class FBSMGradient:
                 gradient = plain + end.G.T @ eta
         return GradientState(native, _Residual.of(evaluation, gradient), gradient, plain, end, eta, sweeps)
 
-    def _finished(self, state: GradientState) -> GradientState:
+    def _finish(self, state: GradientState) -> GradientState:
         """At the end the kernel's iterate gets the eta of its controls, and says whether it is a minimum."""
         if self.terminate(state) is None:
             return state

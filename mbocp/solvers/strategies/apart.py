@@ -22,7 +22,7 @@ from mbocp.exceptions import CompilationTimeout
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.deadline import deadline_after
-from mbocp.solvers.nlp.interior_point import InteriorPoint, unpacked
+from mbocp.solvers.nlp.interior_point import InteriorPoint, unpack
 from mbocp.solvers.nlp.layout import NlpLayout
 from mbocp.solvers.records import Callback, IterationRecord, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError
@@ -56,7 +56,7 @@ class _Run:
         def watch(record: IterationRecord, w: Array | None) -> None:
             tell(_Iteration(record, w))
 
-        return self.solver.watched(self.programme, self.iterate, watch, self.phase, self.first, tell)
+        return self.solver.run_and_watch(self.programme, self.iterate, watch, self.phase, self.first, tell)
 
 
 def run_apart(
@@ -136,13 +136,13 @@ def _without_result(title: str, status: Status) -> BaseException:
 
 def _process() -> Elsewhere:
     """The process of this one; another one where that has ended, or this one has forked."""
-    if _kept(os.getpid()).is_over:
-        _kept.cache_clear()
-    return _kept(os.getpid())
+    if _entry_of(os.getpid()).is_over:
+        _entry_of.cache_clear()
+    return _entry_of(os.getpid())
 
 
 @lru_cache(maxsize=1)
-def _kept(pid: int) -> Elsewhere:
+def _entry_of(pid: int) -> Elsewhere:
     process = Elsewhere()
     atexit.register(_close, process, pid)
     return process
@@ -157,7 +157,7 @@ def _close(process: Elsewhere, pid: int) -> None:
 def _unpack(w: Array, programme: StagewiseProgramme) -> Iterate:
     """An iterate without multipliers, which are not known."""
     lay = NlpLayout.of(programme, wants_gaps=True)
-    return unpacked(w, np.zeros(lay.num_rows), np.zeros(lay.num_unknowns), lay)
+    return unpack(w, np.zeros(lay.num_rows), np.zeros(lay.num_unknowns), lay)
 
 
 def _advice(title: str, status: Status, records: Sequence[IterationRecord]) -> str:

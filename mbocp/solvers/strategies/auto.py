@@ -68,7 +68,7 @@ class _Runs:
             return self.results[-1]
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
         limited = replace(self.phases.settings.within(self.phases.taken), is_careful=is_last)
-        solver = make_solver(name, limited.unhurried() if name == "monolithic" else limited, switch)
+        solver = make_solver(name, limited.with_patience() if name == "monolithic" else limited, switch)
         watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
         self.tried.append((name, solver.name))
         self.results.append(self.phases.run(solver, name, start, should_stop=watch))
@@ -95,7 +95,7 @@ def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:
         return last
     best = min(results, key=lambda r: r.record.residual if math.isfinite(r.record.residual) else math.inf)
     if last.status is Status.INTERRUPTED:
-        return last if best is last else best.interrupted()
+        return last if best is last else best.with_interrupt()
     if last.status is Status.TIME_LIMIT:
         return replace(best, status=last.status, advice=last.advice)
     if is_spent and best.status is not Status.MAX_ITERATIONS:

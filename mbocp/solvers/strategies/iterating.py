@@ -44,7 +44,7 @@ class SolverResult:
     record: IterationRecord
     history: tuple[IterationRecord, ...]
 
-    def interrupted(self) -> SolverResult:
+    def with_interrupt(self) -> SolverResult:
         """Return the same end of a run, after which somebody pressed Ctrl-C."""
         advice = f"interrupted later; the best iterate so far (residual {self.record.residual:.1e})"
         return replace(self, status=Status.INTERRUPTED, advice=advice)

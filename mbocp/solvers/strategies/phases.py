@@ -76,9 +76,9 @@ class Outcome:
         """Return the same with the records of other runs, too."""
         return replace(self, result=replace(self.result, history=tuple(history)))
 
-    def interrupted(self) -> Outcome:
+    def with_interrupt(self) -> Outcome:
         """Return the same, after which somebody pressed Ctrl-C."""
-        return replace(self, result=self.result.interrupted())
+        return replace(self, result=self.result.with_interrupt())
 
 
 class Strategy(Protocol):
@@ -164,7 +164,7 @@ class Phases:
         except KeyboardInterrupt:
             if self.last is None:
                 raise
-            result = replace(self.last.interrupted(), history=())
+            result = replace(self.last.with_interrupt(), history=())
         return self._keep(result, name, clock)
 
     def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:

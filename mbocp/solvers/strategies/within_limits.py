@@ -39,7 +39,7 @@ class AutoWithinLimits:
         if why_limits_cannot_be_kept(programme) is not None:
             found, title = run_interior("ipopt", phases)
             return phases.outcome(found, f"auto: {title}")
-        solver = make_solver("monolithic", settings.unhurried())
+        solver = make_solver("monolithic", settings.with_patience())
         begun = phases.run(solver, "monolithic", phases.guess, should_stop=has_stalled)
         if phases.ends_with(begun):
             return phases.outcome(begun, f"auto: {solver.name}")

@@ -147,10 +147,10 @@ def multiplier_panels(solution: Solution) -> list[LinePanel]:
         if values.shape[1]
         for panel in line_panels(title, symbol, columns, t, values, step=step)
     ]
-    return [*force_panels(solution), *(_calmed(panel) for panel in found), *_limit_panels(solution)]
+    return [*force_panels(solution), *(_calm(panel) for panel in found), *_limit_panels(solution)]
 
 
-def _calmed(panel: LinePanel) -> LinePanel:
+def _calm(panel: LinePanel) -> LinePanel:
     """A panel with the means of curves that zigzag before the curves themselves."""
     means = without_zigzag(panel.values)
     return panel if means is panel.values else replace(panel, values=means, faint=panel.values)

@@ -32,7 +32,7 @@ def page_server(host: str, port: int, label: str) -> Any:
         If it does not start as viser 1 does, and would take pages of others.
     """
     viser = viser_module()
-    with contextlib.redirect_stdout(io.StringIO()), _guarded(host) as guards:  # it announces itself there
+    with contextlib.redirect_stdout(io.StringIO()), _guard(host) as guards:  # it announces itself there
         server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
     if not guards:
         server.stop()
@@ -72,7 +72,7 @@ def _is_address(name: str) -> bool:
 
 
 @contextlib.contextmanager
-def _guarded(name: str) -> Iterator[list[Callable[..., Any]]]:
+def _guard(name: str) -> Iterator[list[Callable[..., Any]]]:
     """Let servers of `websockets` that are started meanwhile look at requests; those that do so."""
     import websockets.asyncio.server as module
 

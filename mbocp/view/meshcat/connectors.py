@@ -42,7 +42,7 @@ def connector_commands(
         stretch = np.ones((len(lengths), 3))
         stretch[:, 2] = np.maximum(lengths / usual, 1e-6)  # a scale of zero has no inverse
         values = {"position": start, "quaternion": directions(span, lengths), "scale": stretch}
-        commands.append(set_object(path, _drawn(connector, usual, size)))
+        commands.append(set_object(path, _draw(connector, usual, size)))
         for name, value in values.items():
             commands.append(set_property(path, name, [float(x) for x in value[0]]))
             if np.ptp(value, axis=0).any():
@@ -50,7 +50,7 @@ def connector_commands(
     return commands, tracks
 
 
-def _drawn(connector: Connector, length: float, size: float) -> dict[str, Any]:
+def _draw(connector: Connector, length: float, size: float) -> dict[str, Any]:
     if connector.kind == "spring":
         shape = coil(length, connector.radius)
     else:

@@ -106,7 +106,7 @@ def _copy(
         if joint == 0:
             continue  # stands where the robot stands
         try:
-            drawn = _painted(library.draw(visual), paint)
+            drawn = _paint(library.draw(visual), paint)
         except ReplayError:  # told where the robot itself is drawn
             missing.add(joint)
             continue
@@ -114,14 +114,14 @@ def _copy(
         yield set_transform(path, visual.placement.rotation, visual.placement.translation)
     for joint, sticks, _ in skeleton(robot.model, missing):
         for i, stick in enumerate(sticks):
-            yield set_object(f"{_node(root, joint)}/stick_{i}", _painted(stick, paint))
+            yield set_object(f"{_node(root, joint)}/stick_{i}", _paint(stick, paint))
 
 
 def _node(root: str, joint: int) -> str:
     return f"{root}/joint_{joint}"
 
 
-def _painted(drawn: dict[str, Any], paint: dict[str, Any]) -> dict[str, Any]:
+def _paint(drawn: dict[str, Any], paint: dict[str, Any]) -> dict[str, Any]:
     """The same object with materials that one sees through."""
     materials = []
     for material in drawn.get("materials", ()):

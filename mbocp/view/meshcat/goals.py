@@ -33,7 +33,7 @@ def goal_placements(robot: Robot, goals: Sequence[FrameTarget], q: Array) -> lis
     found = []
     for goal in goals:
         reference = robot.frame_placement(goal.relative_to, q)
-        found.append(reference * goal.completed(robot.frame_placement(goal.name, q, goal.relative_to)))
+        found.append(reference * goal.complete(robot.frame_placement(goal.name, q, goal.relative_to)))
     return found
 
 

@@ -143,7 +143,7 @@ def build_scene(
     lines = [*paths, *_connector_ends(robot, motion), *ends, *mark_points(robot, drawn_marks, motion)]
     lines += [np.tile(point, (len(motion.times), 1)) for point in ghost_points(robot, ghosts)]
     swept = (
-        np.vstack([_swept(motion, corners, lines), *(path_points(other.motion) for other in others)]) @ turn.T
+        np.vstack([_sweep(motion, corners, lines), *(path_points(other.motion) for other in others)]) @ turn.T
     )
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
@@ -238,7 +238,7 @@ def _poses(motion: Motion) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, len(motion.times) - 1, SWEEP_POSES).astype(np.int64))
 
 
-def _swept(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
+def _sweep(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
     """Points (M, 3) whose hull contains all moving bodies and those near them."""
     picked = _poses(motion)
     clouds = [*lines] if corners else [*lines, motion.positions[picked, 1:].reshape(-1, 3)]

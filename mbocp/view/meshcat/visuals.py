@@ -19,10 +19,10 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
-from mbocp._text import shortened
+from mbocp._text import shorten
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError, Unreadable
-from mbocp.meshes.parts import MeshPart, Surface, checked
+from mbocp.meshes.parts import MeshPart, Surface, check_parts
 from mbocp.meshes.pictures import Picture, picture_folders, read_picture
 from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
 from mbocp.meshes.stl import binary_stl
@@ -88,17 +88,17 @@ class MeshLibrary:
             (part,) = self._parts(visual.meshPath)
             drawn = _plain(mg.StlMeshGeometry.from_stream(io.BytesIO(binary_stl(part))), visual)
             drawn["geometries"][0]["type"] = "_meshfile_geometry"  # the viewer's newer name for it
-            return _scaled(drawn, visual.meshScale)
+            return _scale(drawn, visual.meshScale)
         if suffix in READERS:
-            drawn = _painted(self._parts(visual.meshPath), visual, self._pictures)
-            return _scaled(drawn, visual.meshScale)
+            drawn = _paint(self._parts(visual.meshPath), visual, self._pictures)
+            return _scale(drawn, visual.meshScale)
         # coal reads the other formats, and puts the scale into the vertices.
-        shape = load_mesh(self._loaded(visual)) if visual.meshPath else load_primitive(visual)
+        shape = load_mesh(self._load(visual)) if visual.meshPath else load_primitive(visual)
         return None if shape is None else _plain(shape, visual)
 
     def _parts(self, path: str) -> tuple[MeshPart, ...]:
         if path not in self._parsed:
-            parts = checked(READERS[Path(path).suffix.lower()](Path(path)))
+            parts = check_parts(READERS[Path(path).suffix.lower()](Path(path)))
             self._count(sum(part.vertices.nbytes + part.faces.nbytes for part in parts))
             self._parsed[path] = tuple(self._with_picture(path, part) for part in parts)
         return self._parsed[path]
@@ -116,7 +116,7 @@ class MeshLibrary:
                 return part
             except (Unreadable, ValueError) as error:
                 self._refused.add(image)
-                words = f"{mesh}: shown without its picture {shortened(str(image))}, which {error}"
+                words = f"{mesh}: shown without its picture {shorten(str(image))}, which {error}"
                 warn_caller(words)
         colour = _GREY if part.surface.colour == (1.0, 1.0, 1.0) else part.surface.colour
         return replace(part, surface=Surface(colour))
@@ -130,14 +130,14 @@ class MeshLibrary:
         if Path(visual.meshPath).suffix.lower() in READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
             return points.min(axis=0), points.max(axis=0)
-        shape = self._loaded(visual) if visual.meshPath else visual.geometry
+        shape = self._load(visual) if visual.meshPath else visual.geometry
         shape.computeLocalAABB()
         low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
         if np.any(low > high) or np.max(np.abs([low, high])) > _ENDLESS:
             raise ValueError(f"visual {visual.name!r} has no extent")
         return low, high
 
-    def _loaded(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
+    def _load(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
         return load_by_coal(Path(visual.meshPath), visual.meshScale)
 
 
@@ -146,7 +146,7 @@ def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:
     return shape_object(shape, _own_material(visual))
 
 
-def _scaled(drawn: dict[str, Any], scale: Array) -> dict[str, Any]:
+def _scale(drawn: dict[str, Any], scale: Array) -> dict[str, Any]:
     drawn["object"]["matrix"] = [float(x) for x in np.diag([*scale, 1.0]).ravel()]
     return drawn
 
@@ -156,7 +156,7 @@ def _own_material(visual: pin.GeometryObject) -> mg.Material:
     return mg.MeshPhongMaterial(color=colour_number(colour), opacity=alpha)
 
 
-def _painted(
+def _paint(
     parts: Sequence[MeshPart], visual: pin.GeometryObject, pictures: Mapping[Path, Picture]
 ) -> dict[str, Any]:
     """A mesh in its own colours, unless it is plain grey and the robot's file names a colour."""

@@ -62,8 +62,8 @@ def _tie(tiles: Sequence[LinePanel], solution: Solution) -> Iterator[str]:
             box = axes.get_position()
         shown = tile.names[:_MAX_NAMES]
         curves = {
-            "t": _rounded(tile.t),
-            "values": [_rounded(tile.values[:, i]) for i in range(len(shown))],
+            "t": _round(tile.t),
+            "values": [_round(tile.values[:, i]) for i in range(len(shown))],
             "step": tile.step,
             "box": [box.x0, box.x1, 1.0 - box.y1, 1.0 - box.y0],
             "from": axes.get_xlim()[0],
@@ -130,7 +130,7 @@ def _picture(figure: Figure) -> str:
     return base64.b64encode(content.getvalue()).decode("ascii")
 
 
-def _rounded(values: Array) -> list[float | None]:
+def _round(values: Array) -> list[float | None]:
     return [float(f"{x:.{_DIGITS}g}") if np.isfinite(x) else None for x in values]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.collision.hull import MAX_CORNERS, Hull, hull_of, hull_of_file
@@ -54,11 +55,12 @@ def test_planes_tell_the_distance_to_the_stated_error(seed: int, count: int, roo
             errors.append(true - found)
         assert found >= planes.slope * np.linalg.norm(p - hull.middle) - planes.offsets.max() - 1e-9
     assert max(errors) <= planes.error + 1e-6
+    faces = ConvexHull(hull.vertices).equations
     for weights in rng.dirichlet(np.ones(len(hull.vertices)), 50):
         p = weights @ hull.vertices
         depth = (planes.normals @ (p - hull.middle) - planes.offsets).max()
         if len(np.unique(hull.normals.round(9), axis=0)) <= room // 2:
-            assert depth == pytest.approx(distance(hull, p), abs=1e-6)
+            assert depth == pytest.approx((faces @ [*p, 1.0]).max(), abs=1e-6)
 
 
 def test_more_planes_have_a_smaller_error() -> None:

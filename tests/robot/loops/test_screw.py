@@ -145,7 +145,7 @@ def test_a_hold_keeps_a_frame_on_the_thread_through_where_it_is() -> None:
     robot, rng = by_hand(model), np.random.default_rng(3)
     anchor = robot.integrate(robot.q0, rng.standard_normal(6))
     axis = AXIS_A / np.linalg.norm(AXIS_A)
-    held = (Hold(name="nut", frame="body", kind="screw", axis=tuple(axis), pitch=PITCH).held(robot),)
+    held = (Hold(name="nut", frame="body", kind="screw", axis=tuple(axis), pitch=PITCH).as_frame(robot),)
     twist = np.concatenate([PITCH / (2 * np.pi) * axis, axis])
     for turn in TURNS:
         q = np.array(pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(anchor) * pin.exp6(turn * twist)))

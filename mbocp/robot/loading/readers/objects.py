@@ -35,7 +35,7 @@ def _urdf(name: str, shape: Payload) -> Urdf:
     link = ElementTree.SubElement(robot, "link", name=OBJECT_LINK)
     if shape.mass > 0.0:
         inertial = ElementTree.SubElement(link, "inertial")
-        ElementTree.SubElement(inertial, "origin", xyz=_joined(shape.com))
+        ElementTree.SubElement(inertial, "origin", xyz=_join(shape.com))
         ElementTree.SubElement(inertial, "mass", value=repr(shape.mass))
         inertial.append(ElementTree.fromstring(_INERTIA.format(*map(repr, shape.inertia))))
     if (form := _form(shape)) is not None:
@@ -51,7 +51,7 @@ def _urdf(name: str, shape: Payload) -> Urdf:
 
 def _form(shape: Payload) -> ElementTree.Element | None:
     if shape.box is not None:
-        return ElementTree.Element("box", size=_joined(shape.box))
+        return ElementTree.Element("box", size=_join(shape.box))
     if shape.sphere is not None:
         return ElementTree.Element("sphere", radius=repr(shape.sphere))
     if shape.cylinder is not None:
@@ -60,5 +60,5 @@ def _form(shape: Payload) -> ElementTree.Element | None:
     return None
 
 
-def _joined(numbers: Sequence[float]) -> str:
+def _join(numbers: Sequence[float]) -> str:
     return " ".join(map(repr, numbers))

@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from mbocp._files import MEGABYTE, read_text
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.description import Description
@@ -54,7 +54,7 @@ class RobotYaml(BaseModel):
     @classmethod
     def _two_frames(cls, pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
         if twice := next((a for a, b in pairs if a == b), None):
-            raise ValueError(f"frames must be two different frames, got {shown(twice)} twice")
+            raise ValueError(f"frames must be two different frames, got {show(twice)} twice")
         return pairs
 
     def table(self, urdf: Urdf) -> RobotTable:
@@ -154,7 +154,7 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     except ValidationError as error:
         first = error.errors()[0]
         key = "".join(f"[{step}]" if isinstance(step, int) else f"{step}" for step in first["loc"])
-        got = "" if first["type"] == "missing" else f"got {shown(first['input'])}: "
+        got = "" if first["type"] == "missing" else f"got {show(first['input'])}: "
         raise RobotFileError(path, f"{got}{first['msg']}", key) from error
     _check_lengths(path, found)
     if found.model_extra:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import has_control_characters, listed, shown
+from mbocp._text import has_control_characters, list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_numbers
 
@@ -37,7 +37,7 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
     links = _names(path, root, "link")
     joints = dict(zip(_names(path, root, "joint"), root.iterfind("joint"), strict=True))
     if has_control_characters(root.get("name", "")):
-        raise RobotFileError(path, f"its name {shown(root.get('name'))} has control characters")
+        raise RobotFileError(path, f"its name {show(root.get('name'))} has control characters")
     if not links:
         raise RobotFileError(path, "has no link")
     parents = _parents(path, joints, set(links))
@@ -46,7 +46,7 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
         raise RobotFileError(
             path,
             "must have exactly one root link (one that is no joint's child), has "
-            f"{listed(roots, _MAX_NAMES) if roots else 'none'}",
+            f"{list_names(roots, _MAX_NAMES) if roots else 'none'}",
         )
     _check_reach(path, links, parents, roots[0])
     _check_size(path, joints.values(), parents)
@@ -61,12 +61,12 @@ def _parents(
         _check_joint(path, name, joint)
         parent, child = (_end(path, name, joint, end, known) for end in ("parent", "child"))
         if parent == child:
-            raise RobotFileError(path, f"joint {shown(name)} joins link {shown(child)} to itself")
+            raise RobotFileError(path, f"joint {show(name)} joins link {show(child)} to itself")
         if child in parents:
             raise RobotFileError(
                 path,
-                f"link {shown(child)} is the child of two joints, {shown(parents[child][0])} and "
-                f"{shown(name)}: a URDF is a tree; close loops with [[constraint]] in a robot.toml",
+                f"link {show(child)} is the child of two joints, {show(parents[child][0])} and "
+                f"{show(name)}: a URDF is a tree; close loops with [[constraint]] in a robot.toml",
             )
         parents[child] = (name, parent)
     return parents
@@ -115,20 +115,20 @@ def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str
         stack += found
     lost = [link for link in links if link not in reached]
     if lost:
-        joints = listed([parents[link][0] for link in lost], _MAX_NAMES)
+        joints = list_names([parents[link][0] for link in lost], _MAX_NAMES)
         raise RobotFileError(
             path,
-            f"links that do not hang on the root link {shown(root)}: {listed(lost, _MAX_NAMES)}; their "
+            f"links that do not hang on the root link {show(root)}: {list_names(lost, _MAX_NAMES)}; their "
             f"joints ({joints}) lead in a circle. A URDF is a tree; close loops with [[constraint]] in a "
             "robot.toml",
         )
 
 
 def _check_joint(path: Path, name: str, joint: ElementTree.Element) -> None:
-    kind, where = joint.get("type"), f"joint {shown(name)}"
+    kind, where = joint.get("type"), f"joint {show(name)}"
     if kind not in _JOINT_TYPES:
         raise UnsupportedRobot(
-            f"{path}: {where} is of type {shown(kind)}; supported: {', '.join(_JOINT_TYPES)} "
+            f"{path}: {where} is of type {show(kind)}; supported: {', '.join(_JOINT_TYPES)} "
             "(and mimic on revolute, continuous and prismatic joints)"
         )
     for key in ("xyz", "rpy"):
@@ -136,13 +136,13 @@ def _check_joint(path: Path, name: str, joint: ElementTree.Element) -> None:
     text = child_attribute(joint, "axis", "xyz")
     axis = finite_numbers(path, f"{where}: axis xyz", text, (1.0, 0.0, 0.0))
     if kind in _WITH_AXIS and not _NORM_RANGE[0] <= np.abs(axis).max() <= _NORM_RANGE[1]:
-        raise RobotFileError(path, f"{where}: axis xyz is {shown(text)}, expected a direction, such as 0 0 1")
+        raise RobotFileError(path, f"{where}: axis xyz is {show(text)}, expected a direction, such as 0 0 1")
 
 
 def _end(path: Path, name: str, joint: ElementTree.Element, end: str, links: set[str]) -> str:
     link = child_attribute(joint, end, "link")
     if link is None or link not in links:
-        raise RobotFileError(path, f"joint {shown(name)}: its {end} link {shown(link)} is not defined")
+        raise RobotFileError(path, f"joint {show(name)}: its {end} link {show(link)} is not defined")
     return link
 
 
@@ -154,12 +154,12 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
     if wrong is not None:
         raise RobotFileError(
             path,
-            f"{tag} {shown(wrong)}: its name has {len(wrong)} characters, expected at most "
+            f"{tag} {show(wrong)}: its name has {len(wrong)} characters, expected at most "
             f"{_MAX_NAME_LENGTH}, no control characters among them",
         )
     repeated = next((name for name, count in Counter(names).items() if count > 1), None)
     if repeated is not None:
-        raise RobotFileError(path, f"{tag} {shown(repeated)} is defined more than once")
+        raise RobotFileError(path, f"{tag} {show(repeated)} is defined more than once")
     return names
 
 
@@ -173,7 +173,7 @@ def check_losses(path: Path, root: ElementTree.Element) -> None:
     """
     for joint in root.iterfind("joint"):
         for key in ("damping", "friction"):
-            where = f"joint {shown(joint.get('name'))}: {key}"
+            where = f"joint {show(joint.get('name'))}: {key}"
             (value,) = finite_numbers(path, where, child_attribute(joint, "dynamics", key), (0.0,))
             if value < 0.0:
                 raise UnsupportedRobot(

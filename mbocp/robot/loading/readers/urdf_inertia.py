@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.readers.urdf_xml import LARGEST, child_attribute, finite_number, finite_numbers
@@ -86,19 +86,19 @@ def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> li
     """Faults of the inertias of a body's links, or of the body as a whole."""
     links = {f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY}
     told = [
-        f"link {shown(inertial.link)}: {words}"
+        f"link {show(inertial.link)}: {words}"
         for inertial in inertials
         if inertial.link in links and (words := _fault(inertial))
     ]
     whole = _fault(_inertial(model, joint))
-    return told or [f"what joint {shown(model.names[joint])} moves: {whole}"]
+    return told or [f"what joint {show(model.names[joint])} moves: {whole}"]
 
 
 def _read(path: Path, link: str, element: ElementTree.Element) -> Inertial:
-    where = f"{path}: link {shown(link)}"
+    where = f"{path}: link {show(link)}"
     for key in ("xyz", "rpy"):
         text = child_attribute(element, "origin", key)
-        finite_numbers(path, f"link {shown(link)}: inertial origin {key}", text, (0.0,) * 3)
+        finite_numbers(path, f"link {show(link)}: inertial origin {key}", text, (0.0,) * 3)
     mass = _number(where, "mass", child_attribute(element, "mass", "value"))
     if mass < 0:
         raise UnsupportedRobot(
@@ -120,7 +120,7 @@ def _read(path: Path, link: str, element: ElementTree.Element) -> Inertial:
 def _number(where: str, key: str, text: str | None) -> float:
     value = finite_number(text)
     if value is None:
-        raise UnsupportedRobot(f"{where}: {key} is {shown(text)}, expected a finite number up to {LARGEST:g}")
+        raise UnsupportedRobot(f"{where}: {key} is {show(text)}, expected a finite number up to {LARGEST:g}")
     return value
 
 

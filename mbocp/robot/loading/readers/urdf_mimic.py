@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp._text import listed
+from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.followers import Follower
 from mbocp.robot.loading.readers.urdf_xml import finite_numbers
@@ -28,7 +28,7 @@ def followers(path: Path, root: ElementTree.Element) -> tuple[Follower, ...]:
     """
     elements = {joint.get("name", ""): joint for joint in root.iterfind("joint")}
     return tuple(
-        _checked(path, _resolved(path, name, elements), elements)
+        _check(path, _resolve(path, name, elements), elements)
         for name, joint in elements.items()
         if joint.find("mimic") is not None
     )
@@ -50,7 +50,7 @@ def with_first_leaders(text: str, root: ElementTree.Element, found: Sequence[Fol
     return ElementTree.tostring(copy, encoding="unicode")
 
 
-def _resolved(path: Path, name: str, elements: Mapping[str, ElementTree.Element]) -> Follower:
+def _resolve(path: Path, name: str, elements: Mapping[str, ElementTree.Element]) -> Follower:
     """Follow the leaders up to the one that follows no other."""
     multiplier, offset, at, passed = 1.0, 0.0, name, [name]
     while (mimic := elements[at].find("mimic")) is not None:
@@ -60,7 +60,7 @@ def _resolved(path: Path, name: str, elements: Mapping[str, ElementTree.Element]
             raise RobotFileError(path, f"{who}, which is not defined; {_REMEDY}")
         if leader in passed:
             raise UnsupportedRobot(
-                f"{path}: joint {name!r} mimics itself, by way of {listed(passed, _MAX_NAMES)}; {_REMEDY}"
+                f"{path}: joint {name!r} mimics itself, by way of {list_names(passed, _MAX_NAMES)}; {_REMEDY}"
             )
         # theta = m theta_at + o and theta_at = m' theta_leader + o'
         offset += multiplier * _number(path, who, mimic, "offset", 0.0)
@@ -82,7 +82,7 @@ def _with_own(follower: Follower, path: Path, element: ElementTree.Element) -> F
     return replace(follower, lower=lower, upper=upper, velocity=velocity, damping=damping, friction=friction)
 
 
-def _checked(path: Path, follower: Follower, elements: Mapping[str, ElementTree.Element]) -> Follower:
+def _check(path: Path, follower: Follower, elements: Mapping[str, ElementTree.Element]) -> Follower:
     kinds = (elements[follower.name].get("type"), elements[follower.leader].get("type"))
     where = f"{path}: joint {follower.name!r} mimics {follower.leader!r}"
     if not set(kinds) <= set(_KINDS) or len({kind == "continuous" for kind in kinds}) > 1:

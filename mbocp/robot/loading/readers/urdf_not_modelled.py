@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp._text import shortened, shown
+from mbocp._text import shorten, show
 from mbocp._warn import warn_caller
 from mbocp.robot.loading.readers.urdf_inertia import read_inertials
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
@@ -63,10 +63,10 @@ def _extensions(root: ElementTree.Element) -> Iterator[str]:
     for joint in root.iterfind("joint"):
         for key in (*_SPRINGS, *_ROTORS):
             if _not_zero(child_attribute(joint, "dynamics", key)):
-                yield f"{_what(key)} of joint {shown(joint.get('name'))} (<dynamics {key}>)"
+                yield f"{_what(key)} of joint {show(joint.get('name'))} (<dynamics {key}>)"
     yield from _losses_without_an_axis(root)
     for loop in root.iterfind("loop_joint"):
-        yield f"the loop that <loop_joint> {shown(loop.get('name'))} closes ({_LOOP_HINT})"
+        yield f"the loop that <loop_joint> {show(loop.get('name'))} closes ({_LOOP_HINT})"
     for element in root.iterfind("gazebo"):
         yield from _gazebo(element)
     yield from _weightless(root)
@@ -78,7 +78,7 @@ def _rotors(root: ElementTree.Element) -> Iterator[str]:
         for inner in element.iter():
             tag = inner.tag.rpartition("}")[2]
             if tag in _ROTORS and (_not_zero(inner.text) or _not_zero(inner.get("value"))):
-                yield f"{_what(tag)} in <transmission> {shown(element.get('name'))}"
+                yield f"{_what(tag)} in <transmission> {show(element.get('name'))}"
 
 
 def _losses_without_an_axis(root: ElementTree.Element) -> Iterator[str]:
@@ -86,16 +86,16 @@ def _losses_without_an_axis(root: ElementTree.Element) -> Iterator[str]:
         numbers = (child_attribute(joint, "dynamics", key) for key in ("damping", "friction"))
         if joint.get("type") in ("planar", "floating") and any(_not_zero(number) for number in numbers):
             hint = "it has no one axis; a [[spring_damper]] of a robot.toml damps it"
-            yield f"damping and friction of the {joint.get('type')} joint {shown(joint.get('name'))} ({hint})"
+            yield f"damping and friction of the {joint.get('type')} joint {show(joint.get('name'))} ({hint})"
 
 
 def _gazebo(element: ElementTree.Element) -> Iterator[str]:
-    where = f"<gazebo reference={shown(element.get('reference'))}>"
+    where = f"<gazebo reference={show(element.get('reference'))}>"
     for inner in element:
         if inner.tag in _SPRINGS and _not_zero(inner.text):
             yield f"{_what(inner.tag)} of {where}"
         elif inner.tag == "joint":
-            yield f"the joint {shown(inner.get('name'))} in {where} ({_LOOP_HINT})"
+            yield f"the joint {show(inner.get('name'))} in {where} ({_LOOP_HINT})"
 
 
 def _weightless(root: ElementTree.Element) -> Iterator[str]:
@@ -107,7 +107,7 @@ def _weightless(root: ElementTree.Element) -> Iterator[str]:
         for inner in element
         if inner.tag in ("gravity", "turnGravityOff") and _says_no(inner.text) == (inner.tag == "gravity")
     ]
-    named = [shown(link) for link in dict.fromkeys(links) if link in heavy]
+    named = [show(link) for link in dict.fromkeys(links) if link in heavy]
     if named:
         more = f" and {len(named) - _MAX_NAMES} more" if len(named) > _MAX_NAMES else ""
         yield f"gravity turned off for the links {', '.join(named[:_MAX_NAMES])}{more} (<gazebo>)"
@@ -124,12 +124,12 @@ def _misspelt(root: ElementTree.Element) -> Iterator[str]:
         for inner in parent:
             if inner.tag in _KNOWN[parent.tag]:
                 continue
-            key = (parent.tag, shortened(inner.tag.lower(), 40))
+            key = (parent.tag, shorten(inner.tag.lower(), 40))
             if key not in likely:
                 likely[key] = difflib.get_close_matches(key[1], _KNOWN[parent.tag], n=1, cutoff=_MIN_LIKENESS)
             if likely[key]:
-                of = "" if parent is root else f" of {parent.tag} {shown(parent.get('name'))}"
-                yield f"<{shortened(inner.tag)}>{of} (did you mean <{likely[key][0]}>?)"
+                of = "" if parent is root else f" of {parent.tag} {show(parent.get('name'))}"
+                yield f"<{shorten(inner.tag)}>{of} (did you mean <{likely[key][0]}>?)"
 
 
 def _not_zero(text: str | None) -> bool:

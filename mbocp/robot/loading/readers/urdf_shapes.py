@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import shortened, shown
+from mbocp._text import shorten, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.collision.source import LinkShape, ShapeSource
@@ -55,7 +55,7 @@ def build_visuals(urdf: Urdf, model: pin.Model, folders: Sequence[Path]) -> pin.
     if missing:
         path = urdf.path if unpacked_root(urdf.path.parent) is None else urdf.path.name  # that of a result
         warn_caller(
-            f"{path}: shown without its missing meshes ({_named(missing)})",
+            f"{path}: shown without its missing meshes ({_name(missing)})",
             MissingMeshWarning,
         )
     return visuals
@@ -85,7 +85,7 @@ def _solid(urdf: Urdf, folders: Sequence[Path]) -> Iterator[LinkShape]:
         try:
             shape = _shape(urdf, folders, "collision", link, number, element)
         except FileNotFoundError as error:
-            where = f"collision {number} of link {shown(link)}"
+            where = f"collision {number} of link {show(link)}"
             raise RobotFileError(urdf.path, f"{where}: its mesh is missing: {error}") from error
         if shape is not None:
             yield shape
@@ -106,7 +106,7 @@ def _shape(
     form = None if geometry is None else next(iter(geometry), None)
     if form is None:
         return None
-    where = f"{kind} {number} of link {shown(link)}"
+    where = f"{kind} {number} of link {show(link)}"
     made, mesh, scale = _form(urdf, where, form, folders)
     return LinkShape(link, number, where, made, mesh, scale, _placement(urdf, where, element))
 
@@ -128,7 +128,7 @@ def _form(
     if tag == "box":
         return coal.Box(*_sizes(urdf, f"{where}: box size", element.get("size"), 3)), "", unscaled
     if tag not in _ROUND:
-        raise RobotFileError(urdf.path, f"<geometry> has the unknown shape <{shortened(tag)}>")
+        raise RobotFileError(urdf.path, f"<geometry> has the unknown shape <{shorten(tag)}>")
     keys = ("radius",) if tag == "sphere" else ("radius", "length")
     sizes = [_sizes(urdf, f"{where}: {tag} {key}", element.get(key), 1)[0] for key in keys]
     return _ROUND[tag](*map(float, sizes)), "", unscaled
@@ -149,7 +149,7 @@ def _sizes(urdf: Urdf, what: str, text: str | None, count: int) -> Array:
     """Lengths that a picture can have [m]."""
     sizes = finite_numbers(urdf.path, what, text, (0.0,) * count)
     if not np.all((sizes >= 0.0) & (sizes <= _MAX_LENGTH)):
-        raise RobotFileError(urdf.path, f"{what} is {shown(text)}, expected 0 to {_MAX_LENGTH:g} m")
+        raise RobotFileError(urdf.path, f"{what} is {show(text)}, expected 0 to {_MAX_LENGTH:g} m")
     return sizes
 
 
@@ -170,7 +170,7 @@ def _object(model: pin.Model, shape: LinkShape, color: Array | None) -> pin.Geom
     )
 
 
-def _named(missing: Sequence[tuple[str, str | None]]) -> str:
+def _name(missing: Sequence[tuple[str, str | None]]) -> str:
     """One mesh for each reason why meshes are missing, and how many more; packages by their names."""
     alike: dict[str, list[str]] = {}
     for told, link in missing:

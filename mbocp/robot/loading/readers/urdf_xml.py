@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, read_text
-from mbocp._text import shown
+from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable
 
 LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers stay finite
@@ -105,7 +105,7 @@ def finite_numbers(path: Path, what: str, text: str | None, default: tuple[float
     values = [finite_number(word) for word in text.split()]
     if len(values) != len(default) or None in values:
         count = f"{len(default)} finite numbers" if len(default) > 1 else "a finite number"
-        raise RobotFileError(path, f"{what} is {shown(text)}, expected {count} up to {LARGEST:g}")
+        raise RobotFileError(path, f"{what} is {show(text)}, expected {count} up to {LARGEST:g}")
     return np.array(values, dtype=np.float64)
 
 

@@ -159,7 +159,7 @@ class Constraint(ABC):
     def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
         """Phi(q), shape (len(rows),), in whatever coordinates `kinematics` has."""
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Phi(q; anchor): zero where what it keeps is as it was at another configuration."""
         return self.equations(kinematics, q) - self.equations(kinematics, anchor)
 
@@ -212,7 +212,7 @@ class FrameConstraint(Constraint):
         return {"frames": list(self.frames)}
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> FrameConstraint:
         """Make what a hold keeps, from the values of `hold_keys`."""
@@ -232,11 +232,11 @@ class FrameConstraint(Constraint):
         axes = kinematics.frame_rotation(self.frame_b, q)
         return axes.T @ kinematics.frame_rotation(self.frame_a, q)
 
-    def moved(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def displacement(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """How far the origin of frame a is from where it was, in the axes of b [m]."""
         return self.place(kinematics, q) - self.place(kinematics, anchor)
 
-    def turned(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def turn_since(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """How far frame a is turned from where it was, in its axes there."""
         return self.turn(kinematics, anchor).T @ self.turn(kinematics, q)
 

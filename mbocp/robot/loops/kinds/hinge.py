@@ -63,7 +63,7 @@ class Hinge(FrameConstraint):
             object.__setattr__(self, key, unit_axis(getattr(self, key), f"hinge {self.name!r}: {key}"))
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> Hinge:
         """The origin and an axis are held."""
@@ -82,11 +82,11 @@ class Hinge(FrameConstraint):
         tilts = [ca.dot(in_world(axes_b, e), axis) for e in perpendiculars(self.axis_b)]
         return ca.vertcat(axes_b.T @ self.offset(kinematics, q), *tilts)
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions, and components of the axis across where it was."""
-        axis = self.turned(kinematics, q, anchor) @ ca.DM(np.array(self.axis_a))
+        axis = self.turn_since(kinematics, q, anchor) @ ca.DM(np.array(self.axis_a))
         tilts = [along(e, axis) for e in perpendiculars(self.axis_a)]
-        return ca.vertcat(self.moved(kinematics, q, anchor), *tilts)
+        return ca.vertcat(self.displacement(kinematics, q, anchor), *tilts)
 
     @property
     def wrench_map(self) -> Array:

@@ -56,7 +56,7 @@ class PointOnLine(FrameConstraint):
         object.__setattr__(self, "axis", unit_axis(self.axis, f"line {self.name!r}: axis"))
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> PointOnLine:
         """The origin is held on a line."""
@@ -72,9 +72,9 @@ class PointOnLine(FrameConstraint):
         axes_b, d = kinematics.frame_rotation(self.frame_b, q), self.offset(kinematics, q)
         return ca.vertcat(*[ca.dot(in_world(axes_b, e), d) for e in perpendiculars(self.axis)])
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Differences of the positions across the line."""
-        moved = self.moved(kinematics, q, anchor)
+        moved = self.displacement(kinematics, q, anchor)
         return ca.vertcat(*[along(e, moved) for e in perpendiculars(self.axis)])
 
     @property

@@ -54,7 +54,7 @@ class PointOnPlane(FrameConstraint):
         object.__setattr__(self, "normal", unit_axis(self.normal, f"plane {self.name!r}: normal"))
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> PointOnPlane:
         """The origin is held in a plane."""
@@ -75,9 +75,9 @@ class PointOnPlane(FrameConstraint):
         axes_b = kinematics.frame_rotation(self.frame_b, q)
         return ca.dot(in_world(axes_b, self.normal), self.offset(kinematics, q))
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions along the normal."""
-        return along(self.normal, self.moved(kinematics, q, anchor))
+        return along(self.normal, self.displacement(kinematics, q, anchor))
 
     @property
     def wrench_map(self) -> Array:

@@ -45,7 +45,7 @@ class Point(FrameConstraint):
             return Point(name, *places.pair(self.frames, where), self.frames)
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> Point:
         """The origin is held."""
@@ -60,9 +60,9 @@ class Point(FrameConstraint):
         """Position of a in b."""
         return self.place(kinematics, q)
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions."""
-        return self.moved(kinematics, q, anchor)
+        return self.displacement(kinematics, q, anchor)
 
     @property
     def wrench_map(self) -> Array:

@@ -82,7 +82,7 @@ class Screw(FrameConstraint):
             object.__setattr__(self, key, unit_axis(getattr(self, key), f"screw {self.name!r}: {key}"))
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> Screw:
         """The frame is held by the thread through where it is."""
@@ -104,10 +104,10 @@ class Screw(FrameConstraint):
         """Place and turn of a in b on the screw about b's axis."""
         return self._rows(self.place(kinematics, q), self.turn(kinematics, q), self.axis_b)
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Move and turn of a since then on the screw about its own axis."""
-        moved = self.turn(kinematics, anchor).T @ self.moved(kinematics, q, anchor)
-        return self._rows(moved, self.turned(kinematics, q, anchor), self.axis_a)
+        moved = self.turn(kinematics, anchor).T @ self.displacement(kinematics, q, anchor)
+        return self._rows(moved, self.turn_since(kinematics, q, anchor), self.axis_a)
 
     def _rows(self, place: ca.SX, turn: ca.SX, about: Axis) -> ca.SX:
         across, rate = perpendiculars(about), 2.0 * np.pi / self.pitch

@@ -50,7 +50,7 @@ class Weld(FrameConstraint):
             return Weld(name, *places.pair(self.frames, where), self.frames)
 
     @classmethod
-    def held(
+    def for_hold(
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> Weld:
         """All of the frame is held."""
@@ -68,11 +68,11 @@ class Weld(FrameConstraint):
         turns = [ca.dot(axes_a[:, i], axes_b[:, j]) for i, j in ((1, 2), (2, 0), (0, 1))]
         return ca.vertcat(axes_b.T @ self.offset(kinematics, q), *turns)
 
-    def anchored(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions, and the turn since then."""
-        E = self.turned(kinematics, q, anchor)
+        E = self.turn_since(kinematics, q, anchor)
         turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
-        return ca.vertcat(self.moved(kinematics, q, anchor), turn)
+        return ca.vertcat(self.displacement(kinematics, q, anchor), turn)
 
     @property
     def wrench_map(self) -> Array:
