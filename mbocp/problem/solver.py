@@ -17,6 +17,7 @@ from mbocp.problem._checks import (
     positive,
     whole,
 )
+from mbocp.solvers.added import added_solvers
 from mbocp.solvers.options import (
     ADJOINTS,
     GLOBALISATIONS,
@@ -41,6 +42,11 @@ def _tolerance(key: str, value: Any) -> float:
     return number
 
 
+def _method(key: str, value: Any) -> str:
+    known = value in METHODS
+    return check_choice(key, value, METHODS if known else (*METHODS, *sorted(added_solvers().names)))
+
+
 def _threshold(key: str, value: Any) -> float:
     number = check_number(key, value)
     if number < 0.0:
@@ -54,6 +60,7 @@ def _threads(key: str, value: Any) -> int | str:
     return check_integer(key, value, minimum=1)
 
 
+_METHODS = choice(METHODS)
 _THRESHOLD = Check("number >= 0", {"minimum": 0}, work=_threshold)
 _THREADS = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": "auto"}]}
 
@@ -97,9 +104,14 @@ class SolverOptions(Options):
 class SolverTable(Table):
     """How the problem is solved; `mbocp.solvers.Options` explains the methods."""
 
-    method: Annotated[str, choice(METHODS), Key("[which does what](solver.md#which-solver)")] = (
-        SolverOptions.method
-    )
+    method: Annotated[
+        str,
+        Check(_METHODS.takes, _METHODS.schema, work=_method),
+        Key(
+            "[which does what](solver.md#which-solver), or "
+            "[a solver of one's own](solver.md#a-solver-of-ones-own)"
+        ),
+    ] = SolverOptions.method
     globalisation: Annotated[
         str, choice(GLOBALISATIONS), Key('`"none"`: the paper\'s Newton methods, without safeguards')
     ] = SolverOptions.globalisation

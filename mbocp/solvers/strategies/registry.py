@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from mbocp.exceptions import InvalidValue
+from mbocp.solvers.added import added_solvers, make_added_solver
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.settings import SolverSettings
@@ -74,7 +75,7 @@ def make_solver(name: str, settings: SolverSettings, switch: Switch | None = Non
     Parameters
     ----------
     name : str
-        Of `SOLVERS`.
+        Of `SOLVERS`, or of a solver that another package adds.
     settings : SolverSettings
     switch : Switch, optional
         Of the gradient phase of a hybrid.
@@ -82,8 +83,11 @@ def make_solver(name: str, settings: SolverSettings, switch: Switch | None = Non
     Raises
     ------
     InvalidValue
-        If there is no solver of that name; lists those that there are.
+        If there is no solver of that name, with a list of those that there are; or if the package that adds
+        it does not load.
     """
-    if name not in SOLVERS:
-        raise InvalidValue.of_choice("solver.method", name, tuple(SOLVERS))
-    return SOLVERS[name](settings, switch)
+    if name in SOLVERS:
+        return SOLVERS[name](settings, switch)
+    if name in added_solvers().names:
+        return make_added_solver(name, settings)
+    raise InvalidValue.of_choice("solver.method", name, (*SOLVERS, *sorted(added_solvers().names)))
