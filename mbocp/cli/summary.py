@@ -16,6 +16,7 @@ from mbocp.cli.console import output
 from mbocp.integrators.schemes import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot.parts import Label
+from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
     from mbocp.problem import Goal, Problem
@@ -374,7 +375,8 @@ def _limits(solution: Solution) -> _Rows:
     elif solution.limit_violation == 0.0:
         listed += "\nall are kept at the nodes"
     if solution.limit_excess > 0.0:
-        part, when = f"{100.0 * solution.limit_excess:.3g} %", f"{solution.limit_excess_time:.4g} s"
+        more = " or more" if solution.status is Status.UNDER_RESOLVED else ""
+        part, when = f"{100.0 * solution.limit_excess:.3g} %{more}", f"{solution.limit_excess_time:.4g} s"
         listed += f"\nbetween nodes the {solution.limit_excess_of} leaves its limit by {part}, at {when}"
     return [("limits", listed)]
 

@@ -72,10 +72,10 @@ class LimitExcess:
 
     @property
     def words(self) -> str:
-        """In a sentence."""
+        """In a sentence; where steps do not resolve the motion, the cubics follow it to some digits alone."""
         return (
             f"between nodes the {self.of} is {self.value:.4g} {self.unit} at t = {self.time:.4g} s, "
-            f"{100.0 * self.ratio:.3g} % beyond {self.bound:.4g}"
+            f"{100.0 * self.ratio:.3g} % {'or more ' if self.is_gross else ''}beyond {self.bound:.4g}"
         )
 
 
