@@ -119,7 +119,7 @@ def iteration_table() -> Table:
             (
                 name,
                 f"{2 * problem.robot.nv}",
-                f"{made.layout.nx} + {sizes.kinds[0].ny}",
+                f"{made.layout.nx} + {sizes.kind.ny}",
                 f"{1e3 * joint_time[0]:.2f}",
                 f"{1e3 * natural_time[0]:.2f}",
                 f"{natural_time[0] / joint_time[0]:.1f}",

@@ -276,7 +276,7 @@ def _first_adjoint(programme: Any, iterate: Iterate) -> Array:
     rho = programme.rho.reshape(programme.num_steps, -1)[0]
     function = programme.functions.with_name("jacobian").function("jacobian")
     _, _, by_rows, by_cost = (np.asarray(out.full()) for out in function(*first, programme.theta, rho))
-    kind = programme.kinds[0]
+    kind = programme.kind
     at = slice(kind.ndx + kind.ny, 2 * kind.ndx + kind.ny)
     found: Array = by_cost.ravel()[at] + by_rows[:, at].T @ iterate.ms[0]
     return found

@@ -131,8 +131,8 @@ class Programme:
     z_upper: Array
     def __init__(
         self,
-        kinds: Sequence[Kind],
-        stage_kind: Sequence[int],
+        num_stages: int,
+        kind: Kind,
         terminal: Terminal,
         retract: StageFunction,
         difference: StageFunction,

@@ -152,8 +152,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
     return StagewiseProgramme(
         num_steps=problem.num_steps,
-        kinds=(_kind(pieces, sum(layout.stage.values())),),
-        stage_kind=(0,) * problem.num_steps,
+        kind=_kind(pieces, sum(layout.stage.values())),
         ng=signature.end_rows,
         num_guards=len(signature.guarded),
         functions=load_functions(

@@ -63,15 +63,12 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     if found is None or not _factorise(found[0], formulation.programme):
         return np.zeros((0, 0, 0))
     native, held = found
-    kinds = [formulation.programme.kinds[k] for k in formulation.programme.stage_kind]
-    ends = np.cumsum([kind.nu * kind.ndx for kind in kinds])
-    rows = np.split(native.gains(), ends[:-1])
+    kind = formulation.programme.kind
     is_continuous = formulation.pieces.signature.control_values.is_continuous
-    blocks = [row.reshape(kind.nu, kind.ndx) for row, kind in zip(rows, kinds, strict=True)]
     of_step = partial(_answers, layout, robot.nu, is_continuous)
+    blocks = native.gains().reshape(-1, kind.nu, kind.ndx)
     gains = np.array([of_step(block, n) for n, block in enumerate(blocks)])
-    nx = formulation.programme.kinds[0].nx
-    gains[held[:, nx : nx + layout.num_own]] = 0.0
+    gains[held[:, kind.nx : kind.nx + layout.num_own]] = 0.0
     return gains
 
 

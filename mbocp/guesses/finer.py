@@ -40,7 +40,7 @@ def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> It
     us = _interpolate(motion.us, middles, share)
     lams = _interpolate(coarse.duals_of(iterate, motion).lams, middles, share)
     made = formulation.iterate_of(Motion(qs, vs, us, dts), lams)
-    if formulation.programme.kinds[0].ny or iterate.eta.shape != made.eta.shape:
+    if formulation.programme.kind.ny or iterate.eta.shape != made.eta.shape:
         return made
     ms = _interpolate(iterate.ms, middles, share)
     return replace(made, ms=frozen_array(ms), eta=iterate.eta)

@@ -89,7 +89,7 @@ class Iterate:
         cls, native: KernelProgramme, programme: StagewiseProgramme, bounds: BoundMultipliers | None = None
     ) -> Iterate:
         """Copy the iterate of a kernel programme, without the multipliers of its limits."""
-        N, kind = programme.num_steps, programme.kinds[0]
+        N, kind = programme.num_steps, programme.kind
         return cls(
             xs=native.x.reshape(N + 1, kind.nx),
             ys=native.y.reshape(N, kind.ny),
@@ -102,7 +102,7 @@ class Iterate:
 
 def zero_multipliers(programme: StagewiseProgramme, xs: Array, ys: Array, us: Array) -> Iterate:
     """Iterate with mu = zeta = eta = 0, the start of the paper's monolithic runs."""
-    kind = programme.kinds[0]
+    kind = programme.kind
     return Iterate(
         xs=xs,
         ys=ys,

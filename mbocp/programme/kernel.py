@@ -136,31 +136,29 @@ def kernel_programme(
 
     of_sweeps = programme.functions.with_name("jacobian") if sweeps else programme.functions
 
-    kinds = [
-        native.Kind(
-            nx=k.nx,
-            ndx=k.ndx,
-            ny=k.ny,
-            nu=k.nu,
-            nr=k.nr,
-            values=function("values"),
-            jacobian=_stage_function(native, of_sweeps, "jacobian"),
-            complete=function("complete"),
-            scale_c=np.ascontiguousarray(k.scale_c),
-            scale_y=np.ascontiguousarray(k.scale_y),
-            scale_m=np.ascontiguousarray(k.scale_m),
-            scale_ru=np.ascontiguousarray(k.scale_ru),
-            groups=[(first, rows, list(columns)) for first, rows, columns in k.groups],
-            turning=k.turning.tolist(),
-        )
-        for k in programme.kinds
-    ]
+    k = programme.kind
+    kind = native.Kind(
+        nx=k.nx,
+        ndx=k.ndx,
+        ny=k.ny,
+        nu=k.nu,
+        nr=k.nr,
+        values=function("values"),
+        jacobian=_stage_function(native, of_sweeps, "jacobian"),
+        complete=function("complete"),
+        scale_c=np.ascontiguousarray(k.scale_c),
+        scale_y=np.ascontiguousarray(k.scale_y),
+        scale_m=np.ascontiguousarray(k.scale_m),
+        scale_ru=np.ascontiguousarray(k.scale_ru),
+        groups=[(first, rows, list(columns)) for first, rows, columns in k.groups],
+        turning=k.turning.tolist(),
+    )
     terminal = native.Terminal(
         ng=programme.ng, values=function("terminal_values"), complete=function("terminal_complete")
     )
     made = native.Programme(
-        kinds,
-        list(programme.stage_kind),
+        programme.num_steps,
+        kind,
         terminal,
         function("retract"),
         function("difference"),

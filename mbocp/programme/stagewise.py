@@ -20,7 +20,7 @@ from mbocp.programme.units import Units
 
 @dataclass(frozen=True)
 class StageKind:
-    """Dimensions of one kind of stage, and the factors from its rows and unknowns to the paper's.
+    """Dimensions of a stage, and the factors from its rows and unknowns to the paper's.
 
     Attributes
     ----------
@@ -63,10 +63,8 @@ class StagewiseProgramme:
     ----------
     num_steps : int
         N.
-    kinds : tuple of StageKind
-        The different kinds of stages.
-    stage_kind : tuple of int, length N
-        Kind of each stage.
+    kind : StageKind
+        Of all stages, which differ in their numbers alone.
     ng : int
         Rows of the end condition.
     num_guards : int
@@ -102,8 +100,7 @@ class StagewiseProgramme:
     """
 
     num_steps: int
-    kinds: tuple[StageKind, ...]
-    stage_kind: tuple[int, ...]
+    kind: StageKind
     ng: int
     num_guards: int
     functions: CompiledFunctions
@@ -138,7 +135,7 @@ class StagewiseProgramme:
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of an iterate's arrays, by their names."""
-        N, kind = self.num_steps, self.kinds[0]
+        N, kind = self.num_steps, self.kind
         return {
             "xs": (N + 1, kind.nx),
             "ys": (N, kind.ny),
@@ -169,5 +166,5 @@ class StagewiseProgramme:
 
         The paper's DOF column also counts mu_N and a control u_N that nothing needs.
         """
-        per_stage = [2 * (k.ndx + k.ny) + k.nu for k in self.kinds]
-        return sum(per_stage[i] for i in self.stage_kind) + self.ng
+        per_stage = 2 * (self.kind.ndx + self.kind.ny) + self.kind.nu
+        return self.num_steps * per_stage + self.ng

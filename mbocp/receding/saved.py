@@ -140,7 +140,7 @@ def _library() -> Path:
 
 def _of_programme(programme: StagewiseProgramme, native: KernelProgramme) -> dict[str, object]:
     """Sizes, scaling, iterate and limits."""
-    kind, bounds = programme.kinds[0], programme.bounds
+    kind, bounds = programme.kind, programme.bounds
     found: dict[str, object] = {
         "num_steps": [programme.num_steps],
         "ng": [programme.ng],
@@ -174,7 +174,7 @@ def _of_horizon(
         "tolerance": [settings.tolerance],
         "barrier_share": [settings.barrier],
         "shift_unit": [programme.control_weight],
-        "turning": programme.kinds[0].turning,
+        "turning": programme.kind.turning,
         "memory": horizon.memory,
         "prediction_x": horizon.x,
         "prediction_u": horizon.u,

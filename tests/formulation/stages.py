@@ -24,7 +24,7 @@ class Point(NamedTuple):
 
 def near(formulation: Formulation, seed: int = 5) -> tuple[Point, np.ndarray]:
     """Some point not far from the start, where rotations are rotations nearly, and multipliers."""
-    rng, kind = np.random.default_rng(seed), formulation.programme.kinds[0]
+    rng, kind = np.random.default_rng(seed), formulation.programme.kind
     x0 = formulation.programme.x_start + 0.05 * rng.standard_normal(kind.nx)
     x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
     point = Point(x0, x1, rng.standard_normal(kind.ny), 0.3 * rng.standard_normal(kind.nu))

@@ -217,13 +217,13 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
     )
     right = formulate(problem)
     settings = {"rounds": 0}
-    real = mbocp.guesses.end_rates.rates_missed
+    real = mbocp.guesses.end_rates.miss_of_rates
 
     def missed_once(formulation: Any, motion: Any) -> Any:
         settings["rounds"] += 1
         return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
 
-    monkeypatch.setattr(mbocp.guesses.end_rates, "rates_missed", missed_once)
+    monkeypatch.setattr(mbocp.guesses.end_rates, "miss_of_rates", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
     monkeypatch.setattr(attempts, "formulate_with_independent_ends", lambda *given: (blind, ""))
     s = mbocp.solve(problem)

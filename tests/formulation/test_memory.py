@@ -53,7 +53,7 @@ def problem(request: pytest.FixtureRequest) -> Problem:
 
 def near(formulation: Formulation) -> tuple[list[np.ndarray], np.ndarray]:
     """States beside the start, unknowns and multipliers of a step."""
-    rng, kind = np.random.default_rng(3), formulation.programme.kinds[0]
+    rng, kind = np.random.default_rng(3), formulation.programme.kind
     x0 = formulation.programme.x_start + 0.05 * rng.standard_normal(kind.nx)
     x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
     y, u = rng.standard_normal(kind.ny), 0.3 * rng.standard_normal(kind.nu)

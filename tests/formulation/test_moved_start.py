@@ -32,7 +32,7 @@ def test_derivatives_in_the_moves(scheme: str, limits: dict[str, float]) -> None
     formulation = formulate(problem)
     programme, at, rng = formulation.programme, formulation.layout, np.random.default_rng(4)
     assert at.is_flat == bool(limits)
-    x0, kind = programme.x_start, programme.kinds[0]
+    x0, kind = programme.x_start, programme.kind
     x1 = x0 + 0.01 * rng.standard_normal(kind.nx)
     x1[3:7] /= np.linalg.norm(x1[3:7])
     u, m = 0.2 * rng.standard_normal(kind.nu), rng.standard_normal(kind.ndx)

@@ -103,9 +103,7 @@ def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, A
 def problem_tau(formulation: Formulation) -> float:
     """Where in a step its cost is evaluated."""
     return (
-        formulation.tau
-        if formulation.programme.kinds[0].ny or not formulation.programme.rows_are_gaps
-        else 0.0
+        formulation.tau if formulation.programme.kind.ny or not formulation.programme.rows_are_gaps else 0.0
     )
 
 

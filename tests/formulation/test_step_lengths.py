@@ -91,7 +91,7 @@ def test_phases_begin_where_their_first_steps_are() -> None:
 def test_motions_keep_the_lengths_of_their_steps() -> None:
     problem = free("loops/four_bar", {"scheme": "se1"})
     formulation = formulate(problem)
-    kind = formulation.programme.kinds[0]
+    kind = formulation.programme.kind
     rng = np.random.default_rng(0)
     robot = problem.robot
     motion = Motion(

@@ -94,7 +94,8 @@ def text_of(problem: mbocp.Problem) -> dict[str, Any]:
 
 
 def _programme(programme: StagewiseProgramme) -> dict[str, Any]:
-    kinds = [[k.nx, k.ndx, k.ny, k.nu, k.nr] for k in programme.kinds]
+    k = programme.kind
+    sizes = [k.nx, k.ndx, k.ny, k.nu, k.nr]
     arrays = {
         "theta": programme.theta, "rho": programme.rho, "rho_terminal": programme.rho_terminal,
         "x_start": programme.x_start,
@@ -102,10 +103,10 @@ def _programme(programme: StagewiseProgramme) -> dict[str, Any]:
         "u_lower": programme.bounds.u_lower, "u_upper": programme.bounds.u_upper,
         "path_lower": programme.bounds.path_lower, "path_upper": programme.bounds.path_upper,
     }  # fmt: skip
-    rows = [(0, row) for row in range(sum(kinds[0][1:3]))] + [(-1, row) for row in range(programme.ng)]
+    rows = [(0, row) for row in range(k.ndx + k.ny)] + [(-1, row) for row in range(programme.ng)]
     return {
         "steps": programme.num_steps,
-        "kinds": kinds,
+        "kinds": [sizes],
         "unknowns": programme.num_unknowns,
         "end rows": [programme.ng, programme.num_guards],
         "path": list(programme.path_names),

@@ -281,7 +281,7 @@ def test_derivatives_of_the_conditions(robots: dict[str, str]) -> None:
     for problem in problems:
         programme = formulate(problem).programme
         end, rng = programme.end_functions.function("terminal_complete"), np.random.default_rng(0)
-        kind, step = programme.kinds[0], 1e-6
+        kind, step = programme.kind, 1e-6
         x = np.asarray(programme.x_start) + 0.2 * rng.standard_normal(kind.nx)
         eta = rng.standard_normal(programme.ng)
         found = [np.asarray(ca.DM(out)) for out in end(x, eta, programme.rho_terminal)]

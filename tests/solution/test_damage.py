@@ -42,7 +42,7 @@ def test_every_flipped_bit_is_refused_before_hdf5_sees_the_file(
         raise AssertionError("HDF5 got a damaged file")
 
     monkeypatch.setattr("mbocp.storage.hdf5.content_of", opened)
-    monkeypatch.setattr(reading, "renewed", opened)
+    monkeypatch.setattr(reading, "renew", opened)
     content = bytearray(pendulum(num_steps=2).save(result).read_bytes())
     for byte, bit in flips(len(content)):
         content[byte] ^= 1 << bit

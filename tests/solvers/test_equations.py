@@ -192,7 +192,7 @@ def test_rows_of_the_kernel_are_those_that_are_bounded(data: st.DataObject) -> N
         sides[f"{name}_lower"] = np.where(is_equation, value, lower)
         sides[f"{name}_upper"] = np.where(is_equation, value, upper)
     programme = replace(programme, bounds=replace(programme.bounds, **sides))
-    bounds, N, nx = programme.bounds, STEPS, programme.kinds[0].nx
+    bounds, N, nx = programme.bounds, STEPS, programme.kind.nx
     formulation = formulate(load())
     iterate, _ = make_guess("line", formulation)
     native = init_barrier(programme, iterate).native

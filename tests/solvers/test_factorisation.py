@@ -60,7 +60,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
         complete=load["complete"], scale_c=ones(nc), scale_y=ones(ny), scale_m=ones(nc), scale_ru=ones(nu),
     )  # fmt: skip
     terminal = native.Terminal(ng=ng, values=load["terminal_values"], complete=load["terminal_complete"])
-    programme = native.Programme([kind], [0] * num_stages, terminal, load["retract"], load["difference"])
+    programme = native.Programme(num_stages, kind, terminal, load["retract"], load["difference"])
     programme.set_parameters(np.array([0.7]), rng.standard_normal(num_stages), np.zeros(0))
     for name in ("x", "y", "u", "m", "eta"):
         setattr(programme, name, 0.3 * rng.standard_normal(getattr(programme, name).size))
@@ -185,7 +185,7 @@ def test_dependent_end_conditions_are_called_singular() -> None:
         scale_c=np.ones(3), scale_y=np.ones(0), scale_m=np.ones(3), scale_ru=np.ones(2),
     )  # fmt: skip
     moves = [of(functions[name].serialize()) for name in ("retract", "difference")]
-    programme = native.Programme([kind], [0] * 4, terminal, *moves)
+    programme = native.Programme(4, kind, terminal, *moves)
     programme.set_parameters(np.array([0.7]), np.zeros(4), np.zeros(0))
     programme.evaluate()
     for augment in (0.0, 10.0):

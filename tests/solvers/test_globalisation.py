@@ -71,13 +71,13 @@ def test_a_shift_grows_where_the_cap_would_leave_next_to_nothing_of_a_step() -> 
 )
 def test_a_programme_says_which_unknowns_are_angles(path: str, expected: list[int]) -> None:
     programme = transcribe(mbocp.load_problem(EXAMPLES / f"{path}.toml"))
-    np.testing.assert_allclose(programme.kinds[0].turning, expected, atol=1e-15)
+    np.testing.assert_allclose(programme.kind.turning, expected, atol=1e-15)
 
 
 def test_cosine_and_sine_are_angles_in_a_flat_programme_and_quaternions_are_not() -> None:
     problem = mbocp.load_problem(EXAMPLES / "so3/unicycle_pendulum.toml")
     formulation = formulate(problem)
-    turning = formulation.programme.kinds[0].turning
+    turning = formulation.programme.kind.turning
     yaw = problem.robot.model.getJointId("yaw")
     assert turning[formulation.space.parts[yaw - 1].at_z] == pytest.approx(1.0)
     assert turning.sum() == pytest.approx(formulation.space.parts[yaw - 1].group.nz)

@@ -163,7 +163,7 @@ def test_auto_goes_over_to_ipopt_where_its_own_solver_fails() -> None:
 
 def test_limits_have_names_for_messages() -> None:
     programme = transcribe(mbocp.load_problem(FILE, [LIMITS, f"path=[{CALM}]"]))
-    nc = programme.kinds[0].ndx + programme.kinds[0].ny
+    nc = programme.kind.ndx + programme.kind.ny
     words = [programme.describe_row(0, nc + i).split(" in the step")[0] for i in range(6)]
     of_controls = [f"limit of control {axis}" for axis in "xyz"]
     assert words == ["position limit of z", "velocity limit of y", *of_controls, "path constraint 'calm'"]

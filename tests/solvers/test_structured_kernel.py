@@ -143,7 +143,7 @@ class Chain:
             scale_c=ones(nc), scale_y=ones(self.ny), scale_m=ones(nc), scale_ru=ones(self.links),
         )  # fmt: skip
         end = native.Terminal(ng=ng, values=load["terminal_values"], complete=load["terminal_complete"])
-        made = native.Programme([kind], [0] * self.steps, end, load["retract"], load["difference"])
+        made = native.Programme(self.steps, kind, end, load["retract"], load["difference"])
         rhos = 1.0 + 0.1 * np.arange(self.steps)
         made.set_parameters(np.array([0.7]), rhos, np.zeros(0))
         made.x = np.tile(np.concatenate([self.rest(), np.zeros(self.nq + self.nr)]), self.steps + 1)

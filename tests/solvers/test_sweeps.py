@@ -130,7 +130,7 @@ def test_auxiliary_adjoint_gives_the_same_multipliers(name: str) -> None:
     native.gradient(True)
     assert np.abs(native.m - direct).max() <= 1e-10 * (1.0 + np.abs(direct).max())
     assert np.abs(native.control_gradient - residual).max() <= 1e-9 * (1.0 + np.abs(residual).max())
-    kind, ng = held.programme.kinds[0], held.programme.ng
+    kind, ng = held.programme.kind, held.programme.ng
     sigma = native.sigma.reshape(-1, kind.ndx)
     A = native.A.reshape(len(sigma), kind.ndx, ng)
     mu = direct.reshape(-1, kind.ndx + kind.ny)[:, : kind.ndx]

@@ -55,7 +55,7 @@ def perturbed(formulation: Formulation) -> Iterate:
     values = {name: getattr(iterate, name) for name in ARRAYS}
     moved = {k: v + 0.1 * rng.standard_normal(v.shape) for k, v in values.items()}
     moved["xs"][0] = iterate.xs[0]
-    if formulation.programme.kinds[0].nx != formulation.programme.kinds[0].ndx:  # on a group
+    if formulation.programme.kind.nx != formulation.programme.kind.ndx:  # on a group
         moved["xs"] = values["xs"]
     return replace(iterate, **moved)
 

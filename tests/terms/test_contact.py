@@ -204,7 +204,7 @@ def test_derivatives_and_values(keys: dict[str, Any]) -> None:
     x = programme.x_start + 0.1 * rng.standard_normal(at.nx)
     reaction = at.states["reaction"]
     x[reaction] = rng.standard_normal(6)
-    m, u = rng.standard_normal(contact.rows), np.zeros(programme.kinds[0].nu)
+    m, u = rng.standard_normal(contact.rows), np.zeros(programme.kind.nu)
 
     def values(x: np.ndarray) -> np.ndarray:
         return np.asarray(h(x, m, u, programme.theta)[0]).ravel()

@@ -203,7 +203,7 @@ def _terms(problem: Problem) -> list[Any]:
 )
 def test_derivatives_of_steps_and_rows(path: dict[str, Any], scheme: str) -> None:
     programme = formulate(arm({**path, "until": 1.0}, scheme=scheme)).programme
-    rng, kind = np.random.default_rng(3), programme.kinds[0]
+    rng, kind = np.random.default_rng(3), programme.kind
     x0 = np.asarray(programme.x_start) + 0.1 * rng.standard_normal(kind.nx)
     x1 = x0 + 0.1 * rng.standard_normal(kind.nx)
     u, theta = rng.standard_normal(kind.nu), programme.theta

@@ -112,7 +112,7 @@ class Case:
         zs = self.formulation.space.coordinates(np.array([q, robot.integrate(q, 0.1 * np.ones(robot.nv))]))
         rest = 0.5 * rng.standard_normal((2, at.nx - at.nz))
         self.x0, self.x1 = np.hstack([zs, rest])
-        kind = self.programme.kinds[0]
+        kind = self.programme.kind
         self.y, self.u = rng.standard_normal(kind.ny), rng.standard_normal(kind.nu)
         self.m = rng.standard_normal(kind.ndx + kind.ny)
         self.rho = self.programme.rho.reshape(5, -1)[2]

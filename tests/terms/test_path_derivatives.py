@@ -68,7 +68,7 @@ CASES = {
 def test_slopes_and_curvatures(make: Any) -> None:
     """At states beside the motion: rows are polynomials in the placement, and hold everywhere."""
     programme = formulate(make()).programme
-    path, kind = programme.functions.function("path"), programme.kinds[0]
+    path, kind = programme.functions.function("path"), programme.kind
     rng = np.random.default_rng(5)
     theta, u = programme.theta, rng.standard_normal(kind.nu)
     x = np.asarray(programme.x_start) + 0.3 * rng.standard_normal(kind.nx)

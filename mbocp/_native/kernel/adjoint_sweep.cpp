@@ -9,7 +9,7 @@ using dense::padded;
 AdjointSweep::AdjointSweep(const Problem& problem, Iterate& iterate, Data& data, Step& step, const Elimination& gains)
     : problem_(problem), iterate_(iterate), data_(data), step_(step), gains_(gains) {
     const std::size_t nd = problem.ndx, ld = padded(problem.ndx);
-    work_.allocate(nd * ld + 2 * nd + 2 * static_cast<std::size_t>(problem.max_nw + problem.max_ns) + 64);
+    work_.allocate(nd * ld + 2 * nd + 2 * static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()) + 64);
 }
 
 bool AdjointSweep::evaluate_stage(int n, Evaluation& e) {
@@ -28,7 +28,7 @@ bool AdjointSweep::evaluate_stage(int n, Evaluation& e) {
 
 // A_n of the auxiliary adjoint from what A_{n+1} leaves at the step's end, and its part of eq. (44) in `now`.
 bool AdjointSweep::find_auxiliary(int n, double* now) {
-    const int nd = problem_.ndx, ng = problem_.ng, nw = problem_.kind(n).nw(), ns = problem_.kind(n).ns();
+    const int nd = problem_.ndx, ng = problem_.ng, nw = problem_.kind().nw(), ns = problem_.kind().ns();
     const int ld = padded(nd);
     Space space(work_.data());
     double *F = space.take(nd, ld), *column = space.take(nd), *rows = space.zeros(nw), *of_w = space.take(nw);
@@ -118,11 +118,11 @@ Numbers AdjointSweep::end_sensitivity(bool feedback) {
     const int nd = problem_.ndx, ng = problem_.ng, pg = padded(ng), total = problem_.u_offset[problem_.N];
     Numbers out(static_cast<std::size_t>(ng) * total, 0.0);
     Space space(work_.data());
-    double *p = space.take(nd), *column = space.take(problem_.max_nw), *ds = space.take(problem_.max_ns);
+    double *p = space.take(nd), *column = space.take(problem_.kind().nw()), *ds = space.take(problem_.kind().ns());
     for (int g = 0; g < ng; ++g) {
         for (int i = 0; i < nd; ++i) p[i] = data_.end.S[i * pg + g];
         for (int n = problem_.N - 1; n >= 0; --n) {
-            const Kind& k = problem_.kind(n);
+            const Kind& k = problem_.kind();
             for (int i = 0; i < k.nc(); ++i) column[i] = i < nd ? -p[i] : 0.0;
             step_.solve_transposed(n, column);
             double* du = out.data() + static_cast<std::size_t>(g) * total + problem_.u_offset[n];

@@ -92,9 +92,8 @@ std::unique_ptr<mbocp::Programme> programme_of(const Table& table, const std::st
     mbocp::Terminal terminal;
     terminal.ng = table.integer("ng");
     terminal.values = function("terminal_values", true), terminal.complete = function("terminal_complete", true);
-    auto made = std::make_unique<mbocp::Programme>(
-        std::vector<mbocp::Kind>{kind}, std::vector<int>(static_cast<std::size_t>(table.integer("num_steps")), 0),
-        terminal, function("retract"), function("difference"));
+    auto made = std::make_unique<mbocp::Programme>(table.integer("num_steps"), kind, terminal, function("retract"),
+                                                   function("difference"));
     const Numbers &theta = table["theta"], &rho = table["rho"], &end = table["rho_terminal"];
     made->problem.set_parameters({theta.data(), theta.size()}, {rho.data(), rho.size()}, {end.data(), end.size()});
     mbocp::Iterate& iterate = made->iterate;
@@ -129,7 +128,7 @@ struct mbocp_controller {
           goal_q(table, "goal_q", rho_terminal.size()), goal_rate(table, "goal_rate", rho_terminal.size()),
           target_q(table, "target_q", row), target_p(table, "target_p", row), before(table, "has_before", row) {
         const mbocp::Problem& p = programme->problem;
-        sizes = {table.integer("nq"), table.integer("nv"), table.integer("nu"), p.N, p.nx, p.kind(0).nu, p.ndx,
+        sizes = {table.integer("nq"), table.integer("nv"), table.integer("nu"), p.N, p.nx, p.kind().nu, p.ndx,
                  target_q.is_there(), table.number("dt")};
         iterations = table.integer("iterations");
         const Numbers& m = table["memory"];

@@ -87,9 +87,9 @@ void EndMultiplier::solve(const Numbers& r, Numbers& eta) const {
 
 Controls::Controls(const Problem& problem, Data& data, const Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), barrier_(barrier), eta_(eta),
-      diagonal_(static_cast<std::size_t>(problem.max_nu), 0.0) {
+      diagonal_(static_cast<std::size_t>(problem.kind().nu), 0.0) {
     const std::size_t columns = std::max(few_columns, padded(problem.ng) + padded(problem.nd));
-    work_.allocate(2 * static_cast<std::size_t>(problem.max_nu) * columns + 32);
+    work_.allocate(2 * static_cast<std::size_t>(problem.kind().nu) * columns + 32);
 }
 
 bool Controls::eliminate(int n, const Form& form, Factorisation& result) {

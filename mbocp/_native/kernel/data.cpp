@@ -41,25 +41,19 @@ std::size_t lay_out(const Problem& problem, const Kind& k, double* base, int* in
 
 Data::Data(const Problem& problem) : end(problem), ndx_(problem.ndx) {
     // Pivots of the controls, then a dense step's, or the chosen entries and the structure's.
-    const auto num_ints = [&](const Kind& k) {
-        return k.nu + (k.structure ? problem.nd + static_cast<int>(k.structure->num_ints()) : k.nc());
-    };
-    std::size_t doubles = 0, ints = 0;
-    for (int n = 0; n < problem.N; ++n) {
-        Stage unused{};
-        doubles += lay_out(problem, problem.kind(n), nullptr, nullptr, unused);
-        ints += static_cast<std::size_t>(num_ints(problem.kind(n)));
-    }
-    pivots_.assign(ints, 0);
-    double* base = pool_.allocate(doubles + 8);
+    const Kind& k = problem.kind();
+    const int num_ints = k.nu + (k.structure ? problem.nd + static_cast<int>(k.structure->num_ints()) : k.nc());
+    const std::size_t N = static_cast<std::size_t>(problem.N);
+    Stage unused{};
+    pivots_.assign(N * static_cast<std::size_t>(num_ints), 0);
+    double* base = pool_.allocate(N * lay_out(problem, k, nullptr, nullptr, unused) + 8);
     int* at = pivots_.data();
     for (int n = 0; n < problem.N; ++n) {
-        const Kind& k = problem.kind(n);
         Stage s{};
         s.kind = &k, s.factors = ControlFactors::cholesky;
         s.control_pivot = at, s.pivot = s.chosen = at + k.nu;
         base += lay_out(problem, k, base, at + k.nu + problem.nd, s);
-        at += num_ints(k);
+        at += num_ints;
         stages_.push_back(s);
     }
 }

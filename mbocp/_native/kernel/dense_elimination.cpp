@@ -30,7 +30,7 @@ std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data
 
 DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
-    const std::size_t pw = padded(problem.max_nw), ps = padded(problem.max_ns), pg = padded(problem.ng);
+    const std::size_t pw = padded(problem.kind().nw()), ps = padded(problem.kind().ns()), pg = padded(problem.ng);
     // Of a form: its rows, H, M, G, Y, and J'(...); see below.
     work_.allocate((2 * pw + 1) * pw + (3 * pw + ps + 12) * (pg + ps) + 4 * pw + 4 * ps + 128);
     vectors_.allocate(pw + ps + 16);

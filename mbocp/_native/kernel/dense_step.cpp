@@ -72,8 +72,8 @@ std::unique_ptr<Step> make_step(const Problem& problem, Data& data) {
     return std::make_unique<DenseStep>(problem, data);
 }
 
-void DenseStep::add_places(int n, Places& places) const {
-    const Stage& s = data_[n];
+void DenseStep::add_places(Places& places) const {
+    const Stage& s = data_[0];
     const std::vector<int>& first = s.kind->complete->first;
     double *const jacobian[] = {s.Jw, s.Js}, *const hessian[] = {s.Hww, s.Hws, s.Hss};
     const auto add = [&](const Targets& targets, double* const* blocks, int from) {

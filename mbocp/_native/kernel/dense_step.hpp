@@ -11,11 +11,11 @@ namespace mbocp {
 class DenseStep final : public Step {
 public:
     DenseStep(const Problem& problem, Data& data) : problem_(problem), data_(data) {
-        size_ = (static_cast<std::size_t>(problem.max_nw) + 31) / 16 * 16;  // whole cache lines, two of them apart
+        size_ = (static_cast<std::size_t>(problem.kind().nw()) + 31) / 16 * 16;  // whole cache lines, two of them apart
         work_.allocate(size_ * problem.crew().size());
     }
 
-    void add_places(int n, Places& places) const override;
+    void add_places(Places& places) const override;
     void store_first(int n, const StageFunction& jacobian) override;
     void add_jacobian(int n, const double* dw, const double* ds, double* c) const override;
     void add_jacobian_transposed(int n, const double* dm, double* w, double* s) const override;

@@ -9,8 +9,8 @@ namespace {
 
 double square(double v) { return v * v; }
 
-// All that a kind's `complete` gives but the cost, from the memory of one of its stages on.
-Places places_of(const Stage& s) {
+// All that `complete` gives but the cost, from the memory of a stage on.
+Scatter scatter_of(const Stage& s, const Step& step) {
     const Kind& k = *s.kind;
     const StageFunction& f = *k.complete;
     const double* const gradients[] = {s.lw, s.ls};
@@ -21,7 +21,8 @@ Places places_of(const Stage& s) {
         places.push_back(
             {f.first[3] + static_cast<int>(i), static_cast<int>(gradients[t.block] - s.begin()) + t.offset});
     }
-    return places;
+    step.add_places(places);
+    return Scatter(std::move(places), f.first.back() + f.outputs.back().nnz());
 }
 
 }  // namespace
@@ -56,23 +57,18 @@ private:
 
 Evaluator::Evaluator(const Problem& problem, const Iterate& iterate, Data& data, Step& step, Barrier& barrier)
     : problem_(problem), iterate_(iterate), data_(data), step_(step), barrier_(barrier),
-      scaled_m_(iterate.m.size(), 0.0), zeros_(static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0),
-      costs_(static_cast<std::size_t>(problem.N), 0.0), groups_(problem.groups(&Kind::complete)) {
-    for (const Kind& kind : problem.kinds()) {
-        Places places;
-        for (int n = 0; n < problem.N && places.empty(); ++n)
-            if (&problem.kind(n) == &kind) places = places_of(data[n]), step.add_places(n, places);
-        scatters_.emplace_back(places, kind.complete->first.back() + kind.complete->outputs.back().nnz());
-    }
-}
+      scaled_m_(iterate.m.size(), 0.0),
+      zeros_(static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()), 0.0),
+      costs_(static_cast<std::size_t>(problem.N), 0.0), groups_(problem.groups(&Kind::complete)),
+      scatter_(scatter_of(data[0], step)) {}
 
 bool Evaluator::evaluate_group(const Group& group, const double* multipliers, int thread) {
-    const Kind& k = problem_.kind(group);
+    const Kind& k = problem_.kind();
     StageFunction& f = k.complete->of(thread);
     const bool ok = problem_.call(f, group, iterate_, multipliers);
     double* memories[most_lanes];
     for (int i = 0; i < f.num_lanes; ++i) memories[i] = data_[group.stage[i]].begin();
-    scatters_[static_cast<std::size_t>(group.kind)].apply(f.all_values(), f.num_lanes, group.count, memories);
+    scatter_.apply(f.all_values(), f.num_lanes, group.count, memories);
     for (int i = 0; i < group.count; ++i) {
         const int n = group.stage[i];
         const Stage& s = data_[n];
@@ -86,7 +82,7 @@ bool Evaluator::evaluate_group(const Group& group, const double* multipliers, in
 }
 
 void Evaluator::add_up(const Group& group, Violations& violations) const {
-    const Kind& k = problem_.kind(group);
+    const Kind& k = problem_.kind();
     for (int i = 0; i < group.count; ++i) {
         const int n = group.stage[i];
         violations.e.cost += costs_[n];
@@ -138,9 +134,7 @@ Evaluation Evaluator::evaluate(double share) {
     }
     Evaluation e;
     std::atomic<bool> all_ok{true};
-    const auto prepare = [&](int thread) {
-        for (const Kind& kind : problem_.kinds()) problem_.prepare(kind.complete->of(thread), true);
-    };
+    const auto prepare = [&](int thread) { problem_.prepare(problem_.kind().complete->of(thread), true); };
     problem_.crew().share(section_, static_cast<int>(groups_.size()), true, prepare,
                           [&](int thread, int first, int last) {
                               for (int i = first; i < last; ++i)
@@ -157,7 +151,7 @@ Evaluation Evaluator::evaluate(double share) {
         for (int n = 0; n < N; ++n) {
             const auto [first, u, path, end] = limits.of_stage(n);
             for (int i = first; i < end; ++i)
-                violations.add(barrier_.defect()[i], 1.0, n, problem_.kind(n).nc() + i - first);
+                violations.add(barrier_.defect()[i], 1.0, n, problem_.kind().nc() + i - first);
         }
         for (int i = limits.first_guard(); i < limits.num_rows(); ++i)
             violations.add(barrier_.defect()[i], 1.0, -1, ng + i - limits.first_guard());

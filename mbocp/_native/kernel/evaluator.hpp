@@ -35,7 +35,7 @@ private:
     Numbers scaled_m_, zeros_, costs_;  // the latter of the stages
     Section section_;
     Groups groups_;
-    std::vector<Scatter> scatters_;  // of the kinds
+    Scatter scatter_;
 };
 
 }  // namespace mbocp

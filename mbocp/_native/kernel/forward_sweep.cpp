@@ -6,9 +6,9 @@
 namespace mbocp {
 
 ForwardSweep::ForwardSweep(const Problem& problem, Iterate& iterate, Step& step, const Elimination& gains)
-    : problem_(problem), iterate_(iterate), step_(step), gains_(gains), c_(problem.max_nw, 0.0),
-      direction_(problem.max_nw, 0.0), simplified_(problem.max_nw, 0.0), dx_(problem.ndx, 0.0),
-      x_before_(problem.nx, 0.0), y_before_(problem.max_nw, 0.0), left_over_(problem.ndx, 0.0),
+    : problem_(problem), iterate_(iterate), step_(step), gains_(gains), c_(problem.kind().nw(), 0.0),
+      direction_(problem.kind().nw(), 0.0), simplified_(problem.kind().nw(), 0.0), dx_(problem.ndx, 0.0),
+      x_before_(problem.nx, 0.0), y_before_(problem.kind().nw(), 0.0), left_over_(problem.ndx, 0.0),
       planned_(problem.nx, 0.0) {}
 
 Sweep ForwardSweep::run(double tolerance, int max_iterations, bool warm, bool feedback, bool compensated) {
@@ -44,9 +44,9 @@ bool ForwardSweep::feed_back(int n) {
 }
 
 // c of the last call with what is left over, and its largest entry; infinite where it is not finite.
-double ForwardSweep::residual(int n, const StageFunction& f) {
+double ForwardSweep::residual(const StageFunction& f) {
     double norm = 0;
-    const int nc = problem_.kind(n).nc();
+    const int nc = problem_.kind().nc();
     const Pattern& rows = f.outputs[0];
     dense::zero(c_.data(), nc);
     for (int i = 0; i < rows.nnz(); ++i) c_[rows.row[i]] = f.res[0][i];
@@ -57,7 +57,7 @@ double ForwardSweep::residual(int n, const StageFunction& f) {
 
 // Whether the correction that the old derivatives ask for at the new point is smaller.
 bool ForwardSweep::is_contracting(int n, double factor) {
-    std::copy(c_.begin(), c_.begin() + problem_.kind(n).nc(), simplified_.begin());
+    std::copy(c_.begin(), c_.begin() + problem_.kind().nc(), simplified_.begin());
     step_.solve(n, simplified_.data());
     double now = 0, then = 0;
     for (int i = 0; i < problem_.ndx; ++i)
@@ -70,18 +70,18 @@ bool ForwardSweep::is_contracting(int n, double factor) {
 // test). The residual alone would not do: its rows are momenta and constraints, and a good step along the tangent of a
 // constraint turns the one into the other.
 bool ForwardSweep::solve(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep) {
-    const Kind& k = problem_.kind(n);
+    const Kind& k = problem_.kind();
     StageFunction& f = *k.jacobian;
     double *x1 = iterate_.x.data() + problem_.x_offset(n + 1), *y1 = iterate_.y.data() + problem_.y_offset[n];
     if (!warm) {
         std::copy(x1 - problem_.nx, x1, x1);
-        if (n > 0 && problem_.kind(n - 1).ny == k.ny) std::copy(y1 - k.ny, y1, y1);
+        if (n > 0) std::copy(y1 - k.ny, y1, y1);
     }
     bool has_direction = false;
     double before = INFINITY, factor = 1.0;
     for (int iteration = 0; iteration <= max_iterations; ++iteration, ++sweep.iterations) {
         const bool ok = problem_.call(f, n, iterate_);
-        const double norm = residual(n, f);
+        const double norm = residual(f);
         const bool finite = ok && std::isfinite(norm);
         sweep.residual = std::max(sweep.residual, norm);
         if (finite && norm <= tolerance) return sweep.residual = norm, true;

@@ -19,7 +19,7 @@ public:
 private:
     bool feed_back(int n);
     bool solve(int n, double tolerance, int max_iterations, bool warm, Sweep& sweep);
-    double residual(int n, const StageFunction& f);
+    double residual(const StageFunction& f);
     bool is_contracting(int n, double factor);
 
     const Problem& problem_;

@@ -1,4 +1,4 @@
-// How one kind of stage looks, and how the end: functions and sizes.
+// How a stage looks, and how the end: functions and sizes.
 #pragma once
 
 #include <memory>

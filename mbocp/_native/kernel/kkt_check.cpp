@@ -8,11 +8,11 @@ using dense::padded;
 
 KktCheck::KktCheck(const Problem& problem, const Data& data, const Step& step, const Barrier& barrier)
     : left(problem), problem_(problem), data_(data), step_(step), barrier_(barrier) {
-    work_.allocate(2 * static_cast<std::size_t>(problem.max_nw + problem.max_ns) + 32);
+    work_.allocate(2 * static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()) + 32);
 }
 
 void KktCheck::add_stage(int n, const Residual& rhs, const Increment& d, double shift, const double* Hz) {
-    const Kind& k = problem_.kind(n);
+    const Kind& k = problem_.kind();
     const int nd = problem_.ndx, nw = k.nw(), ns = k.ns(), nc = k.nc(), nu = k.nu;
     const std::size_t at_m = problem_.m_offset[n], at_s = problem_.s_offset(n);
     Space space(work_.data());

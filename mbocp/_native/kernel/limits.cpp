@@ -92,10 +92,8 @@ void add_multiple(double weight, const Slope& J, double* sum) { dense::axpy(J.si
 }  // namespace
 
 void Limits::set(const Bounds& bounds, Function path, Function path_values, Function guard) {
-    const int N = problem_.N, nx = problem_.nx, nu = problem_.kinds()[0].nu;
+    const int N = problem_.N, nx = problem_.nx, nu = problem_.kind().nu;
     if (nx != problem_.ndx) throw std::invalid_argument("limits: states must be plain vectors");
-    for (const auto& kind : problem_.kinds())
-        if (kind.nu != nu) throw std::invalid_argument("limits: kinds differ in the number of controls");
     if (!bounds.path_lower.empty() && !(path && path_values))
         throw std::invalid_argument("limits: the path functions are missing");
     if (bounds.num_guards && !guard) throw std::invalid_argument("limits: the guards are missing");
@@ -177,7 +175,7 @@ double Limits::squared_slope(std::size_t equation) const {
 }
 
 double Limits::response(std::size_t equation, const double* T, const double* Hss, int ld, int nd) const {
-    const int row = equations[equation].row, n = of_equation_[equation], nu = problem_.kind(n).nu;
+    const int row = equations[equation].row, n = of_equation_[equation], nu = problem_.kind().nu;
     const Rows rows = of_stage(n);
     const auto in_control = [&](int j) {
         if (row < rows.u) return T[entry(row) * ld + nd + j];

@@ -205,9 +205,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("residual", &Sweep::residual);
 
     nb::class_<Programme> programme(module, "Programme");
-    programme.def(nb::init<std::vector<Kind>, std::vector<int>, Terminal, Function, Function, int>(), nb::arg("kinds"),
-                  nb::arg("stage_kind"), nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"),
-                  nb::arg("num_threads") = 1);
+    programme.def(nb::init<int, Kind, Terminal, Function, Function, int>(), nb::arg("num_stages"), nb::arg("kind"),
+                  nb::arg("terminal"), nb::arg("retract"), nb::arg("difference"), nb::arg("num_threads") = 1);
     vector_property(programme, "x", [](Programme& p) -> Numbers& { return p.iterate.x; }, "States, node after node.");
     vector_property(
         programme, "y", [](Programme& p) -> Numbers& { return p.iterate.y; }, "Algebraic unknowns, stage after stage.");

@@ -7,34 +7,22 @@
 
 namespace mbocp {
 
-Problem::Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal end, Function retract,
-                 Function difference, int num_threads)
-    : N(static_cast<int>(stage_kind.size())), terminal(std::move(end)), kinds_(std::move(kinds)),
-      stage_kind_(std::move(stage_kind)), retract_(std::move(retract)), difference_(std::move(difference)) {
-    if (N < 1 || kinds_.empty()) throw std::invalid_argument("a programme needs at least one stage and one kind");
-    nx = kinds_[0].nx, ndx = kinds_[0].ndx, ng = terminal.ng;
-    for (auto& kind : kinds_) {
-        if (kind.nx != nx || kind.ndx != ndx) throw std::invalid_argument("kinds differ in the size of the state");
-        kind.prepare();
-    }
-    nd = is_structured() ? kinds_[0].structure->nd() : ndx;
-    for (const auto& kind : kinds_)
-        if ((kind.structure != nullptr) != is_structured() || (is_structured() && kind.ny != kinds_[0].ny))
-            throw std::invalid_argument("kinds differ in their structure");
+Problem::Problem(int num_stages, Kind kind, Terminal end, Function retract, Function difference, int num_threads)
+    : N(num_stages), nx(kind.nx), ndx(kind.ndx), ng(end.ng), terminal(std::move(end)), kind_(std::move(kind)),
+      retract_(std::move(retract)), difference_(std::move(difference)) {
+    if (N < 1) throw std::invalid_argument("a programme needs at least one stage");
+    kind_.prepare();
+    nd = is_structured() ? kind_.structure->nd() : ndx;
     check_output(terminal.values, 1, ng, 1, "terminal values");
     check_output(terminal.complete, 2, ng, ndx, "terminal complete");
     check_output(retract_, 0, nx, 1, "retract");
     check_output(difference_, 0, ndx, 1, "difference");
-    y_offset = u_offset = m_offset = r_offset = {0};
-    for (const int index : stage_kind_) {
-        const Kind& k = kinds_.at(static_cast<std::size_t>(index));
-        y_offset.push_back(y_offset.back() + k.ny), u_offset.push_back(u_offset.back() + k.nu);
-        m_offset.push_back(m_offset.back() + k.nc()), r_offset.push_back(r_offset.back() + k.nr);
-        max_nw = std::max(max_nw, k.nw()), max_ns = std::max(max_ns, k.ns()), max_nu = std::max(max_nu, k.nu);
+    for (int n = 0; n <= N; ++n) {
+        y_offset.push_back(n * kind_.ny), u_offset.push_back(n * kind_.nu);
+        m_offset.push_back(n * kind_.nc()), r_offset.push_back(n * kind_.nr);
     }
     bool may_share = true;
-    for (const auto& kind : kinds_)
-        for (const Function& f : {kind.complete, kind.values}) may_share = f->copy_for(num_threads) && may_share;
+    for (const Function& f : {kind_.complete, kind_.values}) may_share = f->copy_for(num_threads) && may_share;
     crew_ = std::make_unique<Crew>(may_share ? num_threads : 1);
     rho_.assign(r_offset.back(), 0.0);
     scaled_.assign(static_cast<std::size_t>(ndx) * most_lanes, 0.0);
@@ -63,21 +51,12 @@ bool Problem::call(StageFunction& f, int n, const Point& at, const double* multi
 }
 
 Groups Problem::groups(Function Kind::* function) const {
+    const int num_lanes = (kind_.*function)->num_lanes;
     Groups out;
-    for (std::size_t k = 0; k < kinds_.size(); ++k) {
-        const int num_lanes = (kinds_[k].*function)->num_lanes;
-        Group group{static_cast<int>(k), 0, {}};
-        const auto finish = [&] {
-            if (!group.count) return;
-            for (int i = group.count; i < most_lanes; ++i) group.stage[i] = group.stage[group.count - 1];
-            out.push_back(group), group.count = 0;
-        };
-        for (int n = 0; n < N; ++n) {
-            if (stage_kind_[n] != group.kind) continue;
-            group.stage[group.count++] = n;
-            if (group.count == num_lanes) finish();
-        }
-        finish();
+    for (int first = 0; first < N; first += num_lanes) {
+        Group group{std::min(num_lanes, N - first), {}};
+        for (int i = 0; i < most_lanes; ++i) group.stage[i] = first + std::min(i, group.count - 1);
+        out.push_back(group);
     }
     return out;
 }

@@ -5,7 +5,7 @@
 //               g(x_N) = 0                             multiplier eta
 //
 // with algebraic unknowns y_n of as many entries as c_n has rows beyond the state's tangent dimension. Nothing
-// here knows what a robot is. Stages refer to a kind (functions and dimensions); kinds may differ along the horizon.
+// here knows what a robot is. All stages have the same functions and sizes; their numbers differ.
 #pragma once
 
 #include <vector>
@@ -17,9 +17,9 @@ namespace mbocp {
 
 struct Point;
 
-// Stages of one kind at which a function is called at once; the last is repeated in the lanes that are left.
+// Stages at which a function is called at once; the last is repeated in the lanes that are left.
 struct Group {
-    int kind, count, stage[most_lanes];
+    int count, stage[most_lanes];
 };
 using Groups = std::vector<Group>;
 
@@ -27,9 +27,8 @@ class Problem {
 public:
     // `retract` is (x, dx) -> x, `difference` its inverse, (x, x_moved) -> dx. Threads share what is done for each
     // stage by itself, where functions can be copied.
-    Problem(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
-            Function difference, int num_threads);
-    Problem(const Problem&) = delete;  // stages refer to its kinds
+    Problem(int num_stages, Kind kind, Terminal terminal, Function retract, Function difference, int num_threads);
+    Problem(const Problem&) = delete;  // stages refer to their kind
     Problem& operator=(const Problem&) = delete;
 
     struct Given {
@@ -38,14 +37,11 @@ public:
     };
     // The same numbers of each as before take no new memory.
     void set_parameters(Given theta, Given rho, Given rho_terminal);
-    const Kind& kind(int n) const { return kinds_[static_cast<std::size_t>(stage_kind_[n])]; }
-    const std::vector<Kind>& kinds() const { return kinds_; }
-    const Kind& kind(const Group& group) const { return kinds_[static_cast<std::size_t>(group.kind)]; }
-    bool is_structured() const { return kinds_[0].structure != nullptr; }
+    const Kind& kind() const { return kind_; }
+    bool is_structured() const { return kind_.structure != nullptr; }
 
     int N, nx, ndx, ng;
-    int nd;                                  // entries of a state that value functions and gains are over
-    int max_nw = 0, max_ns = 0, max_nu = 0;  // over the kinds in use
+    int nd;  // entries of a state that value functions and gains are over
     std::vector<int> y_offset, u_offset, m_offset, r_offset;  // of the stages, and the total
     Terminal terminal;
     Numbers theta, rho_terminal;
@@ -60,7 +56,7 @@ public:
 
     // Calls a stage's function, with multipliers of the horizon where it takes any. False: not finite, or failed.
     bool call(StageFunction& f, int n, const Point& at, const double* multipliers = nullptr) const;
-    // The same for a group of stages, in lanes, after `prepare` of its kind's function for the loop over groups.
+    // The same for a group of stages, in lanes, after `prepare` of the function for the loop over groups.
     Groups groups(Function Kind::* function) const;
     void prepare(StageFunction& f, bool has_multipliers) const;
     bool call(StageFunction& f, const Group& group, const Point& at, const double* multipliers = nullptr) const;
@@ -72,8 +68,7 @@ public:
     bool difference(const double* x, const double* x_moved, double* dx) const;
 
 private:
-    std::vector<Kind> kinds_;
-    std::vector<int> stage_kind_;
+    Kind kind_;
     std::unique_ptr<Crew> crew_;
     Function retract_, difference_;
     Numbers rho_;

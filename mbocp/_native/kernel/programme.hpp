@@ -13,10 +13,9 @@ namespace mbocp {
 
 class Programme {
 public:
-    Programme(std::vector<Kind> kinds, std::vector<int> stage_kind, Terminal terminal, Function retract,
-              Function difference, int num_threads = 1)
-        : problem(std::move(kinds), std::move(stage_kind), std::move(terminal), std::move(retract),
-                  std::move(difference), num_threads) {}
+    Programme(int num_stages, Kind kind, Terminal terminal, Function retract, Function difference, int num_threads = 1)
+        : problem(num_stages, std::move(kind), std::move(terminal), std::move(retract), std::move(difference),
+                  num_threads) {}
     Programme(const Programme&) = delete;  // its parts refer to one another
     Programme& operator=(const Programme&) = delete;
 
@@ -53,7 +52,7 @@ public:
     Numbers gains() const {
         Numbers found, dx(problem.ndx), du;
         for (int n = 0; n < problem.N; ++n) {
-            const int nu = problem.kind(n).nu;
+            const int nu = problem.kind().nu;
             const std::size_t first = found.size();
             found.resize(first + static_cast<std::size_t>(nu) * problem.ndx);
             for (int j = 0; j < problem.ndx; ++j) {

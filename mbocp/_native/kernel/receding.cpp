@@ -41,10 +41,8 @@ RecedingHorizon::RecedingHorizon(Programme& programme, HorizonSettings settings)
     : programme_(programme), settings_(std::move(settings)), augmentation_(settings_.augmentation),
       barrier_(programme.barrier.parameter()), least_barrier_(barrier_) {
     const Problem& p = programme_.problem;
-    for (int n = 1; n < p.N; ++n)
-        if (&p.kind(n) != &p.kind(0)) throw std::invalid_argument("receding horizon: stages are of several kinds");
     rows_move_ = has_same_rows();
-    const auto nd = static_cast<std::size_t>(p.ndx), nu = static_cast<std::size_t>(p.kind(0).nu);
+    const auto nd = static_cast<std::size_t>(p.ndx), nu = static_cast<std::size_t>(p.kind().nu);
     dx_.assign(nd, 0.0), unit_.assign(nd, 0.0), answer_.assign(nu, 0.0);
     x = programme_.iterate.x, u = programme_.iterate.u;
     gains.assign(static_cast<std::size_t>(p.N) * nu * nd, 0.0);
@@ -100,7 +98,7 @@ void RecedingHorizon::move_on(double steps) {
     if (std::abs(steps - nearest) < whole_step) steps = nearest;
     const int whole = static_cast<int>(steps);
     const double part = steps - whole;
-    const Kind& k = p.kind(0);
+    const Kind& k = p.kind();
     Iterate& iterate = programme_.iterate;
     move_states(whole, part);
     move_rows(iterate.y, 0, k.ny, whole, part), move_rows(iterate.u, 0, k.nu, whole, part);

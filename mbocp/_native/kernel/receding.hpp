@@ -45,7 +45,7 @@ struct HorizonMemory {
 
 class RecedingHorizon {
 public:
-    // Throws std::invalid_argument where stages are of several kinds. The programme must outlive the horizon.
+    // The programme must outlive the horizon.
     RecedingHorizon(Programme& programme, HorizonSettings settings);
 
     // Shifts the motion by a number of steps, which need not be whole; begins at the first entries of a state, as many

@@ -14,7 +14,7 @@ class Columns {
 public:
     Columns(const Problem& problem, const Data& data, const Step& step, double shift)
         : problem_(problem), data_(data), step_(step), shift_(shift), d_(problem), p_(problem.ndx, 0.0) {
-        work_.allocate(3 * static_cast<std::size_t>(problem.max_nw + problem.max_ns) + 64);
+        work_.allocate(3 * static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()) + 64);
     }
 
     // The response of end condition and control gradients to one entry of (eta, u).
@@ -34,11 +34,11 @@ public:
 private:
     void read_before(int n, double* ds) const {
         dense::copy(d_.dx.data() + problem_.dx_offset(n), ds, problem_.ndx);
-        dense::copy(d_.du.data() + problem_.u_offset[n], ds + problem_.ndx, problem_.kind(n).nu);
+        dense::copy(d_.du.data() + problem_.u_offset[n], ds + problem_.ndx, problem_.kind().nu);
     }
 
     void move_state(int n) {
-        const Kind& k = problem_.kind(n);
+        const Kind& k = problem_.kind();
         Space space(work_.data());
         double *ds = space.take(k.ns()), *dw = space.take(k.nw());
         read_before(n, ds);
@@ -58,7 +58,7 @@ private:
     }
 
     void move_adjoint(int n, double* of_u) {
-        const Kind& k = problem_.kind(n);
+        const Kind& k = problem_.kind();
         const int nd = problem_.ndx, nw = k.nw(), ns = k.ns();
         Space space(work_.data());
         double *ds = space.take(ns), *dw = space.take(nw), *dm = space.zeros(nw), *hs = space.zeros(ns);

@@ -34,7 +34,7 @@ Sizes sizes_of(const Problem& problem, const Iterate& at, const Barrier& barrier
     };
     const auto multipliers = [&](auto visit) {
         for (int n = 0; n < problem.N; ++n) {
-            const Kind& k = problem.kind(n);
+            const Kind& k = problem.kind();
             const double* m = at.m.data() + problem.m_offset[n];
             for (int i = 0; i < k.nc(); ++i) visit(m[i] * k.scale_m[i]);
         }

@@ -13,9 +13,9 @@ class Step {
 public:
     virtual ~Step() = default;
 
-    // Where in the memory of a stage of the kind of stage n the derivatives belong that its `complete` gives; after
-    // they have been put there, and after a call of its `jacobian`.
-    virtual void add_places(int n, Places& places) const = 0;
+    // Where in the memory of a stage the derivatives belong that `complete` gives; after they have been put there, and
+    // after a call of `jacobian`.
+    virtual void add_places(Places& places) const = 0;
     virtual void receive(int) {}
     virtual void store_first(int n, const StageFunction& jacobian) = 0;
 

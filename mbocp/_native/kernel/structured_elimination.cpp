@@ -6,10 +6,9 @@ using dense::padded;
 StructuredElimination::StructuredElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier,
                                              EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), controls_(problem, data, barrier, eta) {
-    const std::size_t vectors = padded(problem.max_nw) + padded(problem.max_ns);
-    std::size_t size = 0;
-    for (const Kind& k : problem.kinds()) size = std::max(size, work_size(k) + k.structure->work_size());
-    scratch_.allocate(12 * vectors + 256), work_.allocate(size + 256);
+    const Kind& k = problem.kind();
+    const std::size_t vectors = padded(k.nw()) + padded(k.ns());
+    scratch_.allocate(12 * vectors + 256), work_.allocate(work_size(k) + k.structure->work_size() + 256);
 }
 
 // Beside the structure's own.
@@ -281,7 +280,7 @@ void StructuredElimination::momentum_multipliers(int n, const Residual& rhs, con
 void StructuredElimination::other_multipliers(const Residual& rhs, Increment& out) {
     const int nx = problem_.ndx, pg = padded(problem_.ng);
     Space space(scratch_.data());
-    double *costate = space.take(problem_.max_ns), *b = space.take(problem_.max_nw), *mm = space.take(nx);
+    double *costate = space.take(problem_.kind().ns()), *b = space.take(problem_.kind().nw()), *mm = space.take(nx);
     std::copy(rhs.x_terminal.begin(), rhs.x_terminal.end(), costate);
     dense::gemv(nx, nx, data_.end.H.data(), padded(nx), out.dx.data() + problem_.dx_offset(problem_.N), costate);
     dense::gemv(nx, problem_.ng, data_.end.S.data(), pg, out.deta.data(), costate);

@@ -5,14 +5,12 @@
 namespace mbocp {
 
 StructuredStep::StructuredStep(const Problem& problem, Data& data)
-    : problem_(problem), data_(data), z_(2 * static_cast<std::size_t>(problem.max_nw + problem.max_ns), 0.0) {
-    std::size_t size = 0;
-    for (const Kind& k : problem.kinds()) size = std::max(size, k.structure->work_size());
-    work_.allocate(size);
+    : problem_(problem), data_(data), z_(2 * static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()), 0.0) {
+    work_.allocate(problem.kind().structure->work_size());
 }
 
-void StructuredStep::add_places(int n, Places& places) const {
-    const Stage& s = data_[n];
+void StructuredStep::add_places(Places& places) const {
+    const Stage& s = data_[0];
     const StageFunction& f = *s.kind->complete;
     const auto add = [&](int output, const double* block) {
         for (int k = 0; k < f.outputs[output].nnz(); ++k)

@@ -9,7 +9,7 @@ class StructuredStep final : public Step {
 public:
     StructuredStep(const Problem& problem, Data& data);
 
-    void add_places(int n, Places& places) const override;
+    void add_places(Places& places) const override;
     void receive(int n) override;
     void store_first(int n, const StageFunction& jacobian) override;
     void add_jacobian(int n, const double* dw, const double* ds, double* c) const override;

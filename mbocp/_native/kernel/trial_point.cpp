@@ -19,7 +19,7 @@ bool TrialPoint::move(const Increment& step, double alpha) {
 }
 
 bool TrialPoint::evaluate_group(const Group& group, int thread) {
-    StageFunction& f = problem_.kind(group).values->of(thread);
+    StageFunction& f = problem_.kind().values->of(thread);
     const bool ok = problem_.call(f, group, moved_);
     const Pattern& rows = f.outputs[0];
     const double* values = f.values(0);
@@ -35,9 +35,7 @@ Trial TrialPoint::evaluate(const Increment& step, double alpha) {
     Trial t;
     bool ok = move(step, alpha);
     std::atomic<bool> all_ok{true};
-    const auto prepare = [&](int thread) {
-        for (const Kind& kind : problem_.kinds()) problem_.prepare(kind.values->of(thread), false);
-    };
+    const auto prepare = [&](int thread) { problem_.prepare(problem_.kind().values->of(thread), false); };
     problem_.crew().share(section_, static_cast<int>(groups_.size()), true, prepare,
                           [&](int thread, int first, int last) {
                               for (int i = first; i < last; ++i)

@@ -96,9 +96,8 @@ public:
                                                   res[0][i] = by * arg[0][i] + arg[1][i];
                                           });
         };
-        programme_ = std::make_unique<Programme>(std::vector{kind}, std::vector<int>(shape.N, 0),
-                                                 Terminal{shape.ng, 0, end_function(2), end_function(5)}, moved(1.0),
-                                                 moved(-1.0));
+        programme_ = std::make_unique<Programme>(shape.N, kind, Terminal{shape.ng, 0, end_function(2), end_function(5)},
+                                                 moved(1.0), moved(-1.0));
         Numbers which(shape.N);
         for (int n = 0; n < shape.N; ++n) which[n] = n;
         programme_->problem.set_parameters({nullptr, 0}, {which.data(), which.size()}, {nullptr, 0});

@@ -289,7 +289,7 @@ def _impulses(programme: StagewiseProgramme, at: StateLayout, xs: Array, us: Arr
     from scipy import sparse  # slow to import, and wanted only for this
     from scipy.sparse.linalg import spsolve
 
-    N, ny = programme.num_steps, programme.kinds[0].ny
+    N, ny = programme.num_steps, programme.kind.ny
     theta, rho = np.tile(programme.theta[:, None], (1, N)), programme.rho.reshape(N, -1)
     step = programme.functions.function("jacobian").map(N)
     c, _, derivatives, _ = step(xs[:-1].T, xs[1:].T, np.zeros((ny, N)), us.T, theta, rho.T)

@@ -237,7 +237,7 @@ def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> 
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
     bounds = programme.bounds
-    if programme.kinds[0].groups and (bounds.nh or bounds.limited_x.any() or programme.num_guards):
+    if programme.kind.groups and (bounds.nh or bounds.limited_x.any() or programme.num_guards):
         return "keeps no path constraints in natural coordinates"
     return None
 
@@ -351,7 +351,7 @@ def multipliers_in_rows(bounds: BoundMultipliers, programme: StagewiseProgramme)
 
 def multipliers_of(native: KernelProgramme, programme: StagewiseProgramme) -> BoundMultipliers:
     """Multipliers of the limits that a kernel programme holds."""
-    bounds, kind, found = programme.bounds, programme.kinds[0], native.limit_multipliers
+    bounds, kind, found = programme.bounds, programme.kind, native.limit_multipliers
     limited = bounds.limited
     of_steps, rows = np.zeros(limited.shape), found.size - programme.num_guards
     of_steps[limited] = found[:rows]

@@ -199,7 +199,7 @@ def new_state(programme: StagewiseProgramme, native: KernelProgramme, evaluation
         evaluation,
         augmentation=10.0 * weight if programme.ng else 0.0,
         filter=Filter.start(evaluation.violation),
-        kind=programme.kinds[0],
+        kind=programme.kind,
         failure=None if evaluation.finite else Status.DIVERGED,
     )
 

@@ -67,7 +67,7 @@ def check_fatrop_takes(programme: StagewiseProgramme) -> None:
         If there are more equations than unknowns at the last node, which has no controls; or if a range is
         narrower than what fatrop relaxes it by, so that nothing would be left of it.
     """
-    bounds, nx = programme.bounds, programme.kinds[0].nx
+    bounds, nx = programme.bounds, programme.kind.nx
     of_path = int(np.count_nonzero(bounds.path_lower[-1] == bounds.path_upper[-1]))
     ng = programme.ng
     if ng + of_path > nx:

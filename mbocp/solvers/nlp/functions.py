@@ -124,7 +124,7 @@ class NlpFunctions:
 
     def _given(self) -> _Given:
         lay, pro = self.layout, self._programme
-        N, nr = lay.num_steps, pro.kinds[0].nr
+        N, nr = lay.num_steps, pro.kind.nr
         sizes = [lay.nx, pro.theta.size, N * nr, pro.rho_terminal.size]
         w, p = ca.MX.sym("x", lay.num_unknowns), ca.MX.sym("p", sum(sizes))
         x_start, theta, rho, rho_end = ca.vertsplit(p, [0, *np.cumsum(sizes).tolist()])

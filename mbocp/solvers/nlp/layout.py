@@ -53,7 +53,7 @@ class NlpLayout:
     @classmethod
     def of(cls, programme: StagewiseProgramme, *, wants_gaps: bool) -> NlpLayout:
         """Layout of a programme; `wants_gaps`: every step as a gap."""
-        kind = programme.kinds[0]
+        kind = programme.kind
         return cls(
             num_steps=programme.num_steps,
             nx=kind.nx,

@@ -154,7 +154,7 @@ class _Stage:
         self.y, self.u = ca.MX.sym("y", 0), ca.MX.sym("u", self._nu)
         self.m = ca.MX.sym("m", nx)
         self.theta = ca.MX.sym("theta", base.theta.size)
-        self.rho = ca.MX.sym("rho", base.kinds[0].nr)
+        self.rho = ca.MX.sym("rho", base.kind.nr)
         self._num = at.nz + at.ns  # what a step moves
 
     def functions(self) -> dict[str, ca.Function]:
