@@ -20,7 +20,7 @@ from mbocp._text import printable, show
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.accuracy import Accuracy
-from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData
+from mbocp.solution.data import COUNTS, NUMBERS, SIGNED, WORDS, SolutionData
 from mbocp.solution.facts import Facts
 from mbocp.solution.records import StartRecord
 from mbocp.solvers.records import IterationRecord, Phase, Status
@@ -43,12 +43,11 @@ _Count = Annotated[int, Field(ge=0, lt=2**63)]
 _Size = Annotated[float, AfterValidator(_not_negative)]
 
 
-_SIGNED = ("cost", "clearance", "clearance_time", "limit_excess_time")  # other numbers are sizes
 _KINDS: dict[str, Any] = {
     **dict.fromkeys(WORDS, str),
     **dict.fromkeys(COUNTS, _Count),
     **dict.fromkeys(NUMBERS, _Size),
-    **dict.fromkeys(_SIGNED, float),
+    **dict.fromkeys(SIGNED, float),
     "status": Annotated[Status, Field(strict=False)],
 }
 _Summary = create_model(  # type: ignore[call-overload]

@@ -34,6 +34,11 @@ def _absent() -> Array:
     return np.zeros(0)
 
 
+# Numbers and words that `--json` prints under their names; numbers are sizes, those with a sign aside.
+_TOLD = {"is_told": True}
+_SIGNED = {**_TOLD, "is_signed": True}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SolutionData:
     """Fields of a `Solution`, which explains them; those who write, read and examine one know it so.
@@ -41,24 +46,24 @@ class SolutionData:
     What a solve has just found works most of them out when one of them is asked for, see `later`.
     """
 
-    status: Status
-    advice: str = ""
-    solver: str
-    iterations: int
-    cost: float
-    residual: float
-    increment: float = math.nan
-    constraint_violation: float = 0.0
-    velocity_violation: float = math.nan
-    limit_violation: float = 0.0
-    limit_excess: float = 0.0
-    limit_excess_of: str = ""
-    limit_excess_time: float = math.nan
-    manifold_drift: float = math.nan
-    manifold_drift_resimulated: float = math.nan
-    clearance: float = math.nan
-    clearance_between: str = ""
-    clearance_time: float = math.nan
+    status: Status = field(metadata=_TOLD)
+    advice: str = field(default="", metadata=_TOLD)
+    solver: str = field(metadata=_TOLD)
+    iterations: int = field(metadata=_TOLD)
+    cost: float = field(metadata=_SIGNED)
+    residual: float = field(metadata=_TOLD)
+    increment: float = field(default=math.nan, metadata=_TOLD)
+    constraint_violation: float = field(default=0.0, metadata=_TOLD)
+    velocity_violation: float = field(default=math.nan, metadata=_TOLD)
+    limit_violation: float = field(default=0.0, metadata=_TOLD)
+    limit_excess: float = field(default=0.0, metadata=_TOLD)
+    limit_excess_of: str = field(default="", metadata=_TOLD)
+    limit_excess_time: float = field(default=math.nan, metadata=_SIGNED)
+    manifold_drift: float = field(default=math.nan, metadata=_TOLD)
+    manifold_drift_resimulated: float = field(default=math.nan, metadata=_TOLD)
+    clearance: float = field(default=math.nan, metadata=_SIGNED)
+    clearance_between: str = field(default="", metadata=_TOLD)
+    clearance_time: float = field(default=math.nan, metadata=_SIGNED)
     unknowns: int
     wall_time_s: float = math.nan
     phases: tuple[Phase, ...] = ()
@@ -345,6 +350,12 @@ def _of_kind(kind: str) -> tuple[str, ...]:
     return tuple(f.name for f in fields(SolutionData) if f.type == kind and f.name != "problem_text")
 
 
+def _with(mark: str) -> tuple[str, ...]:
+    """Names of the fields that are declared so."""
+    return tuple(f.name for f in fields(SolutionData) if f.metadata.get(mark))
+
+
 WORDS, COUNTS, NUMBERS = _of_kind("str"), _of_kind("int"), _of_kind("float")
+TOLD, SIGNED = _with("is_told"), _with("is_signed")
 for _field in fields(SolutionData):
     setattr(SolutionData, _field.name, Later(_field.name))

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.solution.atomic import atomic_path
-from mbocp.solution.data import SolutionData
+from mbocp.solution.data import TOLD, SolutionData
 from mbocp.solution.records import Column
 from mbocp.storage.content import QUANTITIES
 
@@ -79,23 +79,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
     result = {
         "status": str(solution.status),
         "converged": solution.converged,
-        "advice": solution.advice,
-        "solver": solution.solver,
-        "iterations": solution.iterations,
-        "cost": solution.cost,
-        "residual": solution.residual,
-        "increment": solution.increment,
-        "constraint_violation": solution.constraint_violation,
-        "velocity_violation": solution.velocity_violation,
-        "limit_violation": solution.limit_violation,
-        "limit_excess": solution.limit_excess,
-        "limit_excess_of": solution.limit_excess_of,
-        "limit_excess_time": solution.limit_excess_time,
-        "manifold_drift": solution.manifold_drift,
-        "manifold_drift_resimulated": solution.manifold_drift_resimulated,
-        "clearance": solution.clearance,
-        "clearance_between": solution.clearance_between,
-        "clearance_time": solution.clearance_time,
+        **{name: getattr(solution, name) for name in TOLD if name != "status"},
         "accuracy": dataclasses.asdict(solution.accuracy) if solution.accuracy.is_known else None,
         "unknowns": solution.unknowns,
         "num_steps": solution.num_steps,
