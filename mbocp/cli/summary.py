@@ -100,6 +100,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
+        *_work(solution),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
@@ -111,6 +112,12 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("conserved", _quantities(solution)),
         *_hamiltonian(solution),
     ]
+
+
+def _work(solution: Solution) -> _Rows:
+    if math.isnan(solution.positive_work):
+        return []
+    return [("work", f"{solution.positive_work:.4g} J by the controls, braking left out")]
 
 
 def _coarse(solution: Solution) -> _Rows:

@@ -13,9 +13,11 @@ from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
+from mbocp.mechanics.rates import powers
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.robot import Robot
 from mbocp.robot.kinematics import momenta_of
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
@@ -52,6 +54,7 @@ class Trajectory:
     lam_path: Array
     path_names: tuple[str, ...]
     limit_violation: float
+    positive_work: float
 
     def fields(self) -> dict[str, Any]:
         """Fields by name, not copied."""
@@ -91,6 +94,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         manifold_drift=_largest(drifts),
         manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
         **inequalities(formulation, iterate, motion),
+        positive_work=_positive_work(problem.robot, motion),
     )
 
 
@@ -102,6 +106,13 @@ def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> d
         "manifold_drift": lambda: _largest(formulation.drifts(iterate.xs)),
         "manifold_drift_resimulated": lambda: _resimulated_drift(formulation, iterate),
     }
+
+
+def _positive_work(robot: Robot, motion: Motion) -> float:
+    """Work of the controls [J], where they brake left out: of each the mean of both ends of a step."""
+    ends = (powers(robot, motion.qs[at], motion.vs[at], motion.us) for at in (slice(-1), slice(1, None)))
+    means = np.maximum(sum(ends) / 2.0, 0.0)
+    return float((motion.dts[:, None] * means).sum())
 
 
 def _largest(drifts: Array) -> float:

@@ -64,6 +64,7 @@ class SolutionData:
     clearance: float = field(default=math.nan, metadata=_SIGNED)
     clearance_between: str = field(default="", metadata=_TOLD)
     clearance_time: float = field(default=math.nan, metadata=_SIGNED)
+    positive_work: float = field(default=math.nan, metadata=_TOLD)
     unknowns: int
     wall_time_s: float = math.nan
     phases: tuple[Phase, ...] = ()

@@ -128,6 +128,9 @@ class Solution(SolutionData):
         thousand poses a second, of the pairs that are checked, which leaves out those that can never meet:
         how large it is [m] (negative: how deep they are in each other), of what and when [s]. NaN and ""
         where there are none.
+    positive_work : float
+        Mechanical work that the controls do, each by itself, with what they brake left out [J]; NaN in
+        results of an older mbocp. Controls that prescribe a motion count as none.
     lam_us, lam_qs, lam_vs : ndarray, shape (N, nu), (N + 1, nq), (N + 1, nv)
         Multipliers of the limits: positive at an active upper one, negative at a lower one, zero where
         nothing is active.

@@ -54,6 +54,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
     assert set(facts) == {
         "status",
         "converged",
+        "positive_work",
         "advice",
         "solver",
         "iterations",
