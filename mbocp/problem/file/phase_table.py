@@ -1,15 +1,23 @@
-"""Phases as people write them: `[[phase]]`."""
+"""Times as people write them: `[horizon]` and `[[phase]]`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
+from mbocp._keys import Key, Table
 from mbocp.exceptions import ProblemError
+from mbocp.integrators import CONTROLS
+from mbocp.problem._checks import choice, whole
 from mbocp.problem.cost import weights_by_key
-from mbocp.problem.file.limits_table import bounds_from, write_limits
+from mbocp.problem.file.cost_table import PhaseCostTable
+from mbocp.problem.file.kinds import RELEASED, SEVERAL, Duration
+from mbocp.problem.file.limits_table import LimitsTable, bounds_from, write_limits
+from mbocp.problem.file.path_table import PathTable
+from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, checked_phase
 from mbocp.problem.timeline.phase_values import in_phase
@@ -17,11 +25,157 @@ from mbocp.problem.timeline.sequence import Horizon, horizon_of, in_order
 from mbocp.problem.timeline.steps import FIRST_STEPS
 from mbocp.problem.timeline.times import duration_from, written_duration
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import WORLD
 from mbocp.terms.cost import Reader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share
+from mbocp.terms.written import Finite, Positive, Triple
 
-if TYPE_CHECKING:
-    from mbocp.problem.file.schema import HoldTable, HorizonTable, PhaseTable
+
+class HorizonTable(Table):
+    """How long, and in how many steps."""
+
+    duration: Annotated[
+        Duration,
+        Key(
+            "T; with a table it is [free](#free-duration); `guess` is their geometric mean if left out",
+            "s",
+            "required without `[[phase]]`",
+        ),
+    ] = None
+    steps: Annotated[
+        int | None,
+        whole(1),
+        Key(
+            "N, impacts of phases included; as many as there is [memory](#how-many-steps) for",
+            "",
+            "required without `[[phase]]`",
+        ),
+    ] = None
+    accuracy: Annotated[
+        Finite | None,
+        Key(
+            "in place of `steps`: [steps are found](#accuracy-in-place-of-steps) whose errors are below it",
+            "rad, m; part of the cost",
+            takes="number from 1e-10 to 0.1",
+        ),
+    ] = None
+    lengths: Annotated[
+        list[Positive] | None,
+        Key(
+            "in place of `steps`: the length of each; their sum is the duration, which may be left out",
+            "s",
+            takes="list of numbers > 0",
+        ),
+    ] = None
+    controls: Annotated[
+        str,
+        choice(CONTROLS),
+        Key(
+            "how controls vary [within a step](#controls-within-a-step); others than constant with `gauss2`, "
+            "`gauss3`, `radau2`, `radau3`, `lobatto2`, `lobatto3`"
+        ),
+    ] = "constant"
+
+
+class HoldTable(Table):
+    """A frame that is held throughout a phase."""
+
+    name: Annotated[
+        str | None, Key("what it is called; forces are called after it", "", "`frame` at `to`")
+    ] = None
+    frame: Annotated[str, Key("the frame that is held")]
+    to: Annotated[str, Key("the frame that holds it")] = WORLD
+    kind: Annotated[
+        str,
+        Key(
+            'what is held: `"weld"` all of it, `"point"` its origin, `"hinge"` its origin and an axis, '
+            '`"plane"`, '
+            '`"line"` its origin in a plane or on a line, `"screw"` all but the way along a thread'
+        ),
+    ] = "weld"
+    at: Annotated[
+        str, Key('`"where_it_is"` relative to `to` when the hold begins, or where both frames `"coincide"`')
+    ] = "where_it_is"
+    axis: Annotated[
+        Triple,
+        Key(
+            "of a hinge or screw in the axes of `frame`; normal of a plane and direction of a line in "
+            "those of `to`",
+            "",
+            "`[0, 0, 1]`",
+        ),
+    ] = None
+    pitch: Annotated[
+        Finite | None, Key("of a screw: how far the frame slides along the axis in a turn", "m")
+    ] = None
+    meeting: Annotated[
+        str,
+        Key(
+            'how it begins: with an `"impact"`, or `"soft"`, with velocities that fit; of a hold that goes '
+            "on "
+            "nothing"
+        ),
+    ] = "impact"
+
+
+class ReleaseTable(Table):
+    """A constraint of the robot that does not hold in a phase."""
+
+    name: Annotated[str, Key("the constraint that does not hold")]
+    meeting: Annotated[str, Key("how it is taken on again")] = "impact"
+
+
+class PhaseTable(Table):
+    """A run of steps, and what differs in it."""
+
+    name: Annotated[
+        str,
+        Key("what a [phase](phases.md) is called; one table `[[phase]]` each, in the place of `[horizon]`"),
+    ]
+    steps: Annotated[
+        int,
+        whole(1),
+        Key("number of its steps that take time; with `horizon.accuracy` those with which the search begins"),
+    ]
+    duration: Annotated[Duration, Key("how long it takes: given, or found between `min` and `max`", "s")]
+    limits: Annotated[
+        LimitsTable,
+        Key(
+            "keys of `[limits]` that hold in it, component by component in the place of the problem's",
+            "",
+            "those of the problem",
+        ),
+    ] = LimitsTable.model_construct()
+    cost: Annotated[
+        PhaseCostTable,  # type: ignore[valid-type]  # made of its terms
+        Key(
+            f"weights in it: {', '.join(f'`{key}`' for key in PhaseCostTable.model_fields)}",
+            "",
+            "that of the problem",
+        ),
+    ] = PhaseCostTable.model_construct()
+    hold: Annotated[
+        list[HoldTable],
+        SEVERAL,
+        Key("[frames that are held](phases.md#what-is-held) throughout: with the keys of the next rows"),
+    ] = Field(default_factory=list)
+    release: Annotated[
+        list[ReleaseTable],
+        RELEASED,
+        Key(
+            'names of constraints of the robot that do not hold; as `{ name = string, meeting = "soft" }` '
+            "with the "
+            "way in which they are taken on again"
+        ),
+    ] = Field(default_factory=list)
+    path: Annotated[
+        list[PathTable],  # type: ignore[valid-type]
+        Key("path constraints in it, with the keys of `[[path]]`; `from` and `until` are parts of the phase"),
+    ] = Field(default_factory=list)
+    via: Annotated[
+        list[ViaTable],
+        Key("via points at its end, with the keys of `[[via]]` but `time`; `share` is a part of the phase"),
+    ] = Field(default_factory=list)
 
 
 def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[Phase, ...]:

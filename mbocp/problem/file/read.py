@@ -26,22 +26,18 @@ from mbocp.problem.file.obstacle_table import (
 )
 from mbocp.problem.file.path_table import path_from
 from mbocp.problem.file.phase_table import (
+    HorizonTable,
+    PhaseTable,
     horizon_from,
     phase_weights,
     phases_from,
     with_paths,
     with_via,
 )
-from mbocp.problem.file.schema import (
-    HorizonTable,
-    PhaseTable,
-    ProblemTable,
-    ViaTable,
-    checked_tables,
-)
+from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
-from mbocp.problem.file.via_table import via_from
+from mbocp.problem.file.via_table import ViaTable, via_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.memory import check_horizon

@@ -3,21 +3,63 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from mbocp._arrays import Array
-from mbocp.problem.file.frame_table import frame_tables, frames_from
+from mbocp._keys import Key, Table
+from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
+from mbocp.problem.file.kinds import SEVERAL, Rate, ViaTime
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import time_from, written_time
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
+from mbocp.terms.written import Finite, VectorOrNamed
 
-if TYPE_CHECKING:
-    from mbocp.problem.file.schema import ViaTable
+
+class ViaTable(Table):
+    """What holds at one node between start and end."""
+
+    name: Annotated[
+        str | None,
+        Key("what a [via point](#via-points) is called; one table `[[via]]` each", "", "its number"),
+    ] = None
+    time: Annotated[
+        ViaTime,
+        Key(
+            "when it holds: at the nearest node; or [when the motion passes it](#free-times)",
+            "s",
+            "`via.share`",
+        ),
+    ] = None
+    share: Annotated[
+        Finite | None,
+        Key(
+            "in place of a time; beside a free one the part of the steps that lead there",
+            "part of the horizon",
+            "`via.time`",
+        ),
+    ] = None
+    q: Annotated[
+        VectorOrNamed,
+        Key(
+            "configuration and velocity there",
+            "m, rad; m/s, rad/s",
+            "free",
+            "like `goal.q` and `goal.v`",
+            ("v",),
+        ),
+    ] = None
+    v: Rate = None
+    frame: Annotated[
+        list[FrameGoalTable],
+        SEVERAL,
+        Key("poses of frames there: the keys of `goal.frame`, and tolerances", "", "nothing"),
+    ] = Field(default_factory=list)
 
 
 def via_from(robot: Robot, tables: Sequence[ViaTable], q_start: Array) -> tuple[ViaPoint, ...]:
