@@ -1,11 +1,13 @@
 """Every error that mbocp raises on purpose: one root, then one branch a layer.
 
-An error says what is wrong, where, and what to do about it, and carries the data as attributes.
+An error says what is wrong, where, and what to do about it, and carries the data as attributes. Its class is
+its code, and `key` the place: programs ask for these, and for no words.
 """
 
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,11 +26,30 @@ def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     return f"valid names: {first}{', ...' if len(names) > limit else ''}"
 
 
+# A dotted key or the name of an argument at the beginning of a message, as in "goal.q[2]: got ...".
+_KEY = re.compile(r"([a-z_]\w*(?:\.\w+|\[[\w, ]+\])*): ")
+
+
 class MbocpError(Exception):
     """Root of all errors of mbocp; a message has at most `MAX_MESSAGE` characters, whatever it quotes."""
 
+    _key: str | None = ""  # "": what the message begins with
+
     def __init__(self, *words: Any) -> None:
         super().__init__(*(shorten(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
+
+    @property
+    def key(self) -> str | None:
+        """Key of a file, or argument of a function, that the error is about; None where it names none."""
+        if self._key != "":
+            return self._key
+        found = _KEY.match(str(self))
+        return found[1] if found else None
+
+    def put_into(self, path: Path | str) -> None:
+        """Put the name of the file in front of the message."""
+        self._key = self.key
+        self.args = (f"{path}: {self}",)
 
 
 class Unreadable(MbocpError):
@@ -100,7 +121,7 @@ class RobotFileError(RobotError):
     """A URDF, robot.toml or package folder that cannot be read or does not say what it must."""
 
     def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self.key = Path(path), reason, key
+        self.path, self.reason, self._key = Path(path), reason, key
         super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
@@ -145,7 +166,7 @@ class ProblemFileError(ProblemError):
     """A problem file that is missing, malformed, or has a wrong key or value."""
 
     def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self.key = Path(path), reason, key
+        self.path, self.reason, self._key = Path(path), reason, key
         super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
@@ -240,7 +261,7 @@ class ResultFileError(MbocpError):
     """A result file that cannot be read or written."""
 
     def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason = Path(path), reason
+        self.path, self.reason, self._key = Path(path), reason, None
         super().__init__(f"{path}: {reason}")
 
 
@@ -252,7 +273,7 @@ class StudyFileError(StudyError):
     """A study file that is missing, malformed, or has a wrong key or value."""
 
     def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self.key = Path(path), reason, key
+        self.path, self.reason, self._key = Path(path), reason, key
         super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 

@@ -156,6 +156,7 @@ def _print_json(error: BaseException, meaning: _Meaning) -> None:
         "status": meaning.word,
         "converged": False,
         "error": type(error).__name__,
+        "key": error.key if isinstance(error, MbocpError) else None,
         "message": shorten(meaning.message, MAX_MESSAGE),
         "exit_status": meaning.status,
     }

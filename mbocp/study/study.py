@@ -185,8 +185,7 @@ def _in_study(label: str) -> Iterator[None]:
     except StudyFileError:
         raise
     except StudyError as error:
-        key, colon, reason = str(error).partition(": ")
-        raise StudyFileError(label, reason if colon else key, key if colon else None) from error
+        raise StudyFileError(label, str(error).removeprefix(f"{error.key}: "), error.key) from error
 
 
 def _study(table: StudyTable, source: Path | None, label: str) -> Study:

@@ -39,10 +39,9 @@ def in_file(path: str) -> Iterator[None]:
         raise
     except MbocpError as error:
         if isinstance(error, (DimensionMismatch, InvalidValue)) or type(error) is ProblemError:
-            message = str(error)
-            key, colon, reason = message.partition(": ")
-            raise ProblemFileError(path, reason if colon else message, key if colon else None) from error
-        error.args = (f"{path}: {error}",)
+            key, message = error.key, str(error)
+            raise ProblemFileError(path, message.removeprefix(f"{key}: "), key) from error
+        error.put_into(path)
         raise
 
 

@@ -136,7 +136,7 @@ def _describe_parts(
     except RobotFileError:
         raise
     except RobotError as error:
-        error.args = (f"{source.path}: {error}",)
+        error.put_into(source.path)
         raise
     own = (*found.carried, *payloads_of(table.payloads))
     return replace(found, carried=own if keys.payload is None else payloads_of(keys.payload))
