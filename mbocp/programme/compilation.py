@@ -221,7 +221,7 @@ def load_functions(
         if compiles:
             _warn_no_compiler()
         return asked.as_tapes()
-    if not compiles and asked.tapes.is_plain and not asked.tapes.pay_compiling():
+    if not compiles and not asked.tapes.pay_compiling():
         return asked.as_tapes()
     return asked.compile(cc)
 

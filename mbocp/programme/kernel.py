@@ -197,7 +197,7 @@ def _stage_function(native: Kernel, functions: CompiledFunctions, name: str) -> 
     read = functions.opened.get(name)
     if read is None:
         read = functions.opened[name] = native.StageFunction.from_string(functions.serialised[name])
-    return read.copy() or native.StageFunction.from_string(functions.serialised[name])
+    return read.copy()
 
 
 @lru_cache(maxsize=256)

@@ -34,7 +34,8 @@ AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
 _POLICIES = (AUTO, COMPILED, TAPES)
 _LONGEST = 4_000_000  # instructions of a function that is interpreted
 _TOGETHER, _OPERATIONS, _EACH = "together", "operations", "each/"  # entries of a file
-# Processor time [s], measured: of an instruction of a tape; of a compiler, to begin and for an operation.
+# Processor time [s], measured: of an instruction of a tape for all stages of a call, while CasADi's virtual
+# machine executes two for one stage; of a compiler, to begin and for an operation.
 _INSTRUCTION, _COMPILER, _COMPILED_OPERATION = 8e-9, 0.1, 45e-6
 
 
@@ -62,8 +63,6 @@ class Tapes:
         CasADi's text of each function, of operations on numbers where it can be written so.
     operations : int
         How many a compiler has to translate.
-    is_plain : bool
-        Whether the kernel can execute all of them; else CasADi's virtual machine calls some.
     file : Path or None
         Where they are kept.
     executed_before : int
@@ -72,7 +71,6 @@ class Tapes:
 
     serialised: Mapping[str, str]
     operations: int
-    is_plain: bool = True
     file: Path | None = None
     executed_before: int = 0
 
@@ -83,7 +81,6 @@ class Tapes:
         return cls(
             {name: function.serialize() for name, function in written.items()},
             sum(map(count_operations, functions.values())),
-            all(map(_is_plain, written.values())),
         )
 
     @classmethod
@@ -103,12 +100,7 @@ class Tapes:
             return None
 
     def keep(self, key: str, functions: Mapping[str, ca.Function]) -> Tapes:
-        """Write them into the folder, with the functions themselves; where that fails they are in no file.
-
-        What needs CasADi's virtual machine is not kept: it is compiled where there is a compiler.
-        """
-        if not self.is_plain:
-            return self
+        """Write them into the folder, with the functions themselves; where that fails they are in no file."""
         packed = ca.StringSerializer()
         packed.pack(list(functions.values()))
         content = io.BytesIO()
@@ -162,11 +154,6 @@ def functions_in(file: Path) -> dict[str, ca.Function]:
         names = [name.removeprefix(_EACH) for name in held.namelist() if name.startswith(_EACH)]
         functions = ca.StringDeserializer(held.read(_TOGETHER).decode()).unpack()
     return dict(zip(names, functions, strict=True))
-
-
-def _is_plain(function: ca.Function) -> bool:
-    """Whether all its instructions are operations on numbers, in what it calls, too."""
-    return all(inner.is_a("SXFunction") for inner in (function, *function.find_functions()))
 
 
 def as_operations(function: ca.Function) -> ca.Function:

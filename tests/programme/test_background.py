@@ -175,6 +175,47 @@ def test_a_compiler_runs_beside_once_that_pays(folder: Path) -> None:
     assert load_functions("key", never, in_lanes=("f", "g")).library == found.library
 
 
+def choosing() -> dict[str, ca.Function]:
+    """What is no tape: rows of a table by their numbers, in a loop."""
+    table, which = ca.MX.sym("table", 3, 4), ca.MX.sym("which", 1, 5)
+    x = ca.SX.sym("x", 3)
+    squares = ca.Function("squares", [x], [x * x])
+    return {"f": ca.Function("f", [table, which], [squares.map(5)(table[:, which])])}
+
+
+def test_functions_that_choose_by_an_index_wait_for_no_compiler_either(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load_them() -> CompiledFunctions:
+        return load_functions("choosing", choosing)
+
+    def evaluate(functions: CompiledFunctions) -> np.ndarray:
+        """In the kernel, at two stages."""
+        if "f" not in functions.opened:
+            functions.opened["f"] = kernel().StageFunction.from_string(functions.serialised["f"])
+        copy = functions.opened["f"].copy()
+        return np.asarray(copy.evaluate([np.tile(tables, 2), np.tile(which, 2)], 2, False)).reshape(2, -1)
+
+    tables, which = np.arange(12.0), np.array([3.0, 0.0, 1.0, 1.0, 2.0])
+    expected = (tables.reshape(4, 3)[which.astype(int)] ** 2).ravel()
+    first = load_them()
+    assert first.library is None
+    np.testing.assert_array_equal(evaluate(first), [expected, expected])
+    executed = first.opened["f"].num_executed
+    assert executed >= 2 * 15 // 2  # two stages of fifteen products, and what leads there
+    evaluate(first)
+    assert first.opened["f"].num_executed == 2 * executed  # copies count together
+    assert not background._running
+    monkeypatch.setattr(tapes, "_INSTRUCTION", 1.0)
+    limit = time.monotonic() + PATIENCE
+    while (found := load_them()).library is None and time.monotonic() < limit:
+        time.sleep(0.02)
+    assert found.library is not None
+    np.testing.assert_array_equal(
+        found.function("f")(tables.reshape(4, 3).T, which).full().T.ravel(), expected
+    )
+
+
 @pytest.mark.usefixtures("pays")
 def test_the_library_is_the_one_that_is_compiled_at_once(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -329,16 +370,6 @@ def test_compilers_run_one_after_another_and_all_are_stopped(
     assert not background._running
     assert all_gone(seen)
     assert {path.suffix for path in left_in(folder)} == {".tape"}
-
-
-def test_what_is_no_tape_is_compiled_at_once(folder: Path) -> None:
-    def choosing() -> dict[str, ca.Function]:
-        x = ca.MX.sym("x", 2)
-        table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [1.0, 3.0, 2.0])
-        return {"f": ca.Function("f", [x], [table(x[0]) * x[1]])}
-
-    assert load_functions("table", choosing).compiled_now
-    assert not list(folder.glob("*.tape"))
 
 
 def test_policies(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 // Functions of a stage without a compiler: CasADi's instructions as a tape, or CasADi's virtual machine.
 #include <casadi/casadi.hpp>
 
+#include <atomic>
 #include <cstring>
 #include <map>
 #include <tuple>
@@ -18,10 +19,29 @@ Pattern pattern_of(const casadi::Sparsity& s) {
     return p;
 }
 
+constexpr std::int64_t of_others = 100;  // instructions of what has none, as a table that is interpolated
+
+// Instructions of a call, those of functions that are called counted in.
+std::int64_t count_instructions(const casadi::Function& f) {
+    if (f.is_a("Map")) {
+        const casadi::Dict info = f.info();
+        return info.at("n").to_int() * count_instructions(info.at("f").to_function());
+    }
+    if (!f.is_a("SXFunction") && !f.is_a("MXFunction")) return of_others;
+    std::int64_t count = f.n_instructions();
+    if (f.is_a("MXFunction"))
+        for (casadi_int k = 0; k < f.n_instructions(); ++k)
+            if (f.instruction_id(k) == casadi::OP_CALL)
+                count += count_instructions(f.instruction_MX(k).which_function());
+    return count;
+}
+
 class Interpreted final : public StageFunction {
 public:
-    explicit Interpreted(casadi::Function function) : function_(std::move(function)) {
-        num_inputs = static_cast<int>(function_.n_in());
+    Interpreted(const std::string& text, std::shared_ptr<std::atomic<std::int64_t>> executed)
+        : text_(text), executed_(std::move(executed)), function_(casadi::Function::deserialize(text)),
+          weight_((count_instructions(function_) + 1) / 2) {
+        num_inputs = static_cast<int>(function_.n_in()), is_for_threads = false;
         for (casadi_int i = 0; i < function_.n_in(); ++i) input_sizes.push_back(static_cast<int>(function_.nnz_in(i)));
         for (casadi_int i = 0; i < function_.n_out(); ++i) outputs.push_back(pattern_of(function_.sparsity_out(i)));
         size_t sz_arg, sz_res, sz_iw, sz_w;
@@ -29,10 +49,19 @@ public:
         arg.resize(sz_arg), res.resize(sz_res), iw_.resize(sz_iw), w_.resize(sz_w);
         allocate();
     }
-    bool call() override { return function_(arg.data(), res.data(), iw_.data(), w_.data()) == 0; }
+    // Reads it again: what CasADi's functions share is not for several threads.
+    std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Interpreted>(text_, executed_); }
+    std::int64_t num_executed() const override { return *executed_; }
+    bool call() override {
+        *executed_ += weight_;
+        return function_(arg.data(), res.data(), iw_.data(), w_.data()) == 0;
+    }
 
 private:
+    std::string text_;
+    std::shared_ptr<std::atomic<std::int64_t>> executed_;
     casadi::Function function_;
+    std::int64_t weight_;  // of a call: the virtual machine takes half as long for an instruction as a tape for a pass
     std::vector<casadi_int> iw_;
     std::vector<double> w_;
 };
@@ -274,7 +303,7 @@ bool is_plain(const casadi::Function& f) {
 std::shared_ptr<StageFunction> StageFunction::from_string(const std::string& serialised) {
     const casadi::Function f = casadi::Function::deserialize(serialised);
     if (is_plain(f)) return function_of(Writer(f).write());
-    return std::make_shared<Interpreted>(f);
+    return std::make_shared<Interpreted>(serialised, std::make_shared<std::atomic<std::int64_t>>(0));
 }
 
 }  // namespace mbocp

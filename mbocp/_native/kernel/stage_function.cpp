@@ -133,11 +133,8 @@ void StageFunction::share(int input, const double* of_all) {
 }
 
 bool StageFunction::copy_for(int num_threads) {
-    while (static_cast<int>(copies_.size()) + 1 < num_threads) {
-        auto made = copy();
-        if (!made) return false;
-        copies_.push_back(std::move(made));
-    }
+    if (num_threads > 1 && !is_for_threads) return false;
+    while (static_cast<int>(copies_.size()) + 1 < num_threads) copies_.push_back(copy());
     return true;
 }
 

@@ -45,19 +45,20 @@ public:
     std::vector<Pattern> outputs;
     std::vector<int> input_sizes;
     int num_inputs = 0;
+    bool is_for_threads = true;
 
     // A function `name` of the shared library at `path`, as CasADi's code generator writes it.
     static std::shared_ptr<StageFunction> from_library(const std::string& path, const std::string& name);
     // A serialised casadi::Function, as a tape; by CasADi's virtual machine where it calls others or has loops.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
 
-    // The same function with memory of its own, in a fraction of the time that `from_library` takes; null where it
-    // cannot be copied.
-    virtual std::shared_ptr<StageFunction> copy() const { return nullptr; }
-    // Instructions of a tape that it and its copies have executed so far, each for all stages of a call; else 0.
+    // The same function with memory of its own, in a fraction of the time that `from_library` takes.
+    virtual std::shared_ptr<StageFunction> copy() const = 0;
+    // How long it and its copies have taken so far, in instructions of a tape, each for all stages of a call; 0 of
+    // compiled functions.
     virtual std::int64_t num_executed() const { return 0; }
-    // The function of each of so many threads, which call it side by side; of thread 0 it is this one. False: it cannot
-    // be copied.
+    // The function of each of so many threads, which call it side by side; of thread 0 it is this one. False: it is not
+    // for threads.
     bool copy_for(int num_threads);
     StageFunction& of(int thread) { return thread == 0 ? *this : *copies_[static_cast<std::size_t>(thread) - 1]; }
 

@@ -19,6 +19,9 @@ public:
         allocate();
     }
     bool call() override { return write_(arg, res), true; }
+    std::shared_ptr<StageFunction> copy() const override {
+        return std::make_shared<Made>(outputs, input_sizes, write_);
+    }
 
 private:
     Write write_;
