@@ -123,7 +123,7 @@ def read_records(kind: type[_Record], tables: list[Mapping[str, Any]]) -> tuple[
     model = _TABLES[kind]
     for i, table in enumerate(tables):
         _validate(model, f"{kind.__name__} {i}", table)
-    return tuple(kind(**{name: _print(value) for name, value in table.items()}) for table in tables)
+    return tuple(kind(**{name: _clean(value) for name, value in table.items()}) for table in tables)
 
 
 def read_facts(table: Mapping[str, Any] | None) -> Facts | None:
@@ -137,18 +137,18 @@ def read_facts(table: Mapping[str, Any] | None) -> Facts | None:
     if table is None:
         return None
     try:
-        return TypeAdapter(Facts).validate_json(json.dumps(_printed_all(table)), strict=True)
+        return TypeAdapter(Facts).validate_json(json.dumps(_clean_all(table)), strict=True)
     except ValidationError as error:
         raise _refusal("facts", error) from error
 
 
-def _printed_all(value: Any) -> Any:
+def _clean_all(value: Any) -> Any:
     if isinstance(value, dict):
-        return {_print(key): _printed_all(part) for key, part in value.items()}
-    return [_printed_all(part) for part in value] if isinstance(value, list) else _print(value)
+        return {_clean(key): _clean_all(part) for key, part in value.items()}
+    return [_clean_all(part) for part in value] if isinstance(value, list) else _clean(value)
 
 
-def _print(value: Any) -> Any:
+def _clean(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
 
