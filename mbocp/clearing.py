@@ -101,7 +101,7 @@ class OtherWays:
             if again.converged:
                 before = retold(known, wall_time_s=known.wall_time_s + spent - again.wall_time_s)
                 words = f"way {number} around obstacles, inverse dynamics"
-                return retold(_follow(before, again, "other ways"), guess_used=words)
+                return retold(after(before, again, "other ways"), guess_used=words)
         return retold(known, wall_time_s=known.wall_time_s + spent)
 
 
@@ -222,7 +222,7 @@ class _Clearing:
         if not has_more_rows and not (again.is_stationary and again.clearance > self.solution.clearance):
             return False
         self.near, self.found = larger, tried
-        again = _follow(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
+        again = after(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
         self.solution = _with_room_told(again, larger)
         return True
 
@@ -238,7 +238,7 @@ class _Clearing:
         return tried, self.job.read(tried)
 
 
-def _follow(before: Solution, again: Solution, name: str) -> Solution:
+def after(before: Solution, again: Solution, name: str) -> Solution:
     """A solution that was found after another; what both took."""
     spent = before.wall_time_s
     return retold(

@@ -2,23 +2,25 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
-    Refining          one number of steps after another, until the accuracy is reached
-      WarmStart       from the warm start briefly, from the guess, from the warm start at length
-        OtherWays     on one way around obstacles, or else on others
-          ClearOfObstacles or OneSolve
+    Refining            one number of steps after another, until the accuracy is reached
+      WarmStart         from the warm start briefly, from the guess, from the warm start at length
+        OtherWays       on one way around obstacles, or else on others
+          WithinSteps   once more with limits that hold within steps, where they would not
+            ClearOfObstacles or OneSolve
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from mbocp.clearing import ClearOfObstacles, OtherWays
+from mbocp.clearing import ClearOfObstacles, OtherWays, after
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
+from mbocp.problem.between_nodes import can_hold_within
 from mbocp.solution import Solution
 from mbocp.solution.later import retold
-from mbocp.solvers import Phase
+from mbocp.solvers import Phase, Status
 
 
 def strategy_for(job: Job) -> Strategy:
@@ -27,6 +29,7 @@ def strategy_for(job: Job) -> Strategy:
     # Of several goals each has rows of its own, and what one motion comes near says nothing of the others.
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
+    once = WithinSteps(once) if can_hold_within(problem) else once
     strategy = WarmStart(once, OtherWays(once) if has_rows else once)
     if problem.accuracy is None:
         return strategy
@@ -42,6 +45,35 @@ class OneSolve:
     def run(self, job: Job) -> Solution:
         """Solve once."""
         return job.read(attempt(job))
+
+
+@dataclass(frozen=True)
+class WithinSteps:
+    """Solve; where a speed leaves its limit between nodes by far, solve again with limits that hold there.
+
+    Attributes
+    ----------
+    once : Strategy
+        For both.
+    """
+
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve once, or twice; a motion that keeps its limits already begins with them."""
+        held = replace(job.problem, has_limits_within=True)
+        if isinstance(job.start, Solution) and job.start.iterate is not None and job.start.iterate.is_within:
+            return self.once.run(replace(job, problem=held))
+        solution = self.once.run(job)
+        is_asked_for = solution.status is Status.UNDER_RESOLVED and solution.limit_excess_of.startswith(
+            "speed"
+        )
+        if not is_asked_for or job.rough or job.is_late:
+            return solution
+        again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=solution))
+        if not (again.is_stationary and again.limit_excess < solution.limit_excess):
+            return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+        return after(solution, again, "limits at nodes alone")
 
 
 @dataclass(frozen=True)

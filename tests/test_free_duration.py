@@ -22,6 +22,7 @@ from mbocp.terms import running_cost
 from tests.campaign.run import motion_of
 from tests.campaign.tasks import draw
 from tests.checker import check_solution
+from tests.robot import urdfs
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -292,3 +293,44 @@ def test_problems_change_between_free_and_given() -> None:
     free = given.with_(duration={"min": 1.0, "max": 4.0}, solver={"method": "auto"})
     assert (free.duration, free.duration_range) == (2.0, (1.0, 4.0))
     assert free.with_(steps=7).duration_range == (1.0, 4.0)
+
+
+@pytest.fixture(scope="module")
+def oscillator(tmp_path_factory: pytest.TempPathFactory) -> mbocp.Robot:
+    """1 kg on a spring of 1 N/m."""
+    urdf = urdfs.robot(
+        urdfs.link("base", None),
+        urdfs.link("mass", 1.0),
+        '<joint name="rail" type="prismatic"><parent link="base"/><child link="mass"/><axis xyz="1 0 0"/>'
+        '<limit effort="1" velocity="100" lower="-100" upper="100"/></joint>',
+    )
+    spring = '[[spring_damper]]\nframes = ["mass", "base"]\nstiffness = 1.0\nlength = 0.0\n'
+    return mbocp.load_robot(urdfs.write(tmp_path_factory.mktemp("oscillator"), urdf, spring))
+
+
+@pytest.mark.parametrize(("begin", "hangs"), [(2.0, True), (1.9, False), (1.2, False)])
+@pytest.mark.parametrize("steps", [50, 150])
+def test_a_least_time_without_a_derivative_is_told(
+    oscillator: mbocp.Robot, begin: float, hangs: bool, steps: int
+) -> None:
+    """From 2 to rest it takes pi, by one arc at the limit; a little less force has to swing once more."""
+    problem = mbocp.Problem.create(
+        oscillator,
+        {"min": 0.1, "max": 20.0, "guess": 4.0},
+        steps,
+        start={"q": [begin]},
+        goal={"q": [0.0], "v": 0.0},
+        cost={"time": 1.0, "effort": 0.0},
+        limits={"effort": 1.0},
+        scheme="gauss2",
+    )
+    s = solved(problem)
+    assert ("hangs on the limits of the controls" in s.advice) is hangs
+    if not hangs:
+        return
+    told = re.search(r"changes it by ([0-9.]+) times .* by one of them, ([0-9.]+) s", s.advice)
+    assert told is not None
+    assert float(told[2]) == pytest.approx(s.duration / steps, rel=0.02)
+    assert 0.0 < s.duration - np.pi < 1.1 * float(told[2])
+    narrower = solved(problem.with_(limits={"effort": 1.0 - 1e-6}), warm_start=s)
+    assert 1e6 * (narrower.duration / s.duration - 1.0) == pytest.approx(float(told[1]), rel=0.1)

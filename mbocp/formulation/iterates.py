@@ -23,7 +23,9 @@ _SAME_MOTION = 1e-3  # of the largest number: rotations that left their group co
 def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     """An iterate with all that says where it fits."""
     carried = Carried.of(iterate, formulation.programme)
-    return replace(carried, meaning=_meaning(formulation), room=frozen_array(room_of(formulation.problem)))
+    problem, meaning = formulation.problem, _meaning(formulation)
+    room = frozen_array(room_of(problem))
+    return replace(carried, meaning=meaning, room=room, is_within=problem.has_limits_within)
 
 
 def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:

@@ -5,7 +5,8 @@ All formulations store coordinates and speeds in the same way; the rest is what 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,7 @@ def with_memory(
     is_impact = problem.timeline.is_impact
     still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
     motion = read_motion(problem, features, at, still, xs, us)
+    between = partial(_ways, problem, xs[:, at.z])
     forces = None if lams is None else np.where(is_impact[:, None], lams / problem.dt, lams)
     given = join(feature.stage_numbers(problem) for feature in features)
     units = join(feature.units(problem) for feature in features)
@@ -97,7 +99,7 @@ def with_memory(
     for feature, block in _remembered_blocks(features, at.ns, problem.robot.nu):
         taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
         before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
-        step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces)
+        step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces, between)
         after = feature.following(block.name, step)
         begin = first.get(block.name, np.zeros(after.shape[1]))
         after = begin + np.cumsum(after, axis=0) if block.adds_up else after
@@ -112,6 +114,12 @@ def _remembered_blocks(features: Sequence[Feature], ns: int, nu: int) -> Iterato
         yield from ((feature, block) for block in feature.blocks(ns, nu) if block.is_remembered)
 
 
+def _ways(problem: Problem, zs: Array, taken: BoolArray) -> Array:
+    """What leads from node to node where coordinates are those of the joints, in the steps that are taken."""
+    pairs = zip(zs[:-1][taken], zs[1:][taken], strict=True)
+    return np.array([problem.robot.difference(before, after) for before, after in pairs])
+
+
 def _passage(
     problem: Problem,
     motion: Motion,
@@ -122,6 +130,7 @@ def _passage(
     controls: Mapping[str, Array],
     given: Mapping[str, Array],
     forces: Array | None,
+    between: Callable[[BoolArray], Array],
 ) -> Passage:
     """Steps of a motion as the rules see them, of those that are taken."""
     dts = motion.dts[taken]
@@ -142,5 +151,6 @@ def _passage(
         controls={name: values[taken] for name, values in controls.items()},
         given={name: rows[taken] for name, rows in given.items()},
         forces=forces_of,
+        way=partial(between, taken),
         begin=motion.values[taken, 0] if problem.controls == "linear" else None,
     )

@@ -181,7 +181,12 @@ class StepSymbols:
         """Return the step as the rules of what is remembered see it, with these speeds and memories."""
         units = {name: self.given[unit_of(name)] for name in before if unit_of(name) in self.given}
         own = (self.units_of_u, self.dt, self.spacing, self.has_before, before, units)
-        return Passage(s0, s1, self.u, *own, self.named_inputs, self.given, self._forces, self.begin)
+        rules = (self.named_inputs, self.given, self._forces, self._way)
+        return Passage(s0, s1, self.u, *own, *rules, self.begin)
+
+    def _way(self) -> ca.SX:
+        at = self.space.layout
+        return self.mechanics.difference(self.at0[at.z], self.at1[at.z])
 
     def _forces(self, rows: Sequence[int]) -> ca.SX:
         """Forces of rows of the robot's constraints; those of bodies and joints come before them [N, N m]."""

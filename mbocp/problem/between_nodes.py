@@ -5,21 +5,25 @@ chains and schemes of order two accelerations at the nodes take part. Limits of
 accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
 and those of powers at the end of a step: what a step does elsewhere is looked at, too. Jerks and rates of
 controls are differences of steps by their definition, and have no value between nodes.
+
+Where cubics leave a limit of speed by more than they are exact, or are kept within it, steps are followed
+along the flow of the robot itself, as far as it is an open chain: those that may come nearest to a limit by
+their cubics, and by what these are wrong by, a fourth of the step times their accelerations' errors at most.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
-from mbocp.integrators import SCHEMES, control_basis
+from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.rates import accelerations, powers
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
-from mbocp.robot import Label
+from mbocp.robot import Label, Robot
 from mbocp.terms import RATE_TERMS
 
 GROSS_EXCESS = (
@@ -30,6 +34,8 @@ _GROSS_ACCELERATION = (
 )
 _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
+_COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
+_FOLLOWED, _PARTS = 8, 16  # steps that are followed, in so many parts
 
 Sides = tuple[Array, Array]
 
@@ -84,6 +90,20 @@ def is_followed(problem: Problem) -> bool:
     return SCHEMES[problem.scheme].order > 1
 
 
+def can_hold_within(problem: Problem) -> bool:
+    """Whether limits of speeds can be had within steps, too: the motion is that of cubics, as far as it goes.
+
+    Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
+    """
+    has_limits = bool(problem.widest_limits.finite("v").any())
+    return (
+        has_limits
+        and problem.scheme in PAIRS
+        and SCHEMES[problem.scheme].order > 2
+        and not problem.robot.drives
+    )
+
+
 def largest_excess(
     problem: Problem, t: Array, qs: Array, vs: Array, us: Array, shares: tuple[float, ...] = ()
 ) -> LimitExcess | None:
@@ -105,9 +125,15 @@ def largest_excess(
     if not (limits and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
-    motion = _Steps(problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], within, shares)
-    looks = motion.looks({letter: _within_steps(sides, steps) for letter, sides in limits.items()})
+    motion = _Steps(
+        problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
+    )
+    looks = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
+    is_coarse = any(one.kind == "speed" and one.ratio > _COARSE for one in found)
+    if "v" in limits and (is_coarse or problem.has_limits_within) and _is_open(problem):
+        followed = motion.speeds_followed(widest_within(limits["v"], steps))
+        found += [one for look in followed for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
 
 
@@ -121,14 +147,18 @@ class _Look:
     sides: Sides
     labels: tuple[Label, ...]
 
-    def excesses(self) -> Iterator[LimitExcess]:
-        """The largest excess of either side."""
+    def ratios(self) -> Iterator[tuple[Array, Array]]:
+        """Of either side bounds, and by which part of a limit they are left; below 0 where they are not."""
         lower, upper = self.sides
         largest = np.maximum(*(np.where(np.isfinite(side), np.abs(side), 0.0) for side in self.sides))
         is_range = (self.kind == "position") & np.isfinite(upper - lower)
         size = np.maximum(np.where(is_range, upper - lower, largest), 1e-9)
         for bound, over in ((lower, lower - self.values), (upper, self.values - upper)):
-            ratios = np.where(np.isfinite(bound), over, -np.inf) / size
+            yield bound, np.where(np.isfinite(bound), over, -np.inf) / size
+
+    def excesses(self) -> Iterator[LimitExcess]:
+        """The largest excess of either side."""
+        for bound, ratios in self.ratios():
             n, k = np.unravel_index(int(ratios.argmax()), ratios.shape)
             if ratios[n, k] > 0.0:
                 numbers = (self.values[n, k], bound[n, k], self.times[n, k], ratios[n, k])
@@ -139,11 +169,12 @@ class _Look:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Steps of a motion: their cubics, configurations at their begins, and controls at shares of them."""
+    """Steps of a motion: their cubics, configurations at both ends, and controls at shares of them."""
 
     problem: Problem
     cubics: StepCubics
     begins: Array
+    ends: Array
     us: Array
     shares: tuple[float, ...]
 
@@ -158,6 +189,30 @@ class _Steps:
     def _speeds(self, sides: Sides) -> Iterator[_Look]:
         s = self.cubics.extremes_of_speeds()
         yield _Look("speed", self.cubics.speeds(s), self.cubics.times(s), sides, self.problem.robot.v_labels)
+
+    def speeds_followed(self, sides: Sides) -> Iterator[_Look]:
+        """Along the flow of the robot, in the steps that may come nearest to a limit."""
+        robot, cubics = self.problem.robot, self.cubics
+        chosen = np.argsort(-self._nearest(sides))[:_FOLLOWED]
+        qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
+        lengths, within = cubics.lengths[chosen], (sides[0][chosen], sides[1][chosen])
+        controls = [self._controls(k / (2 * _PARTS))[chosen] for k in range(2 * _PARTS + 1)]
+        for k in range(_PARTS):
+            qs, vs = _runge_kutta(robot, qs, vs, controls[2 * k : 2 * k + 3], lengths / _PARTS)
+            times = np.broadcast_to(begins + lengths * (k + 1) / _PARTS, vs.shape)
+            yield _Look("speed", vs, times, within, robot.v_labels)
+
+    def _nearest(self, sides: Sides) -> Array:
+        """By which part of a limit speeds of each step may leave it at most, shape (n,)."""
+        cubics, robot = self.cubics, self.problem.robot
+        values = [cubics.v0, cubics.v1, cubics.speeds(cubics.extremes_of_speeds())]
+        begin = cubics.accelerations(0.0) - accelerations(robot, self.begins, cubics.v0, self._controls(0.0))
+        end = cubics.accelerations(1.0) - accelerations(robot, self.ends, cubics.v1, self._controls(1.0))
+        wrong = cubics.lengths * np.maximum(np.abs(begin), np.abs(end)) / 4.0
+        extremes = np.min(values, axis=0) - wrong, np.max(values, axis=0) + wrong
+        looks = [_Look("speed", one, np.zeros_like(one), sides, robot.v_labels) for one in extremes]
+        found: Array = np.max([ratios.max(axis=1) for look in looks for _, ratios in look.ratios()], axis=0)
+        return found
 
     def _positions(self, sides: Sides) -> Iterator[_Look]:
         robot = self.problem.robot
@@ -198,6 +253,27 @@ class _Steps:
         return found
 
 
+def _is_open(problem: Problem) -> bool:
+    """Whether accelerations follow from forces alone."""
+    return not (problem.robot.nc or problem.robot.drives or problem.timeline.switches)
+
+
+def _runge_kutta(robot: Robot, qs: Array, vs: Array, us: Sequence[Array], h: Array) -> tuple[Array, Array]:
+    """States, row by row, after a time h [s] under controls at its begin, middle and end."""
+
+    def move(ways: Array) -> Array:
+        return np.array([robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
+
+    a1 = accelerations(robot, qs, vs, us[0])
+    v2 = vs + h / 2.0 * a1
+    a2 = accelerations(robot, move(h / 2.0 * vs), v2, us[1])
+    v3 = vs + h / 2.0 * a2
+    a3 = accelerations(robot, move(h / 2.0 * v2), v3, us[1])
+    v4 = vs + h * a3
+    a4 = accelerations(robot, move(h * v3), v4, us[2])
+    return move(h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), vs + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+
+
 def _is_finite(sides: Sides) -> bool:
     return any(bool(np.isfinite(side).any()) for side in sides)
 
@@ -215,14 +291,13 @@ def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, u
     else:
         ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps])
     means = ways / lengths
-    is_open = not (robot.nc or robot.drives or problem.timeline.switches)
-    if SCHEMES[problem.scheme].order == 2 and is_open:
+    if SCHEMES[problem.scheme].order == 2 and _is_open(problem):
         ends = [accelerations(robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
         means = (vs[steps] + vs[steps + 1]) / 2.0 + lengths * (ends[0] - ends[1]) / 12.0
     return StepCubics(t[steps, None], lengths, vs[steps], vs[steps + 1], means)
 
 
-def _within_steps(limits: Sides, steps: IntArray) -> Sides:
+def widest_within(limits: Sides, steps: IntArray) -> Sides:
     """Limits within the steps, from those of the nodes 1..N: the wider ones of both ends."""
     count = int(steps[-1]) + 1
     lower, upper = (np.broadcast_to(side, (max(count, len(side)), side.shape[1])) for side in limits)

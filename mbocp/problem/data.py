@@ -135,6 +135,8 @@ class ProblemData:
         The problem file.
     name : str
         What the problem is called in output; the stem of the file.
+    has_limits_within : bool
+        Whether limits of speeds are to hold within steps, too: solves ask for it where they would not.
 
     Raises
     ------
@@ -178,6 +180,7 @@ class ProblemData:
     solver: SolverOptions
     source: Path | None
     name: str
+    has_limits_within: bool = False
 
     @property
     def duration(self) -> float:

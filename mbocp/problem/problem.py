@@ -21,7 +21,9 @@ from mbocp.problem.resolve import RESOLVE
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
-_FIELDS = [field.name for field in fields(ProblemData) if field.name not in ("source", "name")]
+_FIELDS = [
+    field.name for field in fields(ProblemData) if field.name not in ("source", "name", "has_limits_within")
+]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of
-from mbocp.formulation.resolution import describe_coarse_turn
+from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
@@ -77,6 +77,8 @@ def read_solution(
         motion = formulation.motion_of(result.iterate)
         t = times_of(problem, motion.dts)
         told = left_out + _singular(problem.robot, motion.qs)
+        if result.status.is_stationary:
+            told += _appended(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
         status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
         status, advice = _at_goal(formulation, motion, status, advice)
         us = motion.values if motion.shares else motion.us
@@ -184,7 +186,10 @@ def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) 
 
 def _singular(robot: Robot, qs: Array) -> str:
     """Say where the constraints of a mechanism lose their rank on the way."""
-    words = singular_closure(robot, qs)
+    return _appended(singular_closure(robot, qs))
+
+
+def _appended(words: str | None) -> str:
     return f"; {words}" if words else ""
 
 

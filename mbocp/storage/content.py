@@ -18,6 +18,7 @@ _ROWS = {  # what the first axis runs over
     "share": "values",
     "guard": "guards",
     "pair": "pairs",
+    "one": "ones",
 }
 
 
@@ -174,6 +175,7 @@ ITERATE: Mapping[str, Quantity] = MappingProxyType(  # of the solver's last iter
         ),
         "iterate_lam_guard": _part("lambda_g", "multiplier of what guards the end condition", "guard"),
         "iterate_room": _part("d", "what rows keep beyond margins [m]; -1: none", "pair"),
+        "iterate_within": _part("w", "1: limits of speeds hold within steps, too", "one"),
     }
 )
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,11 +15,17 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import mbocp
+from mbocp.accuracy.of_solution import motion_of
 from mbocp.cli.app import app
-from mbocp.problem import Problem
+from mbocp.formulation import formulate
+from mbocp.job import Job
+from mbocp.problem import Problem, between_nodes
 from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, largest_excess
+from mbocp.problem.step_cubics import StepCubics
 from mbocp.solution import Status
+from mbocp.strategies import OneSolve
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
+from tests.formulation.stages import check_derivatives
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -62,20 +70,101 @@ def test_it_is_the_largest_excess_of_the_cubics(seed: int) -> None:
         ratios.append(float((np.abs(v) - LIMIT).max() / LIMIT))
         widths = np.array([2.1, 1.8])
         ratios.append(float((np.maximum([-0.5, -0.9] - q, q - [1.6, 0.9]) / widths).max()))
-    found = largest_excess(problem, t, qs, vs, np.zeros((3, 2)))
+    with patch.object(between_nodes, "_COARSE", np.inf):  # no robot follows random nodes
+        found = largest_excess(problem, t, qs, vs, np.zeros((3, 2)))
     told = 0.0 if found is None else found.ratio
     assert told <= max(ratios) + 1e-4
     assert told == pytest.approx(max(ratios), abs=1e-4) or is_at_node(max(ratios), qs, vs)
 
 
+def solve_at_nodes(problem: Problem) -> mbocp.Solution:
+    """With limits at nodes alone."""
+    return OneSolve().run(Job.of(problem))
+
+
 def test_a_motion_that_leaves_its_limits_between_nodes_has_not_converged() -> None:
-    s = mbocp.solve(swing("stages"))
+    s = solve_at_nodes(swing("stages"))
     assert s.limit_violation == 0.0
     assert s.status is Status.UNDER_RESOLVED
     assert s.limit_excess > GROSS_EXCESS
     assert s.limit_excess_of.startswith("speed of joint")
     assert f"between nodes the {s.limit_excess_of} is" in s.advice
     assert s.limit_excess == pytest.approx(true_excess(s.load_problem(), s, 1000.0), rel=0.05)
+
+
+@pytest.mark.parametrize("controls", ["linear", "stages"])
+@pytest.mark.parametrize("scheme", ["gauss2", "gauss3", "lobatto3"])
+def test_where_it_would_leave_them_it_is_solved_with_limits_that_hold_there(
+    controls: str, scheme: str
+) -> None:
+    problem = swing(controls, 40, scheme)
+    s = mbocp.solve(problem, check=True)
+    assert solve_at_nodes(problem).limit_excess > GROSS_EXCESS
+    true = true_excess(problem, s, 1000.0)
+    assert true < 0.03
+    assert s.limit_excess == pytest.approx(true, abs=2e-3)
+    assert s.phases[0].name == "limits at nodes alone"
+    cubic = StepCubics(s.t[:-1, None], np.diff(s.t)[:, None], s.vs[:-1], s.vs[1:], ways_of(s))
+    assert np.abs(cubic.speeds(cubic.extremes_of_speeds())).max() <= LIMIT * (1.0 + 1e-6)
+
+
+def test_where_steps_are_too_coarse_for_that_it_leaves_them_less() -> None:
+    problem = swing("stages", scheme="gauss3")
+    s = mbocp.solve(problem)
+    assert s.status is Status.UNDER_RESOLVED
+    assert GROSS_EXCESS < s.limit_excess < solve_at_nodes(problem).limit_excess / 10.0
+    assert s.limit_excess == pytest.approx(true_excess(problem, s, 1000.0), rel=0.05)
+
+
+def ways_of(s: mbocp.Solution) -> np.ndarray:
+    """Mean speeds of the steps of a solution without rotations."""
+    return np.diff(s.qs, axis=0) / np.diff(s.t)[:, None]
+
+
+def test_states_remember_the_middle_of_a_step() -> None:
+    """3 m - v0 - v1, as the motion has it."""
+    problem = replace(swing("stages"), has_limits_within=True)
+    s, formulation = mbocp.solve(problem, check=True), formulate(problem)
+    iterate = formulation.iterate_of(motion_of(s), s.lams)
+    remembered = iterate.xs[1:, formulation.layout.states["speeds_within"]]
+    np.testing.assert_allclose(remembered, 3.0 * ways_of(s) - s.vs[:-1] - s.vs[1:], atol=1e-12)
+    assert formulation.programme.describe_row(0, 4).startswith("speed within the step of joint1")
+
+
+@pytest.mark.parametrize("duration", [1.2, {"min": 0.5, "max": 3.0, "guess": 1.2}])
+def test_limits_within_steps_have_exact_derivatives(duration: object) -> None:
+    problem = swing("stages", 6).with_(duration=duration)
+    check_derivatives(formulate(replace(problem, has_limits_within=True)), 2, [0, 3, 4])
+
+
+def test_a_drone_keeps_limits_of_its_attitude_and_place_within_steps() -> None:
+    robot = mbocp.load_robot("hector", actuated=["root_joint"])
+    goal = robot.q0.copy()
+    goal[:3] += [1.5, 0.8, 0.6]
+    goal[3:7] = [0.0, 0.0, np.sin(0.8), np.cos(0.8)]
+    problem = Problem.create(
+        robot,
+        1.4,
+        8,
+        goal={"q": goal, "v": 0},
+        cost={"velocity": 1.0},
+        limits={"velocity": dict(zip([x.name for x in robot.v_labels], [1.3] * 6, strict=True))},
+        scheme="gauss2",
+        controls="stages",
+    )
+    held = mbocp.solve(replace(problem, has_limits_within=True), check=True)
+    assert true_excess(problem, held, 1000.0) < 0.01
+    assert solve_at_nodes(problem).limit_excess > held.limit_excess
+
+
+def test_a_warm_start_keeps_them_at_once(tmp_path: Path) -> None:
+    problem = swing("stages")
+    s = mbocp.solve(problem, check=True)
+    read = mbocp.Solution.load(s.save(tmp_path / "swing.h5"))
+    for start in (s, read):
+        again = mbocp.solve(problem, warm_start=start, check=True)
+        assert again.iterations <= 1
+        assert again.cost == pytest.approx(s.cost, rel=1e-9)
 
 
 def test_a_small_excess_is_told() -> None:
@@ -153,7 +242,7 @@ def test_random_problems_can_be_made() -> None:
 
 
 def test_the_shell_tells_it(tmp_path: Path) -> None:
-    result = mbocp.solve(swing("stages")).save(tmp_path / "swing.h5")
+    result = solve_at_nodes(swing("stages")).save(tmp_path / "swing.h5")
     told = json.loads(CliRunner().invoke(app, ["info", str(result), "--json"]).stdout)
     assert told["limit_excess"] > GROSS_EXCESS
     assert told["limit_excess_of"]

@@ -1,4 +1,4 @@
-"""fatrop, where it asks for nothing any more, is ended: by the time limit, by Ctrl-C, by a callback."""
+"""Other solvers, where they ask for nothing any more, are ended: by the time limit, Ctrl-C, a callback."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import math
 import os
 import signal
 import threading
+import time
 
 import numpy as np
 import pytest
 
 import mbocp
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
 
@@ -76,3 +77,18 @@ def test_a_range_narrower_than_what_fatrop_relaxes_is_refused() -> None:
     )
     with pytest.raises(ProblemError, match=r"relaxes limits by 1e-08, and control 0 may vary by 2e-09 alone"):
         mbocp.solve(narrow)
+
+
+def test_a_time_limit_ends_ipopt_within_an_iteration() -> None:
+    """A horizon of which one iteration takes longer than there is time."""
+    long = Problem.create(
+        "ur5", 2.0, 8000, goal={"q": [0.5, -1, 1, 0, 0.5, 0], "v": [0] * 6}, solver={"method": "ipopt"}
+    )
+    begun, words = time.perf_counter(), ""
+    try:
+        check_last_told(s := mbocp.solve(long, time_limit=4.0))
+        words = str(s.status)
+    except CompilationTimeout as error:  # on a slow machine it does not even begin
+        words = str(error)
+    assert "time_limit" in words
+    assert time.perf_counter() - begun < 15.0

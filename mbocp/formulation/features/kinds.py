@@ -11,6 +11,7 @@ from mbocp.formulation.features.moment import Moment
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.progress import Progress
 from mbocp.formulation.features.reactions import Reactions
+from mbocp.formulation.features.speeds_within import SpeedsWithin
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches
 from mbocp.formulation.features.varying_weights import VaryingWeights
@@ -25,6 +26,7 @@ _KINDS: tuple[type[Feature], ...] = (
     VaryingWeights,
     ControlValues,
     Memory,
+    SpeedsWithin,
     Progress,
     Reactions,
     MovedStart,

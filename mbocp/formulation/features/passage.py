@@ -35,6 +35,8 @@ class Passage:
         Parameters of the step, by name.
     forces : callable
         Rows of the robot's constraints -> their forces in the step [N, N m].
+    way : callable
+        What leads from the configuration before to that after it, of the shape of speeds [m, rad].
     begin : casadi.SX, shape (nu,), or ndarray, shape (N, nu), or None
         Controls at the begin of the step where they are linear in it; u is at its end.
     """
@@ -51,6 +53,7 @@ class Passage:
     controls: Mapping[str, Any]
     given: Mapping[str, Any]
     forces: Callable[[Sequence[int]], Any]
+    way: Callable[[], Any]
     begin: Any = None
 
     @property

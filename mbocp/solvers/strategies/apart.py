@@ -1,8 +1,9 @@
-"""fatrop in a process of its own, which can be ended.
+"""Interior-point solvers in a process of its own, which can be ended.
 
-It looks at the clock, and hears Ctrl-C, when it asks for a Jacobian; and there are loops over ever larger
-shifts in which it never asks again. So it tells each iteration; when it has nothing to tell any more, the
-process is ended, and what was told last counts. The process is kept for the next run.
+They look at the clock, and hear Ctrl-C, when they ask for a Jacobian. In fatrop there are loops over ever
+larger shifts in which it never asks again, and one factorisation of IPOPT takes minutes where horizons are
+long. So each iteration is told; when nothing is told any more, the process is ended, and what was told last
+counts. The process is kept for the next run.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ def run_apart(
         else:
             result = cast("SolverResult", answer)
             return replace(result, history=told.records or result.history)  # those the callback has seen
-    at = iterate if told.w is None else _unpack(told.w, programme)
+    at = iterate if told.w is None else _unpack(told.w, programme, solver.name)
     history = told.records or told.begun
     return SolverResult(status, _advice(solver.title, status, history), at, history[-1], history)
 
@@ -154,9 +155,9 @@ def _close(process: Elsewhere, pid: int) -> None:
         process.close()
 
 
-def _unpack(w: Array, programme: StagewiseProgramme) -> Iterate:
-    """An iterate without multipliers, which are not known."""
-    lay = NlpLayout.of(programme, wants_gaps=True)
+def _unpack(w: Array, programme: StagewiseProgramme, name: str) -> Iterate:
+    """An iterate of a solver without multipliers, which are not known."""
+    lay = NlpLayout.of(programme, wants_gaps=name == "fatrop")
     return unpack(w, np.zeros(lay.num_rows), np.zeros(lay.num_unknowns), lay)
 
 

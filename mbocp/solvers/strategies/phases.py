@@ -168,12 +168,16 @@ class Phases:
         return self._keep(result, name, clock)
 
     def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
-        """Run an interior-point solver; fatrop, which does not always hear Ctrl-C, where it can be ended."""
+        """Run an interior-point solver, where it can be ended: fatrop always, IPOPT if there is a time limit.
+
+        fatrop does not always hear Ctrl-C; IPOPT may be longer in one factorisation than it has time.
+        """
         from mbocp.solvers.strategies.apart import run_apart
 
         clock = time.perf_counter()
         arguments = (self.programme, iterate, self.callback, name + self.label, self.first)
-        result = run_apart(solver, *arguments) if name == "fatrop" else solver.run(*arguments)
+        is_apart = solver.name == "fatrop" or math.isfinite(self.deadline)
+        result = run_apart(solver, *arguments) if is_apart else solver.run(*arguments)
         return self._keep(result, name, clock)
 
     def _keep(self, result: SolverResult, name: str, clock: float) -> SolverResult:
