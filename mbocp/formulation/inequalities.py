@@ -12,6 +12,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
+from mbocp.formulation.features.speeds_within import SPEEDS_WITHIN, names_within
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
@@ -23,6 +24,7 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
     problem = formulation.problem
     path = _path_of(formulation, iterate, motion)
     names = tuple(label.name for constraint in problem.inequalities for label in constraint.labels)
+    names += names_within(problem)
     return {
         **_multipliers(formulation, iterate, path),
         "path_names": names,
@@ -86,7 +88,7 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_qs = np.zeros((N + 1, robot.nq))
     bounds = iterate.bounds
     if bounds is None:
-        nh = path.shape[1]
+        nh = path.shape[1] + len(names_within(problem))
         return {
             "lam_us": np.zeros((N, robot.nu)),
             "lam_qs": lam_qs,
@@ -106,7 +108,10 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     slopes = np.hstack(factors) if factors else np.ones_like(path)
     own = bounds.us[:, : formulation.layout.num_own]
     lam_us = formulation.pieces.signature.control_values.sum_up(own)
-    return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": bounds.path * slopes}
+    of_path = [bounds.path * slopes]
+    if problem.has_limits_within:
+        of_path.append(bounds.xs[1:, formulation.layout.states[SPEEDS_WITHIN]])
+    return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 
 def _columns(problem: Problem, path: Array) -> list[Array]:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.problem.between_nodes import name_within
 from mbocp.problem.timeline.times import least_time
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
@@ -143,8 +144,11 @@ def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
 
 
 def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, str, float, float, str]]:
-    """Kind, name, bounds and unit of limited rates, by the name of their row."""
-    found = {}
+    """Kind, name, bounds and unit of limited rates, and of speeds within steps, by the name of their row."""
+    found = {
+        name_within(column.name): ("velocity", f"{column.name} within steps", low, high, column.unit)
+        for column, low, high in zip(solution.labels.v, *solution.limits_v, strict=True)
+    }
     for key, (lower, upper) in facts.rates.items():
         term = RATE_TERMS[key]
         columns = solution.labels.v if term.over == "v" else solution.labels.u

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import mbocp
 from tests.campaign.classes import CLASSES, QUICK
 from tests.campaign.robots import ROBOTS
-from tests.campaign.run import plan, read_rows, run_task
+from tests.campaign.run import motion_of, plan, read_rows, run_task
 from tests.campaign.table import false_converged, show, worst
 from tests.campaign.tasks import draw
+from tests.checker import check_solution
 from tests.checker.conditions import step_of
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -48,6 +51,20 @@ def test_a_motion_in_another_configuration_is_found(tmp_path: Path) -> None:
     """The controls hold the arm folded alone, which the pose of the goal does not say."""
     row = run_task("double_pendulum_pose", 5, tmp_path)
     assert (row["status"], row["failures"]) == ("converged", [])
+
+
+@pytest.mark.parametrize(("name", "seed"), [("double_pendulum_gauss2", 33), ("free_gauss2", 11)])
+def test_limits_that_hold_within_steps_are_among_the_optimality_conditions(
+    name: str, seed: int, tmp_path: Path
+) -> None:
+    task = draw(name, seed, tmp_path)
+    solution = mbocp.solve(mbocp.Problem.create(**task.tables))
+    motion = motion_of(solution)
+    within = [k for k, word in enumerate(motion.path_names) if word.endswith(" within steps")]
+    assert np.abs(motion.lam_path[:, within]).max() > 0.0
+    assert check_solution(task.loaded.system, task.task, motion).failures == ()
+    without = replace(motion, path_names=("",) * len(motion.path_names))
+    assert "stationarity" in check_solution(task.loaded.system, task.task, without).failures
 
 
 def impossible(name: str) -> list[int]:

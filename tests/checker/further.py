@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from tests.checker.costs import rate_cost, running_cost
 from tests.checker.differences import derivative
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Bound", "equations", "further_bounds", "length_slopes", "points_missed"]
 
 
+WITHIN = " within steps"  # how names of limits of speeds end that hold there, too
 _SHORTEST = 1e-3  # of the mean length of steps, at the least duration: those of a run are no shorter
 
 
@@ -86,6 +88,7 @@ def further_bounds(system: System, task: Task, motion: Motion, layout: Layout) -
         if point.node == task.num_steps:
             yield from _tolerances(system, point, motion, layout, "goal: ")
     yield from _rates(system, task, motion, layout)
+    yield from _within(system, task, motion, layout)
     yield from _times(task, motion, layout)
 
 
@@ -157,6 +160,34 @@ def _rates(system: System, task: Task, motion: Motion, layout: Layout) -> Iterat
                 slope = np.concatenate([[speed[i]], u[i] * moved[i]])
                 claimed, limits = motion.claimed(f"power of {motor}", n), task.power[:, i]
                 yield from _two_sided(f"power[{n}]", limits, u[i] * speed[i], columns, slope, claimed)
+
+
+def _within(system: System, task: Task, motion: Motion, layout: Layout) -> Iterator[Bound]:
+    """Speeds that are claimed to keep their limits within steps: the middle coefficient of each cubic."""
+    columns_of = [k for k, name in enumerate(motion.path_names) if name.endswith(WITHIN)]
+    entries = np.flatnonzero(np.isfinite(task.v_limits).any(axis=0)) if columns_of else np.zeros(0, int)
+    model, nv, phases = system.model, system.nv, task.phases
+    for n in range(1, task.num_steps + 1) if columns_of else ():
+        before, after, dt = motion.qs[n - 1], motion.qs[n], float(motion.dts[n - 1])
+        way = pin.difference(model, before, after)
+        by_before, by_after = pin.dDifference(model, before, after)
+        values = 3.0 * way / dt - motion.vs[n - 1] - motion.vs[n]
+        slopes = [3.0 * by_after / dt, -np.eye(nv)]
+        columns = [layout.x(n).start + np.arange(2 * nv)]
+        if n > 1:
+            slopes += [3.0 * by_before / dt, -np.eye(nv)]
+            columns.append(layout.x(n - 1).start + np.arange(2 * nv))
+        for k, phase in enumerate(phases):
+            if n in phase:
+                length = float(motion.dts[phase.start - 1 : phase.stop - 1].sum())
+                slopes.append(-3.0 * way[:, None] / dt / length)
+                columns.append(np.array([layout.size - len(phases) + k]))
+        joined, places = np.hstack(slopes), np.concatenate(columns)
+        for column, i in zip(columns_of, entries, strict=True):
+            claimed = float(motion.lam_path[n - 1, column])
+            yield from _two_sided(
+                f"{WITHIN}[{n}]", task.v_limits[:, i], values[i], places, joined[i], claimed
+            )
 
 
 def _names(system: System) -> tuple[list[str], list[str]]:

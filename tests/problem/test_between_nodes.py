@@ -108,6 +108,15 @@ def test_where_it_would_leave_them_it_is_solved_with_limits_that_hold_there(
     assert np.abs(cubic.speeds(cubic.extremes_of_speeds())).max() <= LIMIT * (1.0 + 1e-6)
 
 
+def test_limits_that_are_touched_within_steps_are_told() -> None:
+    s = mbocp.solve(swing("stages"), check=True)
+    touched = {limit.name: limit for limit in s.active_limits if limit.kind == "velocity"}
+    joint2 = touched["joint2 within steps"]
+    assert (abs(joint2.bound), joint2.unit, joint2.total) == (LIMIT, "rad/s", s.num_steps)
+    assert 0 < joint2.count < s.num_steps
+    assert s.lam_path.shape == (s.num_steps, 2)
+
+
 def test_where_steps_are_too_coarse_for_that_it_leaves_them_less() -> None:
     problem = swing("stages", scheme="gauss3")
     s = mbocp.solve(problem)

@@ -21,13 +21,13 @@ from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
-from mbocp.problem.between_nodes import widest_within
+from mbocp.problem.between_nodes import name_within, widest_within
 from mbocp.robot import Label
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
-_NAME = "speeds_within"
+SPEEDS_WITHIN = "speeds_within"
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class SpeedsWithin(Feature):
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One entry for each."""
-        return (Block(_NAME, len(self.entries)),)
+        return (Block(SPEEDS_WITHIN, len(self.entries)),)
 
     @property
     def state_key(self) -> Mapping[str, Any]:
         """Which they are."""
-        return {_NAME: list(self.entries)}
+        return {SPEEDS_WITHIN: list(self.entries)}
 
     def following(self, name: str, step: Passage) -> Any:
         """The coefficient b [m/s, rad/s]."""
@@ -65,7 +65,7 @@ class SpeedsWithin(Feature):
         sides = widest_within(problem.limits_along()["v"], moves)
         for side, own in zip((lower, upper), sides, strict=True):
             side[moves] = own[:, self.entries]
-        return {_NAME: (lower, upper)}
+        return {SPEEDS_WITHIN: (lower, upper)}
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Of which velocity."""
@@ -73,4 +73,12 @@ class SpeedsWithin(Feature):
 
     def state_words(self, problem: Problem) -> Mapping[str, str]:
         """What its limits are called."""
-        return {_NAME: "velocity limit within a step"}
+        return {SPEEDS_WITHIN: "velocity limit within a step"}
+
+
+def names_within(problem: Problem) -> tuple[str, ...]:
+    """Return names for the limits within steps of a problem, as of path constraints; none without any."""
+    if not problem.has_limits_within:
+        return ()
+    labels = problem.robot.v_labels
+    return tuple(name_within(labels[i].name) for i in np.flatnonzero(problem.widest_limits.finite("v")))
