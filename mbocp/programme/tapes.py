@@ -161,7 +161,7 @@ def as_operations(function: ca.Function) -> ca.Function:
 
     One that calls another library, or would become too long, is returned as it is.
     """
-    if function.is_a("SXFunction") or count_operations(function) * _most_calls(function) > _LONGEST:
+    if function.is_a("SXFunction") or _count_written_out(function) > _LONGEST:
         return function
     inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
     try:
@@ -178,8 +178,12 @@ def count_operations(function: ca.Function) -> int:
     return int(function.n_instructions() + inside)
 
 
-def _most_calls(function: ca.Function) -> int:
-    """Return a bound of how often a function is called within another one."""
-    calls = sum(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions()))
-    maps = [inner.size2_in(0) for inner in function.find_functions() if inner.is_a("Map")]
-    return max(calls, 1) * max(maps, default=1)
+def _count_written_out(function: ca.Function) -> int:
+    """Of a function with all of its calls written out, where operations on arrays count once."""
+    if function.is_a("Map"):
+        return int(function.info()["n"] * _count_written_out(function.info()["f"]))
+    if not function.is_a("MXFunction"):
+        return int(function.n_instructions()) if function.is_a("SXFunction") else 1
+    count = function.n_instructions()
+    called = (k for k in range(count) if function.instruction_id(k) == ca.OP_CALL)
+    return int(count + sum(_count_written_out(function.instruction_MX(k).which_function()) for k in called))

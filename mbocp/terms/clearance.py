@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
 from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
 from mbocp.terms.point import Point
@@ -190,18 +191,17 @@ class ClearanceTerm:
         h: list[ca.MX] = []
         dh: list[ca.MX] = []
         hessian, weights = ca.MX.zeros(nq * (nq + 1) // 2), ca.MX.zeros(_PLACE, num_places)
-        plain = ca.MX.sym("plain", _PLACE, num_places)
         for group in self._groups:
             first, count = sum(part.numel() for part in h), group.count
             chosen, numbers = group.take(given)
             row = _row(nq, group.carriers, group.measure).map(count)
-            arguments = [placed[:, which] for which in chosen]
+            arguments = [choose_columns(placed, which) for which in chosen]
             found = row(*arguments, numbers, m[first : first + count].T)
             h.append(found[0].T)
             dh.append(found[1].T)
             hessian += ca.repsum(found[2], 1, count)
             for which, share in zip(chosen, found[3:], strict=True):  # added up by place
-                weights += ca.jtimes(plain[:, which], plain, share, True)
+                weights += add_chosen_columns(num_places, which, share)
         upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights, *numbers_of_robot)
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
         return ca.Function("clearance", [q, m, *given.values(), *numbers_of_robot], outputs)
@@ -217,7 +217,7 @@ class ClearanceTerm:
         for group in self._groups:
             chosen, numbers = group.take(given)
             row = _distance(group.carriers, group.measure).map(group.count)
-            h.append(row(*(placed[:, which] for which in chosen), numbers).T)
+            h.append(row(*(choose_columns(placed, which) for which in chosen), numbers).T)
         return ca.Function("clearances", [q, *given.values(), *numbers_of_robot], [ca.vertcat(*h)])
 
     @property
@@ -253,7 +253,7 @@ class _Group:
             return [table[k, :] for k in range(self.carriers)], table[self.carriers :, :]
         table = ca.reshape(given[self.name], 2 + _OF_HULL, self.count)
         hulls = ca.reshape(given["hulls"], -1, self.hulls)
-        return [table[0, :], table[1, :]], ca.vertcat(table[3:, :], hulls[:, table[2, :]])
+        return [table[0, :], table[1, :]], ca.vertcat(table[3:, :], choose_columns(hulls, table[2, :]))
 
 
 def _core_measure() -> ca.Function:
@@ -327,7 +327,7 @@ def _row(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
     ).call([m * slope, *here, numbers])
     upper = ca.densify(hessian)[ca.Sparsity.upper(nq)]
     outputs = [h, ca.densify(J.T @ slope), upper.nz[:], *shares]
-    return ca.Function("row", [*given, numbers, m], ca.cse(outputs))
+    return ca.Function("row", [*given, numbers, m], ca.cse(outputs), STAYS_A_CALL)
 
 
 def _distance(carriers: int, measure: ca.Function) -> ca.Function:
@@ -335,7 +335,7 @@ def _distance(carriers: int, measure: ca.Function) -> ca.Function:
     here = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)]
     numbers = ca.SX.sym("numbers", _PLACED + measure.numel_in(1))
     h = measure(_point(here, numbers), numbers[_PLACED:])[0]
-    return ca.Function("row_value", [*here, numbers], ca.cse([h]))
+    return ca.Function("row_value", [*here, numbers], ca.cse([h]), STAYS_A_CALL)
 
 
 def _point(places: list[ca.SX], numbers: ca.SX) -> ca.SX:

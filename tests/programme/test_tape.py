@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from mbocp._arrays import Array
 from mbocp.programme.kernel import kernel
 from mbocp.programme.tapes import as_operations
+from mbocp.symbolic.columns import add_chosen_columns, choose_columns
 
 UNARY = (
     *(ca.sin, ca.cos, ca.fabs, ca.sqrt, ca.exp, ca.tanh, ca.sign, ca.floor, ca.logic_not),
@@ -72,6 +73,32 @@ def test_functions_that_call_others_are_written_out() -> None:
     for function in (outer, ca.Function("rows", [X], list(outer.map(5)(X)))):
         assert as_operations(function).is_a("SXFunction")
         compare(function, 40)
+
+
+@pytest.mark.parametrize("count", [1, 9, 17, 40])
+def test_columns_that_numbers_choose(count: int) -> None:
+    """Each stage chooses its own, some of which there are not; what is chosen is a value or an input."""
+    table, which = ca.MX.sym("table", 3, 4), ca.MX.sym("which", 5)
+    shares = ca.MX.sym("shares", 3, 5)
+    chosen = choose_columns(ca.horzcat(table, ca.sin(table[:, 1:3])), which)
+    sums = add_chosen_columns(2, which, shares)
+    again = choose_columns(2.0 * sums, ca.fmod(which, 2.0))
+    function = ca.Function("f", [table, which, shares], [chosen, sums, again + chosen, sums[0, 1]])
+    assert as_operations(function).is_a("SXFunction")
+    compare(function, count)
+
+
+def test_all_stages_choose_the_same_columns() -> None:
+    table, which, shares = ca.MX.sym("table", 2, 3), ca.MX.sym("which", 4), ca.MX.sym("shares", 2, 4)
+    outputs = [choose_columns(table, which), add_chosen_columns(3, which, shares)]
+    written = as_operations(ca.Function("f", [table, which, shares], outputs))
+    own, rng = kernel().StageFunction.from_string(written.serialize()), np.random.default_rng(0)
+    tables, given, numbers = rng.normal(size=(40, 2, 3)), rng.normal(size=(40, 2, 4)), [2, 0, 2, 1]
+    inputs = [tables.transpose(0, 2, 1).ravel(), np.tile(numbers, 40), given.transpose(0, 2, 1).ravel()]
+    columns, sums = own.evaluate([np.asarray(values, dtype=float) for values in inputs], 40, True)
+    np.testing.assert_array_equal(columns.reshape(40, 4, 2).transpose(0, 2, 1), tables[:, :, numbers])
+    expected = np.stack([given[:, :, 1], given[:, :, 3], given[:, :, 0] + given[:, :, 2]], axis=2)
+    np.testing.assert_array_equal(sums.reshape(40, 3, 2).transpose(0, 2, 1), expected)
 
 
 def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:

@@ -1,10 +1,10 @@
 // Functions of a stage without a compiler: CasADi's instructions as a tape, or CasADi's virtual machine.
 #include <casadi/casadi.hpp>
 
+#include <algorithm>
 #include <atomic>
 #include <cstring>
-#include <map>
-#include <tuple>
+#include <unordered_map>
 
 #include "tape.hpp"
 
@@ -19,6 +19,7 @@ Pattern pattern_of(const casadi::Sparsity& s) {
     return p;
 }
 
+const std::string choose = "choose_columns", add_chosen = "add_chosen_columns";
 constexpr std::int64_t of_others = 100;  // instructions of what has none, as a table that is interpolated
 
 // Instructions of a call, those of functions that are called counted in.
@@ -72,6 +73,20 @@ struct Node {
     int number;  // of CasADi's operation, where it is another one
     int a, b, c;
     int num_uses = 0, place = -1;
+    int list = -1;  // of the values of which one is chosen
+};
+
+// An operation with its operands.
+struct Key {
+    std::uint64_t operation;
+    std::uint32_t a, b;
+    bool operator==(const Key& other) const { return operation == other.operation && a == other.a && b == other.b; }
+};
+struct Hash {
+    std::size_t operator()(const Key& key) const {
+        const std::uint64_t operands = (std::uint64_t{key.a} << 32) | key.b;
+        return static_cast<std::size_t>((operands ^ (key.operation << 56)) * 0x9E3779B97F4A7C15u >> 7);
+    }
 };
 
 // Writes a tape from a function's instructions: each value once, products within sums, places used again.
@@ -135,7 +150,9 @@ private:
                 std::vector<int> passed;
                 for (const casadi_int place : from)
                     passed.push_back(place < 0 ? number_of_constant(index_of(0.0)) : work[place]);
-                const std::vector<int> returned = values_of(called, passed);
+                const std::vector<int> returned = called.name() == choose       ? chosen_columns(called, passed)
+                                                  : called.name() == add_chosen ? chosen_sums(called, passed)
+                                                                                : values_of(called, passed);
                 for (std::size_t i = 0; i < to.size(); ++i)
                     if (to[i] >= 0) work[to[i]] = returned[i];
             } else {
@@ -144,6 +161,41 @@ private:
             }
         }
         return results;
+    }
+
+    // Columns of a table by their numbers, and sums of shares in the columns of one, see `mbocp.symbolic.columns`.
+    std::vector<int> chosen_columns(const casadi::Function& f, const std::vector<int>& given) {
+        const int rows = static_cast<int>(f.size1_in(0)), columns = static_cast<int>(f.size2_in(0));
+        const int* which = given.data() + rows * columns;
+        std::vector<int> lists, found;
+        for (int i = 0; i < rows; ++i) lists.push_back(add_row(given.data() + i, rows, columns));
+        for (casadi_int j = 0; j < f.size2_in(1); ++j)
+            for (int i = 0; i < rows; ++i) {
+                found.push_back(static_cast<int>(nodes_.size()));
+                nodes_.push_back({Operation::choose, 0, which[j], none, none, 0, -1, lists[i]});
+            }
+        return found;
+    }
+    std::vector<int> chosen_sums(const casadi::Function& f, const std::vector<int>& given) {
+        const int rows = static_cast<int>(f.size1_out(0)), columns = static_cast<int>(f.size2_out(0));
+        const int count = static_cast<int>(f.size2_in(0)), zero = number_of_constant(index_of(0.0));
+        std::vector<int> sums, lists;
+        for (int k = 0; k < rows * columns; ++k) {
+            sums.push_back(static_cast<int>(nodes_.size()));
+            nodes_.push_back({Operation::copy, 0, zero, none, none});
+        }
+        for (int i = 0; i < rows; ++i) lists.push_back(add_row(sums.data() + i, rows, columns));
+        for (int j = 0; j < count; ++j)
+            for (int i = 0; i < rows; ++i)
+                nodes_.push_back(
+                    {Operation::add_chosen, 0, given[j], none, given[count + j * rows + i], 0, -1, lists[i]});
+        return sums;
+    }
+    int add_row(const int* values, int rows, int columns) {
+        lists_.emplace_back();
+        for (int j = 0; j < columns; ++j) lists_.back().push_back(values[j * rows]);
+        list_places_.push_back(none);
+        return static_cast<int>(lists_.size()) - 1;
     }
 
     int index_of(double number) {
@@ -156,7 +208,7 @@ private:
 
     int node_of(casadi_int id, int a, int b) {
         using namespace casadi;
-        static const std::map<casadi_int, Operation> known = {
+        static const std::unordered_map<casadi_int, Operation> known = {
             {OP_NEG, Operation::negate},   {OP_ADD, Operation::add},      {OP_TWICE, Operation::add},
             {OP_SUB, Operation::subtract}, {OP_MUL, Operation::multiply}, {OP_SQ, Operation::multiply},
             {OP_DIV, Operation::divide},   {OP_INV, Operation::invert},   {OP_SQRT, Operation::square_root},
@@ -167,10 +219,8 @@ private:
         const Operation operation = found == known.end() ? Operation::other : found->second;
         const bool commutes = operation == Operation::add || operation == Operation::multiply;
         if (commutes && b < a) std::swap(a, b);
-        const auto key = std::make_tuple(id == OP_TWICE ? casadi_int(OP_ADD)
-                                         : id == OP_SQ  ? casadi_int(OP_MUL)
-                                                        : id,
-                                         a, b);
+        const casadi_int same = id == OP_TWICE ? casadi_int(OP_ADD) : id == OP_SQ ? casadi_int(OP_MUL) : id;
+        const Key key{static_cast<std::uint64_t>(same), static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)};
         const auto [place, is_new] = same_.try_emplace(key, static_cast<int>(nodes_.size()));
         if (is_new) nodes_.push_back({operation, static_cast<int>(id), a, b, none});
         return place->second;
@@ -181,17 +231,28 @@ private:
         for (const int r : results_)
             if (r >= 0) is_needed[r] = true, ++nodes_[r].num_uses;
         for (std::size_t k = nodes_.size(); k-- > 0;) {
+            if (nodes_[k].operation == Operation::add_chosen && is_any(is_needed, lists_[nodes_[k].list]))
+                is_needed[k] = true, ++nodes_[k].num_uses;
             if (!is_needed[k]) continue;
-            for (const int used : operands(nodes_[k]))
-                if (used >= 0) is_needed[used] = true, ++nodes_[used].num_uses;
+            for_operands(nodes_[k], [&](int used) { is_needed[used] = true, ++nodes_[used].num_uses; });
         }
     }
 
-    static std::vector<int> operands(const Node& n) {
-        std::vector<int> found{n.a};
-        if (takes_two(n)) found.push_back(n.b);
-        if (n.c != none) found.push_back(n.c);
-        return found;
+    static bool is_any(const std::vector<bool>& flags, const std::vector<int>& values) {
+        return std::any_of(values.begin(), values.end(), [&](int k) { return k >= 0 && flags[k]; });
+    }
+
+    // Passes on the number of each node that a node takes.
+    template <class Work>
+    void for_operands(const Node& n, Work work) const {
+        const auto pass = [&](int number) {
+            if (number >= 0) work(number);
+        };
+        pass(n.a);
+        if (takes_two(n)) pass(n.b);
+        pass(n.c);
+        if (n.list >= 0)
+            for (const int number : lists_[n.list]) pass(number);
     }
     static bool takes_two(const Node& n) {
         switch (n.operation) {
@@ -203,6 +264,8 @@ private:
         case Operation::cosine:
         case Operation::absolute:
         case Operation::is_false:
+        case Operation::choose:
+        case Operation::add_chosen:
             return false;
         case Operation::other:
             return casadi::casadi_math<double>::ndeps(static_cast<unsigned char>(n.number)) == 2;
@@ -247,21 +310,20 @@ private:
             if (const int k = results_[r]; k >= 0 && nodes_[k].place < 0) nodes_[k].place = first_output_ + r;
         std::vector<int> last(nodes_.size(), none), free;
         for (std::size_t k = 0; k < nodes_.size(); ++k)
-            if (nodes_[k].num_uses)
-                for (const int used : operands(nodes_[k]))
-                    if (used >= 0) last[used] = static_cast<int>(k);
+            if (nodes_[k].num_uses) for_operands(nodes_[k], [&](int used) { last[used] = static_cast<int>(k); });
         for (std::size_t k = 0; k < nodes_.size(); ++k) {
             Node& n = nodes_[k];
             if (n.num_uses == 0) continue;
             const bool is_result = n.place >= 0;
-            const int a = place_of(n.a), b = takes_two(n) ? place_of(n.b) : a;
+            const int a = place_of(n.a), b = n.list >= 0 ? place_of_list(n.list) : takes_two(n) ? place_of(n.b) : a;
             const int c = n.operation == Operation::other ? n.number : n.c == none ? a : place_of(n.c);
-            for (const int used : operands(n)) {
-                if (used < 0 || last[used] != static_cast<int>(k) || nodes_[used].place < tape_->first_constant)
-                    continue;
+            for_operands(n, [&](int used) {
+                if (last[used] != static_cast<int>(k) || nodes_[used].place < tape_->first_constant) return;
                 free.push_back(nodes_[used].place), last[used] = none;
-            }
-            if (!is_result) {
+            });
+            if (n.operation == Operation::add_chosen) {
+                n.place = 0;  // it changes one of a list
+            } else if (!is_result) {
                 if (free.empty()) free.push_back(next++);
                 n.place = free.back(), free.pop_back();
             }
@@ -275,6 +337,16 @@ private:
         tape_->num_places = next;
     }
 
+    // Where the places of a list begin among those of the tape; all its values have theirs by now.
+    int place_of_list(int list) {
+        if (list_places_[list] == none) {
+            list_places_[list] = static_cast<int>(tape_->lists.size());
+            tape_->lists.push_back(static_cast<std::int32_t>(lists_[list].size()));
+            for (const int value : lists_[list]) tape_->lists.push_back(place_of(value));
+        }
+        return list_places_[list];
+    }
+
     int place_of(int number) const {
         if (number >= 0) return nodes_[number].place;
         const int index = (-2 - number) / 2;
@@ -285,8 +357,10 @@ private:
     std::shared_ptr<Tape> tape_ = std::make_shared<Tape>();
     std::vector<Node> nodes_;
     std::vector<int> results_;  // value of each output number
-    std::map<std::tuple<casadi_int, int, int>, int> same_;
-    std::map<std::uint64_t, int> constants_;
+    std::unordered_map<Key, int, Hash> same_;
+    std::unordered_map<std::uint64_t, int> constants_;
+    std::vector<std::vector<int>> lists_;
+    std::vector<int> list_places_;
     int first_output_ = 0;
 };
 
@@ -294,7 +368,7 @@ private:
 bool is_plain(const casadi::Function& f) {
     if (!f.is_a("SXFunction")) return false;
     for (const casadi::Function& called : f.find_functions())
-        if (!called.is_a("SXFunction")) return false;
+        if (!called.is_a("SXFunction") && called.name() != choose && called.name() != add_chosen) return false;
     return true;
 }
 

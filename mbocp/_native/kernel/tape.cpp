@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <type_traits>
 
 #include "dense.hpp"
@@ -35,6 +36,19 @@ struct One {
 struct Four {
     using Vec = dense::Vec;
 };
+
+// Whether a number is that of every lane, as numbers that choose are as a rule.
+bool all_are(const double* numbers, int n) {
+    bool same = true;
+    for (int k = 1; k < n; ++k) same &= numbers[k] == numbers[0];
+    return same;
+}
+
+// The place in a list that a number chooses; null beyond its ends.
+template <class At>
+double* chosen(const std::int32_t* list, double number, At at) {
+    return number >= 0.0 && number < *list ? at(list[1 + static_cast<std::int32_t>(number)]) : nullptr;
+}
 
 // All instructions for `Blocks` times four lanes of each place; one number, where Blocks is 0.
 template <int Blocks>
@@ -128,6 +142,20 @@ void execute(const Tape& tape, double* memory, int stride) {
             break;
         case Operation::where:
             for (int k = 0; k < count * width; ++k) to[k] = a[k] != 0.0 ? b[k] : 0.0;
+            break;
+        case Operation::choose:
+            for (int k = 0; k < count * width; ++k) {
+                const double* from = chosen(tape.lists.data() + i.b, a[k], at);
+                if (from && all_are(a, count * width)) {
+                    std::memcpy(to, from, sizeof(double) * count * width);
+                    break;
+                }
+                to[k] = from ? from[k] : std::numeric_limits<double>::quiet_NaN();
+            }
+            break;
+        case Operation::add_chosen:
+            for (int k = 0; k < count * width; ++k)
+                if (double* sum = chosen(tape.lists.data() + i.b, a[k], at)) sum[k] += at(i.c)[k];
             break;
         case Operation::other:
             tape.other(i.c, a, b, to, count * width);

@@ -37,6 +37,8 @@ enum class Operation : std::int32_t {
     multiply_add,
     multiply_subtract,
     subtract_product,  // a b + c, a b - c, c - a b
+    choose,            // number a of the places in list b
+    add_chosen,        // c is added to that one
     other              // number `c` of CasADi's operations
 };
 
@@ -53,6 +55,7 @@ struct Tape {
     std::vector<Pattern> outputs;
     std::vector<double> constants;
     std::vector<Instruction> code;
+    std::vector<std::int32_t> lists;  // of places, each after how many it has
     int first_constant = 0, num_places = 0;
     Other other = nullptr;
     mutable std::atomic<std::int64_t> num_passes{0};  // so far, by all functions that execute it
