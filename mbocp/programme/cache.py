@@ -29,6 +29,7 @@ from mbocp.exceptions import CompilationError
 
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it
 _TRAILER = len(_MAGIC) + 64
+_SUFFIXES = (".so", ".tape", ".fit")
 _BUILD, _PRIVATE, _LOCK = "build-", "mbocp-stages-", "lock"
 _TRIES = 100  # to make a folder that no other process sweeps away before it is locked
 _LIMIT = 2000  # [MB]
@@ -124,6 +125,19 @@ def unseal(path: Path) -> bytes | None:
     return content[:-_TRAILER] if content is not None and seal(content[:-_TRAILER]) == content else None
 
 
+def write_entry(name: str, body: bytes) -> Path | None:
+    """Write an entry into the folder as a whole; None where that fails."""
+    with contextlib.suppress(OSError):
+        file = cache_folder() / name
+        with scratch_folder(file.parent) as scratch:
+            built = scratch / "entry"
+            built.write_bytes(seal(body))
+            built.replace(file)
+        trim(file.parent)
+        return file
+    return None
+
+
 @contextlib.contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """Folder for work in progress below another one, removed at the end; what dead processes left goes first.
@@ -145,7 +159,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 def entries(folder: Path) -> list[tuple[Path, os.stat_result]]:
     """Entries of a folder: regular files of the user's, those used longest ago first."""
     found = []
-    for path in (*folder.glob("*.so"), *folder.glob("*.tape")):
+    for path in (path for suffix in _SUFFIXES for path in folder.glob(f"*{suffix}")):
         with contextlib.suppress(OSError):  # removed by another process meanwhile
             state = path.lstat()
             if _is_own_file(state):

@@ -19,16 +19,7 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.exceptions import InvalidValue
-from mbocp.programme.cache import (
-    cache_folder,
-    counter_of,
-    find_entry,
-    own_content,
-    scratch_folder,
-    seal,
-    trim,
-    unseal,
-)
+from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
 
 AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
 _POLICIES = (AUTO, COMPILED, TAPES)
@@ -109,15 +100,7 @@ class Tapes:
             held.writestr(_TOGETHER, packed.encode())
             for name, text in self.serialised.items():
                 held.writestr(f"{_EACH}{name}", text)
-        with contextlib.suppress(OSError):
-            file = cache_folder() / f"{key}.tape"
-            with scratch_folder(file.parent) as scratch:
-                built = scratch / "tape"
-                built.write_bytes(seal(content.getvalue()))
-                built.replace(file)
-            trim(file.parent)
-            return replace(self, file=file)
-        return self
+        return replace(self, file=write_entry(f"{key}.tape", content.getvalue()))
 
     def pay_compiling(self, executed: int = 0) -> bool:
         """Whether so many instructions, and those before, took as long as a compiler takes for all of it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import coal
 import numpy as np
@@ -12,6 +13,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, frozen_array
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
+from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere
@@ -108,6 +110,30 @@ def _of_link(
     tolerance: float,
 ) -> LinkSpheres:
     placement = model.frames[frame].placement
+    own = np.array([[*sphere.center, sphere.radius] for sphere in given])
+    numbers = [own, np.asarray(placement.homogeneous), np.array(tolerance)]
+    found = kept(shapes, numbers, partial(_fit, placement, shapes, given, tolerance))
+    sticks_out, uncovered, gap = map(float, found["measures"])
+    return LinkSpheres(
+        link=model.frames[frame].name,
+        frame=frame,
+        joint=int(model.frames[frame].parentJoint),
+        centers=(found["centers"] - placement.translation) @ placement.rotation,
+        radii=found["radii"],
+        origin=str(found["origin"]),
+        sticks_out=sticks_out,
+        uncovered=uncovered,
+        gap=gap if gap > _ROUND_OFF or np.isnan(gap) else 0.0,
+    )
+
+
+def _fit(
+    placement: pin.SE3,
+    shapes: Sequence[pin.GeometryObject],
+    given: Sequence[CollisionSphere],
+    tolerance: float,
+) -> dict[str, Array]:
+    """Spheres of a link in the axes of its joint, where they come from, and how well they cover."""
     solid = Solid.of(shapes) if shapes else None
     origin, made = _covering(placement, shapes, given, solid, tolerance)
     sticks_out = uncovered = gap = np.nan
@@ -115,17 +141,13 @@ def _of_link(
         sticks_out = float(sticking_out(made, solid).max()) if origin != "urdf" else 0.0
         gaps = made.gaps(_looked_at(shapes, solid, 2 * _OTHER))
         uncovered, gap = float((gaps > _ROUND_OFF).mean()), float(gaps.max())
-    return LinkSpheres(
-        link=model.frames[frame].name,
-        frame=frame,
-        joint=int(model.frames[frame].parentJoint),
-        centers=(made.centers - placement.translation) @ placement.rotation,
-        radii=made.radii,
-        origin=origin,
-        sticks_out=sticks_out,
-        uncovered=uncovered,
-        gap=gap if gap > _ROUND_OFF or np.isnan(gap) else 0.0,
-    )
+    measures = np.array([sticks_out, uncovered, gap])
+    return {
+        "centers": made.centers,
+        "radii": made.radii,
+        "origin": np.array(origin),
+        "measures": measures,
+    }
 
 
 def _covering(

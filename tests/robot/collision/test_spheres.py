@@ -9,6 +9,7 @@ import pytest
 
 from mbocp.exceptions import RobotFileError, UnknownFrame
 from mbocp.robot import Payload, load_parts, load_robot
+from mbocp.robot.collision import spheres
 from mbocp.robot.collision.solid import Solid
 from tests.robot.urdfs import joint, link, robot, write
 
@@ -190,3 +191,33 @@ def test_spheres_follow_their_link_through_locks_payloads_and_worlds(tmp_path):
 
 def test_nothing_collides_without_shapes(tmp_path):
     assert arm(folder=tmp_path).collision_spheres == ()
+
+
+def test_fits_are_kept_for_other_processes(tmp_path, monkeypatch):
+    """The same shapes are not fitted again, whatever robot has them; damaged files are not believed."""
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
+    calls = []
+    fit = spheres._fit
+    monkeypatch.setattr(spheres, "_fit", lambda *given: calls.append(1) or fit(*given))
+    (first,) = arm(BOX, folder=tmp_path).collision_spheres
+    (again,) = arm(BOX, folder=tmp_path).collision_spheres
+    assert len(calls) == 1
+    for name in ("centers", "radii", "origin", "sticks_out", "uncovered", "gap"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    arm(BOX.replace("0.05", "0.06"), folder=tmp_path).collision_spheres  # noqa: B018
+    assert len(calls) == 2
+    files = sorted((tmp_path / "cache" / "stages").glob("*.fit"))
+    assert len(files) == 2
+    for file in files:
+        file.write_bytes(file.read_bytes()[:-1] + b"x")
+    (third,) = arm(BOX, folder=tmp_path).collision_spheres
+    assert len(calls) == 3
+    np.testing.assert_array_equal(first.radii, third.radii)
+
+
+def test_fits_need_no_folder(tmp_path, monkeypatch):
+    (tmp_path / "cache").write_text("not a folder")
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "cache"))
+    with pytest.warns(RuntimeWarning, match="is not used"):
+        (found,) = arm(CAPSULE, folder=tmp_path).collision_spheres
+    assert found.origin == "fitted"
