@@ -76,17 +76,43 @@ struct Node {
     int list = -1;  // of the values of which one is chosen
 };
 
-// An operation with its operands.
-struct Key {
-    std::uint64_t operation;
-    std::uint32_t a, b;
-    bool operator==(const Key& other) const { return operation == other.operation && a == other.a && b == other.b; }
-};
-struct Hash {
-    std::size_t operator()(const Key& key) const {
-        const std::uint64_t operands = (std::uint64_t{key.a} << 32) | key.b;
-        return static_cast<std::size_t>((operands ^ (key.operation << 56)) * 0x9E3779B97F4A7C15u >> 7);
+// Numbers of nodes by operation and operands: many, and none is ever removed.
+class KnownNodes {
+public:
+    // The number that is known of these, or the given one, which is known from now on.
+    int find(std::uint32_t operation, int a, int b, int number) {
+        if (2 * (count_ + 1) > entries_.size()) grow();
+        Entry& entry = place({operation, a, b, number});
+        if (entry.number < 0) entry = {operation, a, b, number}, ++count_;
+        return entry.number;
     }
+
+private:
+    struct Entry {
+        std::uint32_t operation = 0;
+        int a = 0, b = 0, number = -1;
+    };
+
+    // Where one is, or has room.
+    Entry& place(const Entry& wanted) {
+        const std::uint64_t operands =
+            std::uint64_t{static_cast<std::uint32_t>(wanted.a)} << 32 | static_cast<std::uint32_t>(wanted.b);
+        std::uint64_t at = (operands + wanted.operation * 0xD6E8FEB86659FD93u) * 0x9E3779B97F4A7C15u >> 20;
+        for (;; ++at) {
+            Entry& entry = entries_[at & (entries_.size() - 1)];
+            const bool is_wanted = entry.operation == wanted.operation && entry.a == wanted.a && entry.b == wanted.b;
+            if (entry.number < 0 || is_wanted) return entry;
+        }
+    }
+    void grow() {
+        std::vector<Entry> before(std::max<std::size_t>(1024, 2 * entries_.size()));
+        before.swap(entries_);
+        for (const Entry& entry : before)
+            if (entry.number >= 0) place(entry) = entry;
+    }
+
+    std::vector<Entry> entries_;  // a power of two of them, half of which are free
+    std::size_t count_ = 0;
 };
 
 // Writes a tape from a function's instructions: each value once, products within sums, places used again.
@@ -123,44 +149,95 @@ private:
         results_ = values_of(f_, given);
     }
 
-    // Values of a function's outputs, one number after another, from those of its inputs; calls are written out.
-    std::vector<int> values_of(const casadi::Function& f, const std::vector<int>& given) {
+    // A function's instructions with the places of numbers in its inputs and outputs, which are read once.
+    struct Step {
+        casadi_int id;
+        int to, a, b;
+    };
+    struct Call {
+        casadi::Function called;
+        std::vector<casadi_int> from, to;
+    };
+    struct Steps {
+        casadi::Function function;  // as long as it is there no other one is at its address
+        std::vector<Step> all;
+        std::vector<Call> calls;
+        std::size_t num_results = 0;
+    };
+
+    const Steps& steps_of(const casadi::Function& f) {
         using namespace casadi;
+        const auto [found, is_new] = steps_.try_emplace(f.get());
+        Steps& steps = found->second;
+        if (!is_new) return steps;
         const auto offsets = [](casadi_int count, auto size) {
-            std::vector<std::size_t> found{0};
-            for (casadi_int i = 0; i < count; ++i) found.push_back(found.back() + static_cast<std::size_t>(size(i)));
-            return found;
+            std::vector<casadi_int> sums{0};
+            for (casadi_int i = 0; i < count; ++i) sums.push_back(sums.back() + size(i));
+            return sums;
         };
         const auto in = offsets(f.n_in(), [&](casadi_int i) { return f.nnz_in(i); });
         const auto out = offsets(f.n_out(), [&](casadi_int i) { return f.nnz_out(i); });
-        std::vector<int> results(out.back(), none), work(f.sz_w() + 1, none);
+        steps.function = f, steps.num_results = static_cast<std::size_t>(out.back());
         SX expressions;  // of the instructions: they know which function is called
         for (casadi_int k = 0; k < f.n_instructions(); ++k) {
             const casadi_int id = f.instruction_id(k);
             const auto from = f.instruction_input(k), to = f.instruction_output(k);
+            Step step{id, to.empty() ? none : static_cast<int>(to[0]), none, none};
             if (id == OP_CONST) {
-                work[to[0]] = number_of_constant(index_of(f.instruction_constant(k)));
+                step.a = number_of_constant(index_of(f.instruction_constant(k)));
             } else if (id == OP_INPUT) {
-                work[to[0]] = given[in[from[0]] + static_cast<std::size_t>(from[1])];
+                step.a = static_cast<int>(in[from[0]] + from[1]);
             } else if (id == OP_OUTPUT) {
-                results[out[to[0]] + static_cast<std::size_t>(to[1])] = work[from[0]];
+                step.to = static_cast<int>(out[to[0]] + to[1]), step.a = static_cast<int>(from[0]);
             } else if (id == OP_CALL) {
                 if (expressions.is_empty()) expressions = f.instructions_sx();
-                const casadi::Function called = SX(expressions(k)).which_function();
-                std::vector<int> passed;
-                for (const casadi_int place : from)
-                    passed.push_back(place < 0 ? number_of_constant(index_of(0.0)) : work[place]);
-                const std::vector<int> returned = called.name() == choose       ? chosen_columns(called, passed)
-                                                  : called.name() == add_chosen ? chosen_sums(called, passed)
-                                                                                : values_of(called, passed);
-                for (std::size_t i = 0; i < to.size(); ++i)
-                    if (to[i] >= 0) work[to[i]] = returned[i];
+                step.a = static_cast<int>(steps.calls.size());
+                steps.calls.push_back({SX(expressions(k)).which_function(), from, to});
             } else {
-                const int a = work[from[0]], b = from.size() > 1 ? work[from[1]] : a;
-                work[to[0]] = id == OP_ASSIGN ? a : node_of(id, a, b);
+                step.a = static_cast<int>(from[0]), step.b = static_cast<int>(from.size() > 1 ? from[1] : from[0]);
+            }
+            steps.all.push_back(step);
+        }
+        return steps;
+    }
+
+    // Values of a function's outputs, one number after another, from those of its inputs; calls are written out.
+    std::vector<int> values_of(const casadi::Function& f, const std::vector<int>& given) {
+        const Steps& steps = steps_of(f);
+        std::vector<int> results(steps.num_results, none), work(f.sz_w() + 1, none);
+        for (const Step& step : steps.all) {
+            switch (step.id) {
+            case casadi::OP_CONST:
+                work[step.to] = step.a;
+                break;
+            case casadi::OP_INPUT:
+                work[step.to] = given[step.a];
+                break;
+            case casadi::OP_OUTPUT:
+                results[step.to] = work[step.a];
+                break;
+            case casadi::OP_ASSIGN:
+                work[step.to] = work[step.a];
+                break;
+            case casadi::OP_CALL:
+                call(steps.calls[step.a], work);
+                break;
+            default:
+                work[step.to] = node_of(step.id, work[step.a], work[step.b]);
             }
         }
         return results;
+    }
+
+    void call(const Call& c, std::vector<int>& work) {
+        std::vector<int> passed;
+        for (const casadi_int place : c.from)
+            passed.push_back(place < 0 ? number_of_constant(index_of(0.0)) : work[place]);
+        const std::vector<int> returned = c.called.name() == choose       ? chosen_columns(c.called, passed)
+                                          : c.called.name() == add_chosen ? chosen_sums(c.called, passed)
+                                                                          : values_of(c.called, passed);
+        for (std::size_t i = 0; i < c.to.size(); ++i)
+            if (c.to[i] >= 0) work[c.to[i]] = returned[i];
     }
 
     // Columns of a table by their numbers, and sums of shares in the columns of one, see `mbocp.symbolic.columns`.
@@ -220,10 +297,10 @@ private:
         const bool commutes = operation == Operation::add || operation == Operation::multiply;
         if (commutes && b < a) std::swap(a, b);
         const casadi_int same = id == OP_TWICE ? casadi_int(OP_ADD) : id == OP_SQ ? casadi_int(OP_MUL) : id;
-        const Key key{static_cast<std::uint64_t>(same), static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)};
-        const auto [place, is_new] = same_.try_emplace(key, static_cast<int>(nodes_.size()));
-        if (is_new) nodes_.push_back({operation, static_cast<int>(id), a, b, none});
-        return place->second;
+        const int next = static_cast<int>(nodes_.size());
+        const int number = same_.find(static_cast<std::uint32_t>(same), a, b, next);
+        if (number == next) nodes_.push_back({operation, static_cast<int>(id), a, b, none});
+        return number;
     }
 
     void count_uses() {
@@ -357,10 +434,11 @@ private:
     std::shared_ptr<Tape> tape_ = std::make_shared<Tape>();
     std::vector<Node> nodes_;
     std::vector<int> results_;  // value of each output number
-    std::unordered_map<Key, int, Hash> same_;
+    KnownNodes same_;
     std::unordered_map<std::uint64_t, int> constants_;
     std::vector<std::vector<int>> lists_;
     std::vector<int> list_places_;
+    std::unordered_map<const void*, Steps> steps_;
     int first_output_ = 0;
 };
 
