@@ -10,7 +10,7 @@ from pathlib import Path
 from mbocp_papers.machine import processor
 
 from benchmarks.tables import Table
-from mbocp.programme.kernel import kernel
+from mbocp.programme.native import kernel
 
 __all__ = ["header", "memory", "one_core"]
 

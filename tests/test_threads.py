@@ -28,7 +28,7 @@ from mbocp.solution import IterationRecord, Status
 from tests.test_determinism import digest, digest_of
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelProgramme
+    from mbocp.programme.native import KernelProgramme
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -319,8 +319,7 @@ def parts_of(
 
 def test_functions_that_cannot_be_copied_have_one_thread():
     def interpreted(functions: CompiledFunctions, names: str) -> CompiledFunctions:
-        texts = {name: functions.function(name).serialize() for name in names.split()}
-        return CompiledFunctions(None, texts, compiled_now=False)
+        return CompiledFunctions.interpret({name: functions.function(name) for name in names.split()})
 
     programme = formulate(pendulum()).programme
     made = replace(

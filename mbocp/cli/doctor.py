@@ -95,7 +95,7 @@ def _native() -> tuple[Verdict, str, str]:
 
 
 def _kernel() -> tuple[Verdict, str, str]:
-    from mbocp.programme.kernel import kernel
+    from mbocp.programme.native import kernel
 
     module = kernel()
     classes = (module.Programme, module.Kind)  # what is missing from a broken build is an AttributeError

@@ -21,7 +21,7 @@ from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.newton_method.held import hold_active_limits
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelProgramme
+    from mbocp.programme.native import KernelProgramme
 
 _FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _SHIFTS = (

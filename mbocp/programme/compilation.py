@@ -30,8 +30,9 @@ from mbocp.programme.compiler import check_deadline, compiler
 from mbocp.programme.keys import key_of, library_of
 from mbocp.programme.lanes import Lanes
 from mbocp.programme.library import Translation, casadi_version, make_library, sources_digest
+from mbocp.programme.native import kernel
 from mbocp.programme.processor import number_of_lanes
-from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy
+from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, open_tape
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
@@ -46,14 +47,14 @@ class BackgroundCompilerWarning(UserWarning):
 
 
 class CompiledFunctions:
-    """Where the functions of one shape are to be had: a shared library, or serialised CasADi functions.
+    """Where the functions of one shape are to be had: a shared library, or tapes.
 
     Attributes
     ----------
     library : Path or None
         The shared library.
-    serialised : Mapping[str, str]
-        CasADi's text of each function, when there is no library.
+    tapes : Tapes or None
+        When there is no library.
     compiled_now : bool
         Whether this call had to compile.
     later : Later, optional
@@ -70,21 +71,27 @@ class CompiledFunctions:
     def __init__(
         self,
         library: Path | None,
-        serialised: Mapping[str, str],
+        tapes: Tapes | None,
         compiled_now: bool,
         later: Later | None = None,
     ) -> None:
-        self.library, self.serialised, self.compiled_now = library, dict(serialised), compiled_now
+        self.library, self.tapes, self.compiled_now = library, tapes, compiled_now
         self.later, self.opened = later, {}
 
     @classmethod
     def interpret(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
         """Functions that no compiler is asked for: the kernel executes their instructions."""
-        return cls(None, Tapes.of(functions).serialised, compiled_now=False)
+        return cls(None, Tapes.of(functions), compiled_now=False)
+
+    @property
+    def identity(self) -> str:
+        """The same for the same functions, in this process."""
+        held = {} if self.tapes is None else self.tapes.held
+        return str(self.library or hash(tuple(sorted(held.items()))))
 
     def with_later(self, later: Later) -> CompiledFunctions:
         """These functions and further ones."""
-        both = CompiledFunctions(self.library, self.serialised, self.compiled_now, later)
+        both = CompiledFunctions(self.library, self.tapes, self.compiled_now, later)
         both.opened, both.compile_now = self.opened, self.compile_now
         return both
 
@@ -108,9 +115,17 @@ class CompiledFunctions:
     def function(self, name: str) -> ca.Function:
         """One of the functions, for CasADi's own solvers."""
         home = self.with_name(name)
-        if home.library is not None:
+        if home.tapes is None:
             return _external(name, str(home.library))
-        return _deserialise(home.serialised[name])
+        return home.tapes.functions[name]
+
+    def stage_function(self, name: str) -> StageFunction:
+        """One of the functions, for the kernel."""
+        if self.tapes is None:
+            return _open(name, str(self.library)).copy()
+        if name not in self.opened:
+            self.opened[name] = open_tape(self.tapes.held[name])
+        return self.opened[name].copy()
 
     def __getstate__(self) -> dict[str, Any]:
         """For another process, which reads tapes anew and does not know how functions are made."""
@@ -164,9 +179,10 @@ def _external(name: str, library: str) -> ca.Function:
     return ca.external(name, library)
 
 
-@lru_cache(maxsize=64)
-def _deserialise(text: str) -> ca.Function:
-    return ca.Function.deserialize(text)
+@lru_cache(maxsize=256)
+def _open(name: str, library: str) -> StageFunction:
+    """A function that is only copied: loading its library and looking into it takes ten times as long."""
+    return kernel().StageFunction.from_library(library, name)
 
 
 def load_functions(
@@ -276,19 +292,19 @@ class _Asked:
         """What this process has read before, what is in the cache, or written now."""
         place = self.place
         if place.tapes is None:
-            key = key_of(self.key, sources_digest(), casadi_version())
-            place.tapes = Tapes.read(key) or Tapes.of(self.functions).keep(key, self.functions)
+            key = key_of(self.key, sources_digest(), casadi_version(), kernel().TAPE_FORMAT)
+            place.tapes = Tapes.read(key) or Tapes.of(self.functions).keep(key)
             atexit.register(place.add_executed)
         return place.tapes
 
     def as_tapes(self) -> CompiledFunctions:
-        found = CompiledFunctions(None, self.tapes.serialised, compiled_now=False)
+        found = CompiledFunctions(None, self.tapes, compiled_now=False)
         found.opened, found.compile_now = self.place.opened, self._compile_now
         return found
 
     def as_library(self, *, is_new: bool = False) -> CompiledFunctions:
         self.place.tapes = None  # it is not needed any more
-        return CompiledFunctions(self.place.library, {}, is_new)
+        return CompiledFunctions(self.place.library, None, is_new)
 
     def compile(self, cc: tuple[str, ...]) -> CompiledFunctions:
         self.place.library, is_new = make_library(

@@ -1,8 +1,8 @@
 """Stage functions as tapes: data that the kernel executes, kept in the folder of compiled functions.
 
-A file holds the functions of a shape twice: each by itself, as operations on numbers, which is what the
-kernel reads; and all together as they were built, what they share once, which is what is compiled. It carries
-a checksum, as libraries do, and is read under the same conditions.
+A file holds the functions of a shape twice: each as the bytes of the kernel's tape, or as CasADi's text where
+it cannot be one; and all together as they were built, what they share once, which is what is compiled and
+what CasADi's own solvers call. It carries a checksum, as libraries do, and is read under the same conditions.
 """
 
 from __future__ import annotations
@@ -12,14 +12,20 @@ import io
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
+from mbocp.programme.native import kernel
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import StageFunction
 
 AUTO, COMPILED, TAPES = "auto", "compiled", "tapes"
 _POLICIES = (AUTO, COMPILED, TAPES)
@@ -50,29 +56,44 @@ class Tapes:
 
     Attributes
     ----------
-    serialised : mapping of str to str
-        CasADi's text of each function, of operations on numbers where it can be written so.
+    held : mapping of str to bytes
+        Each function, see `open_tape`.
     operations : int
         How many a compiler has to translate.
+    packed : str
+        CasADi's text of all as they were built; empty where it is in the file.
     file : Path or None
         Where they are kept.
     executed_before : int
         Instructions that processes before this one have executed.
     """
 
-    serialised: Mapping[str, str]
+    held: Mapping[str, bytes]
     operations: int
+    packed: str
     file: Path | None = None
     executed_before: int = 0
 
     @classmethod
     def of(cls, functions: Mapping[str, ca.Function]) -> Tapes:
         """Write functions as data, in no file."""
-        written = {name: as_operations(function) for name, function in functions.items()}
-        return cls(
-            {name: function.serialize() for name, function in written.items()},
-            sum(map(count_operations, functions.values())),
-        )
+        packed = ca.StringSerializer()
+        packed.pack(list(functions.values()))
+        held = {name: _write(function) for name, function in functions.items()}
+        return cls(held, sum(map(count_operations, functions.values())), packed.encode())
+
+    @cached_property
+    def functions(self) -> Mapping[str, ca.Function]:
+        """As they were built.
+
+        Raises
+        ------
+        OSError
+            If they are in a file that is there no more, or damaged.
+        """
+        if self.packed or self.file is None:
+            return _unpack(self.packed, self.held)
+        return functions_in(self.file)
 
     @classmethod
     def read(cls, key: str) -> Tapes | None:
@@ -84,22 +105,19 @@ class Tapes:
         try:
             with zipfile.ZipFile(io.BytesIO(content)) as held:
                 names = [name for name in held.namelist() if name.startswith(_EACH)]
-                texts = {name.removeprefix(_EACH): held.read(name).decode() for name in names}
-                operations = int(held.read(_OPERATIONS))
-                return cls(texts, operations, file=file, executed_before=_executed_before(file))
+                each = {name.removeprefix(_EACH): held.read(name) for name in names}
+                return cls(each, int(held.read(_OPERATIONS)), "", file, _executed_before(file))
         except (zipfile.BadZipFile, zlib.error, KeyError, ValueError):
             return None
 
-    def keep(self, key: str, functions: Mapping[str, ca.Function]) -> Tapes:
-        """Write them into the folder, with the functions themselves; where that fails they are in no file."""
-        packed = ca.StringSerializer()
-        packed.pack(list(functions.values()))
+    def keep(self, key: str) -> Tapes:
+        """Write them into the folder; where that fails they are in no file."""
         content = io.BytesIO()
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as held:
             held.writestr(_OPERATIONS, str(self.operations))
-            held.writestr(_TOGETHER, packed.encode())
-            for name, text in self.serialised.items():
-                held.writestr(f"{_EACH}{name}", text)
+            held.writestr(_TOGETHER, self.packed)
+            for name, each in self.held.items():
+                held.writestr(f"{_EACH}{name}", each)
         return replace(self, file=write_entry(f"{key}.tape", content.getvalue()))
 
     def pay_compiling(self, executed: int = 0) -> bool:
@@ -135,8 +153,24 @@ def functions_in(file: Path) -> dict[str, ca.Function]:
         raise OSError(f"{file} is damaged")
     with zipfile.ZipFile(io.BytesIO(content)) as held:
         names = [name.removeprefix(_EACH) for name in held.namelist() if name.startswith(_EACH)]
-        functions = ca.StringDeserializer(held.read(_TOGETHER).decode()).unpack()
-    return dict(zip(names, functions, strict=True))
+        return _unpack(held.read(_TOGETHER).decode(), names)
+
+
+def _unpack(packed: str, names: Iterable[str]) -> dict[str, ca.Function]:
+    return dict(zip(names, ca.StringDeserializer(packed).unpack(), strict=True))
+
+
+def _write(function: ca.Function) -> bytes:
+    text = as_operations(function).serialize()
+    return kernel().StageFunction.from_string(text).as_tape() or text.encode()
+
+
+def open_tape(held: bytes) -> StageFunction:
+    """Return the kernel's function of what `Tapes` hold of one: a tape, or CasADi's text."""
+    native = kernel()
+    if held.startswith(native.TAPE_FORMAT.encode()):
+        return native.StageFunction.from_tape(held)
+    return native.StageFunction.from_string(held.decode())
 
 
 def as_operations(function: ca.Function) -> ca.Function:
@@ -158,7 +192,8 @@ def count_operations(function: ca.Function) -> int:
     """Of a function and of what it calls, each once."""
     called = {inner.__hash__(): inner for inner in function.find_functions()}.values()
     inside = sum(inner.n_instructions() for inner in called if inner.is_a("SXFunction"))
-    return int(function.n_instructions() + inside)
+    own = function.n_instructions() if function.is_a("SXFunction") or function.is_a("MXFunction") else 0
+    return int(own + inside)
 
 
 def _count_written_out(function: ca.Function) -> int:

@@ -38,7 +38,7 @@ class _Case:
         self.programme = programme
         sources = (programme.functions, programme.end_functions)
         self._identity = (
-            tuple(str(s.library or hash(tuple(sorted(s.serialised.items())))) for s in sources),
+            tuple(s.identity for s in sources),
             programme.num_steps,
             programme.dt,
             np.round(programme.x_start, 9).tobytes(),

@@ -76,7 +76,7 @@ def test_the_estimate_is_of_the_right_size(
         check(*args)
 
     monkeypatch.setattr(build, "check_operations", remember)
-    none = CompiledFunctions(None, {}, compiled_now=False)
+    none = CompiledFunctions.interpret({})
     monkeypatch.setattr(build, "load_functions", lambda *_, **__: none)
     transcribe(problem)
     _, nv, signature = shapes[0]

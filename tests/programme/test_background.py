@@ -25,7 +25,6 @@ from mbocp.programme.compilation import (
     load_functions,
 )
 from mbocp.programme.compiler import compiler
-from mbocp.programme.kernel import kernel
 from mbocp.receding import RecedingHorizon
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -90,8 +89,7 @@ def load() -> CompiledFunctions:
 
 def execute(functions: CompiledFunctions) -> None:
     """Let the kernel read a tape and call it once, as a solve does."""
-    functions.opened["f"] = kernel().StageFunction.from_string(functions.serialised["f"])
-    functions.opened["f"].copy().evaluate([np.zeros(2)], 1, True)
+    functions.stage_function("f").evaluate([np.zeros(2)], 1, True)
 
 
 def works(functions: CompiledFunctions) -> bool:
@@ -127,7 +125,7 @@ def test_functions_are_tapes_at_once_and_kept(folder: Path) -> None:
     assert [path.suffix for path in folder.iterdir()] == [".tape"]
     forget()
     again = load_functions("key", never, in_lanes=("f", "g"))
-    assert again.serialised == first.serialised
+    assert again.tapes.held == first.tapes.held
     assert works(again)
 
 
@@ -191,9 +189,7 @@ def test_functions_that_choose_by_an_index_wait_for_no_compiler_either(
 
     def evaluate(functions: CompiledFunctions) -> np.ndarray:
         """In the kernel, at two stages."""
-        if "f" not in functions.opened:
-            functions.opened["f"] = kernel().StageFunction.from_string(functions.serialised["f"])
-        copy = functions.opened["f"].copy()
+        copy = functions.stage_function("f")
         return np.asarray(copy.evaluate([np.tile(tables, 2), np.tile(which, 2)], 2, False)).reshape(2, -1)
 
     tables, which = np.arange(12.0), np.array([3.0, 0.0, 1.0, 1.0, 2.0])
@@ -244,7 +240,7 @@ def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
 
 
 def test_few_instructions_do_not_pay() -> None:
-    made = tapes.Tapes({}, operations=10_000)
+    made = tapes.Tapes({}, operations=10_000, packed="")
     assert not made.pay_compiling(10_000_000)
     assert made.pay_compiling(100_000_000)
 

@@ -68,7 +68,7 @@ def test_sweeps_are_the_same_with_either_function(scheme: str) -> None:
 
 def functions_of(name: str) -> CompiledFunctions:
     x = ca.SX.sym("x")
-    return CompiledFunctions(None, {name: ca.Function(name, [x], [2 * x]).serialize()}, compiled_now=False)
+    return CompiledFunctions.interpret({name: ca.Function(name, [x], [2 * x])})
 
 
 def test_another_process_gets_what_is_compiled_here() -> None:

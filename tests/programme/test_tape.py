@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.programme.kernel import kernel
+from mbocp.programme.native import kernel
 from mbocp.programme.tapes import as_operations
 from mbocp.symbolic.columns import add_chosen_columns, choose_columns
 
@@ -44,7 +46,7 @@ def compare(function: ca.Function, count: int) -> None:
     stages = [[ca.DM(p, row[n]) for p, row in zip(patterns, inputs, strict=True)] for n in range(count)]
     expected = [function.call(stage) for stage in stages]
     tape = kernel().StageFunction.from_string(as_operations(function).serialize())
-    for own in (tape, tape.copy()):
+    for own in (tape, tape.copy(), kernel().StageFunction.from_tape(tape.as_tape())):
         for is_in_lanes in (True, False):
             found = own.evaluate([row.ravel() for row in inputs], count, is_in_lanes)
             for i, values in enumerate(found):
@@ -107,9 +109,28 @@ def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:
     function = ca.Function("f", [x], [table(x[0]) * x[1]])
     own = kernel().StageFunction.from_string(as_operations(function).serialize())
     assert own.num_lanes == 1
+    assert own.as_tape() == b""
     for one in (own, own.copy()):
         (values,) = one.evaluate([np.array([0.5, 2.0, 1.5, 1.0])], 2, True)
         np.testing.assert_allclose(values, [4.0, 2.5])
+
+
+@given(at=st.floats(0.0, 1.0), value=st.integers(0, 255), cut=st.booleans())
+@settings(max_examples=200, deadline=None)
+def test_bytes_that_are_no_tape_are_refused(at: float, value: int, cut: bool) -> None:
+    """What is read is executed: every place that it names has to be there."""
+    table, which, shares = ca.MX.sym("table", 2, 3), ca.MX.sym("which", 4), ca.MX.sym("shares", 2, 4)
+    outputs = [choose_columns(table, which), add_chosen_columns(3, which, shares), ca.exp(table) + 1.5]
+    written = as_operations(ca.Function("f", [table, which, shares], outputs))
+    sound = kernel().StageFunction.from_string(written.serialize()).as_tape()
+    place = int(at * (len(sound) - 1))
+    changed = sound[:place] + bytes([value]) + sound[place + 1 :]
+    for content in (changed[:place] if cut else changed, changed + b"x"):
+        with suppress(RuntimeError):  # else a number or an operation has changed, and nothing else
+            own = kernel().StageFunction.from_tape(content)
+            assert own.copy().num_lanes == own.num_lanes
+    with pytest.raises(RuntimeError, match="not a tape"):
+        kernel().StageFunction.from_tape(sound[:-1])
 
 
 @pytest.mark.parametrize("size", [2_000, 40_000])

@@ -55,7 +55,7 @@ class Tough:
         if path not in self.libraries:
             self._compile(sound.library, path)
             self.libraries[path] = ctypes.CDLL(str(path))
-        return CompiledFunctions(path, {}, compiled_now=False)
+        return CompiledFunctions(path, None, compiled_now=False)
 
     def spoil(self, mode: str, rate: float, seed: int) -> None:
         for library in self.libraries.values():

@@ -67,6 +67,10 @@ private:
     std::vector<double> w_;
 };
 
+void other(int operation, const double* x, const double* y, double* out, int n) {
+    casadi::casadi_math<double>::fun(static_cast<unsigned char>(operation), x, y, out, n);
+}
+
 // An operation on values, which have numbers: from zero on those of nodes, below -1 of inputs and constants.
 struct Node {
     Operation operation;
@@ -121,9 +125,7 @@ public:
     explicit Writer(const casadi::Function& f) : f_(f) {}
 
     std::shared_ptr<const Tape> write() {
-        tape_->other = [](int operation, const double* x, const double* y, double* out, int n) {
-            casadi::casadi_math<double>::fun(static_cast<unsigned char>(operation), x, y, out, n);
-        };
+        tape_->other = other;
         read();
         count_uses();
         fuse();
@@ -456,6 +458,12 @@ std::shared_ptr<StageFunction> StageFunction::from_string(const std::string& ser
     const casadi::Function f = casadi::Function::deserialize(serialised);
     if (is_plain(f)) return function_of(Writer(f).write());
     return std::make_shared<Interpreted>(serialised, std::make_shared<std::atomic<std::int64_t>>(0));
+}
+
+std::shared_ptr<StageFunction> StageFunction::from_tape(std::string_view bytes) {
+    const std::shared_ptr<Tape> tape = read_tape(bytes);
+    tape->other = other;
+    return function_of(tape);
 }
 
 }  // namespace mbocp

@@ -113,9 +113,18 @@ void array_property(nb::class_<Programme>& c, const char* name, Read read, const
 NB_MODULE(MBOCP_KERNEL_NAME, module) {
     module.doc() = "Stage evaluation, sweeps and the structured factorisation of a stagewise programme.";
 
+    module.attr("TAPE_FORMAT") = nb::str(tape_format.data(), tape_format.size());
     nb::class_<StageFunction>(module, "StageFunction")
         .def_static("from_library", &StageFunction::from_library, nb::arg("path"), nb::arg("name"))
         .def_static("from_string", &StageFunction::from_string, nb::arg("serialised"))
+        .def_static(
+            "from_tape", [](const nb::bytes& tape) { return StageFunction::from_tape({tape.c_str(), tape.size()}); },
+            nb::arg("tape"))
+        .def("as_tape",
+             [](const StageFunction& f) {
+                 const std::string bytes = f.as_tape();
+                 return nb::bytes(bytes.data(), bytes.size());
+             })
         .def("copy", &StageFunction::copy, "The same function of its library with memory of its own.")
         .def("evaluate", &evaluate, nb::arg("inputs"), nb::arg("count"), nb::arg("is_in_lanes"),
              "Numbers of the outputs at so many stages, one stage after another, as inputs have theirs.")

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "pool.hpp"
@@ -18,6 +19,7 @@ struct Pattern {
 };
 
 inline constexpr int most_lanes = 32;
+inline constexpr std::string_view tape_format = "mbocp tape 1\n";
 
 // At one stage: arg, `call`, res. At as many stages at once as the function has lanes, which may be one: `set` and
 // `share`, `call_in_lanes`, `values`; number k of an output is then at [k * num_lanes + lane].
@@ -51,6 +53,10 @@ public:
     static std::shared_ptr<StageFunction> from_library(const std::string& path, const std::string& name);
     // A serialised casadi::Function, as a tape; by CasADi's virtual machine where it calls others or has loops.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
+    // What `as_tape` gave.
+    static std::shared_ptr<StageFunction> from_tape(std::string_view bytes);
+    // The function as bytes, where it is a tape; else none.
+    virtual std::string as_tape() const { return {}; }
 
     // The same function with memory of its own, in a fraction of the time that `from_library` takes.
     virtual std::shared_ptr<StageFunction> copy() const = 0;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <stdexcept>
 #include <type_traits>
 
 #include "dense.hpp"
@@ -177,6 +178,7 @@ public:
     }
     Taped(const Taped& other) : StageFunction(other), tape_(other.tape_) { begin(); }
     std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Taped>(*this); }
+    std::string as_tape() const override { return write_tape(*tape_); }
     std::int64_t num_executed() const override {
         return tape_->num_passes * static_cast<std::int64_t>(tape_->code.size());
     }
@@ -225,6 +227,118 @@ private:
 };
 
 }  // namespace
+
+namespace {
+
+template <class T>
+void add(std::string& bytes, const std::vector<T>& values) {
+    static_assert(std::is_trivially_copyable_v<T>);
+    const auto count = static_cast<std::int64_t>(values.size());
+    bytes.append(reinterpret_cast<const char*>(&count), sizeof count);
+    bytes.append(reinterpret_cast<const char*>(values.data()), sizeof(T) * values.size());
+}
+
+class Bytes {
+public:
+    explicit Bytes(std::string_view rest) : rest_(rest) {}
+
+    template <class T>
+    void take(std::vector<T>& values) {
+        std::int64_t count = 0;
+        copy(&count, sizeof count);
+        if (count < 0 || static_cast<std::uint64_t>(count) > rest_.size() / sizeof(T)) fail();
+        values.resize(static_cast<std::size_t>(count));
+        copy(values.data(), sizeof(T) * values.size());
+    }
+    void end() const {
+        if (!rest_.empty()) fail();
+    }
+    [[noreturn]] static void fail() { throw std::runtime_error("not a tape"); }
+
+private:
+    void copy(void* to, std::size_t size) {
+        if (size > rest_.size()) fail();
+        if (size) std::memcpy(to, rest_.data(), size);
+        rest_.remove_prefix(size);
+    }
+
+    std::string_view rest_;
+};
+
+// Whether all places and lists of the instructions are there.
+bool is_sound(const Tape& tape) {
+    const auto size = static_cast<std::int64_t>(tape.lists.size());
+    const auto is_place = [&](std::int32_t place) { return place >= 0 && place < tape.num_places; };
+    const auto is_list = [&](std::int32_t at) {
+        if (at < 0 || at >= size || tape.lists[at] < 0 || tape.lists[at] >= size - at) return false;
+        return std::all_of(&tape.lists[at] + 1, &tape.lists[at] + 1 + tape.lists[at], is_place);
+    };
+    std::int64_t before = 1;
+    for (const int n : tape.input_sizes) {
+        if (n < 0) return false;
+        before += n + 1;
+    }
+    for (const Pattern& output : tape.outputs) {
+        if (output.row.size() != output.column.size()) return false;
+        before += output.nnz();
+    }
+    const auto count = static_cast<std::int64_t>(tape.constants.size());
+    if (tape.first_constant != before || before + count > tape.num_places) return false;
+    if (tape.num_places > before + count + static_cast<std::int64_t>(tape.code.size())) return false;
+    std::vector<bool> known(tape.lists.size(), false);
+    for (const Instruction& i : tape.code) {
+        const bool chooses = i.operation == Operation::choose || i.operation == Operation::add_chosen;
+        if (i.operation < Operation::copy || i.operation > Operation::other || !is_place(i.to) || !is_place(i.a))
+            return false;
+        if (chooses) {
+            if (i.b < 0 || i.b >= size || (!known[i.b] && !is_list(i.b))) return false;
+            known[i.b] = true;
+        } else if (!is_place(i.b)) {
+            return false;
+        }
+        if (i.operation != Operation::other && !is_place(i.c)) return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+std::string write_tape(const Tape& tape) {
+    std::string bytes(tape_format);
+    add(bytes, tape.input_sizes);
+    std::vector<int> shapes;
+    for (const Pattern& output : tape.outputs) shapes.push_back(output.rows), shapes.push_back(output.columns);
+    add(bytes, shapes);
+    for (const Pattern& output : tape.outputs) add(bytes, output.row), add(bytes, output.column);
+    add(bytes, tape.constants);
+    add(bytes, tape.code);
+    add(bytes, tape.lists);
+    add(bytes, std::vector<int>{tape.first_constant, tape.num_places});
+    return bytes;
+}
+
+std::shared_ptr<Tape> read_tape(std::string_view bytes) {
+    if (bytes.substr(0, tape_format.size()) != tape_format) Bytes::fail();
+    Bytes rest(bytes.substr(tape_format.size()));
+    auto tape = std::make_shared<Tape>();
+    std::vector<int> shapes, numbers;
+    rest.take(tape->input_sizes);
+    rest.take(shapes);
+    for (std::size_t i = 0; i + 1 < shapes.size(); i += 2) {
+        Pattern& output = tape->outputs.emplace_back();
+        output.rows = shapes[i], output.columns = shapes[i + 1];
+        rest.take(output.row), rest.take(output.column);
+    }
+    rest.take(tape->constants);
+    rest.take(tape->code);
+    rest.take(tape->lists);
+    rest.take(numbers);
+    rest.end();
+    if (numbers.size() != 2) Bytes::fail();
+    tape->first_constant = numbers[0], tape->num_places = numbers[1];
+    if (!is_sound(*tape)) Bytes::fail();
+    return tape;
+}
 
 std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape) {
     return std::make_shared<Taped>(std::move(tape));

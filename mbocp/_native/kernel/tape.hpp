@@ -10,6 +10,8 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "stage_function.hpp"
@@ -60,6 +62,11 @@ struct Tape {
     Other other = nullptr;
     mutable std::atomic<std::int64_t> num_passes{0};  // so far, by all functions that execute it
 };
+
+// A tape as bytes, which begin with `tape_format`, and back: nothing has to be read again. Throws std::runtime_error
+// where they are no tape of this format, or say what cannot be.
+std::string write_tape(const Tape& tape);
+std::shared_ptr<Tape> read_tape(std::string_view bytes);
 
 // The function that executes a tape, in as many lanes as the processor's cache has room for.
 std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape);

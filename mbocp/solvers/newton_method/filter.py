@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, Trial
+    from mbocp.programme.native import Evaluation, Trial
 
 _MARGIN = (
     1e-5  # relative decrease of the violation, or of the cost against the violation, that counts as progress

@@ -17,7 +17,7 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.limits import multipliers_in_rows, why_limits_cannot_be_kept
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelProgramme
+    from mbocp.programme.native import KernelProgramme
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _ANY = 1.0  # barrier parameter: equations have none

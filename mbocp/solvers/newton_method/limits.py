@@ -27,7 +27,7 @@ from mbocp.solvers.newton_method.newton import NewtonState, new_state, start
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelDirection, KernelProgramme
+    from mbocp.programme.native import KernelDirection, KernelProgramme
 
 _BARRIER_BY_COST = 0.1  # initial sum of mu over all limits, by the cost of the guess ...
 _MIN_BARRIER, _MAX_BARRIER = 1e-5, 1.0  # ... within these

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mbocp.solvers.newton_method.newton import Direction, NewtonState
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, Trial
+    from mbocp.programme.native import Evaluation, Trial
 
 MAX_TURN = 1.0  # of a joint in one iteration [rad]: beyond, its linearisation has little to do with it
 _CORRECTABLE, _NEARLY = 3.0, 0.1  # violation that is worth a correction: by the iterate's, or in all

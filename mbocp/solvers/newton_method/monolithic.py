@@ -80,7 +80,7 @@ from mbocp.solvers.staggered.sweep import Kept, Sweeps
 from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Factorisation, KernelCare
+    from mbocp.programme.native import Factorisation, KernelCare
 
 _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take more follow a valley
 _RESTARTS = 2

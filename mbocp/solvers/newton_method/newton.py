@@ -16,7 +16,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, Factorisation, KernelDirection, KernelProgramme
+    from mbocp.programme.native import Evaluation, Factorisation, KernelDirection, KernelProgramme
 
 _MIN_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
 _MAX_AUGMENTATION = 1e12

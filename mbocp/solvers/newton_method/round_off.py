@@ -34,7 +34,7 @@ from mbocp.solvers.protocol import Norms
 from mbocp.solvers.staggered.sweep import Kept
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelProgramme
+    from mbocp.programme.native import KernelProgramme
 
 _ROUND_OFF = 8.0 * 2.0**-52
 # Of terms: each is what hundreds of operations on links come to, and all of them round. Chains of 8 and 16

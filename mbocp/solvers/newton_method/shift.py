@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbocp.programme.kernel import kernel
+from mbocp.programme.native import kernel
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import KernelCare
+    from mbocp.programme.native import KernelCare
 
 MAX_SHIFT = 1e10
 

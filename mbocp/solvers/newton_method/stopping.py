@@ -15,7 +15,7 @@ from mbocp.solvers.newton_method.round_off import (
 )
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation
+    from mbocp.programme.native import Evaluation
 
 _STALL_RATIO = 0.5  # far above round-off, Newton's method leaves less of residual and increment
 _STALL_WITHIN_LIMITS = 0.05  # the same of increments there, which vary more where they are round-off

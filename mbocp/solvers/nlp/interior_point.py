@@ -206,7 +206,7 @@ class _Key:
     @classmethod
     def of(cls, options: InteriorPoint, programme: StagewiseProgramme) -> _Key:
         sources = (programme.functions, programme.end_functions)
-        libraries = tuple(str(f.library or hash(tuple(sorted(f.serialised.items())))) for f in sources)
+        libraries = tuple(f.identity for f in sources)
         return cls(
             options.name,
             options.tolerance,

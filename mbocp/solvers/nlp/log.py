@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mbocp.programme.kernel import nlp_helpers
+from mbocp.programme.native import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
 _NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"

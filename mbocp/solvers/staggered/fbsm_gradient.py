@@ -37,7 +37,7 @@ from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelProgramme
 
 _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40

@@ -36,7 +36,7 @@ from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT = 1e-3

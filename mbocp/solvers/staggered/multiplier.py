@@ -16,7 +16,7 @@ from mbocp._arrays import Array
 from mbocp.solvers.staggered.sweep import Sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelProgramme
 
 _RANK = 1e-12  # relative singular value of G below which a row adds nothing
 

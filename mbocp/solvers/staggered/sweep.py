@@ -26,7 +26,7 @@ from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 
 if TYPE_CHECKING:
-    from mbocp.programme.kernel import Evaluation, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelProgramme
 
 _TOLERANCE = 1e-13  # of a step's equations in the programme's scaling: round-off
 _ITERATIONS = 50
