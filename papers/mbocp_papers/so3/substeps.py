@@ -98,9 +98,7 @@ def stepped_programme(problem: Problem, method: Method) -> SteppedProgramme:
     left_out = dependent_end_rows(base.programme, base.end_rows.of_joints)
     base = formulate(problem, left_out) if left_out else base
     kernels = _kernels(problem.robot, method)
-    made = _Stage(problem, base, kernels, method.substeps).functions()
-    serialised = {name: function.serialize() for name, function in made.items()}
-    functions = CompiledFunctions(None, serialised, compiled_now=False)
+    functions = CompiledFunctions.interpret(_Stage(problem, base, kernels, method.substeps).functions())
     programme = replace(base.programme, functions=functions)
     return SteppedProgramme(problem, base, programme, kernels.function("step"), method)
 
