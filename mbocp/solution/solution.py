@@ -135,7 +135,8 @@ class Solution(SolutionData):
         Multipliers of the limits: positive at an active upper one, negative at a lower one, zero where
         nothing is active.
     lam_path : ndarray, shape (N, nh)
-        Multipliers of the path constraints at the nodes 1, ..., N, with the same signs.
+        Multipliers of the path constraints at the nodes 1, ..., N, with the same signs; of limits of rates,
+        and of speeds within steps, too.
     path_names : tuple of str
         Name of each column of `lam_path`.
     problem_name, robot_name : str
