@@ -30,10 +30,11 @@ def of_module(module: ModuleType) -> dict[str, str]:
     for name, value in vars(module).items():
         if name.startswith("__"):
             continue
-        if not isinstance(value, type):
+        if isinstance(value, str):
+            found[name] = f"{name}: str"
+        elif not isinstance(value, type):
             found[name] = signature(value, name)
-            continue
-        for key, member in vars(value).items():
+        for key, member in vars(value).items() if isinstance(value, type) else ():
             if isinstance(member, property):
                 found[f"{name}.{key}"] = signature(member.fget, key)
                 found[f"{name}.{key} is"] = "writable" if member.fset else "read-only"
@@ -49,6 +50,8 @@ def of_stub(path: Path) -> dict[str, str]:
         if isinstance(node, ast.ClassDef):
             for member in node.body:
                 add(member, f"{node.name}.")
+        elif isinstance(node, ast.AnnAssign) and not owner:
+            found[ast.unparse(node.target)] = ast.unparse(node)
         elif isinstance(node, ast.AnnAssign):  # a writable property
             assert isinstance(node.target, ast.Name)
             name = node.target.id
