@@ -104,11 +104,6 @@ def can_hold_within(problem: Problem) -> bool:
     )
 
 
-def name_within(name: str) -> str:
-    """What the limit of a velocity within steps is called, beside path constraints."""
-    return f"velocity of {name} within steps"
-
-
 def largest_excess(
     problem: Problem, t: Array, qs: Array, vs: Array, us: Array, shares: tuple[float, ...] = ()
 ) -> LimitExcess | None:

@@ -9,12 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.problem.between_nodes import name_within
 from mbocp.problem.timeline.times import least_time
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import name_within
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
 _OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions

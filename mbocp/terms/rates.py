@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 
+def name_within(name: str) -> str:
+    """What the limit of a velocity within steps is called, beside path constraints."""
+    return f"velocity of {name} within steps"
+
+
 @dataclass(frozen=True)
 class RateTerm(ABC):
     """A kind of limit, see the module.

@@ -21,8 +21,9 @@ from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
-from mbocp.problem.between_nodes import name_within, widest_within
+from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
+from mbocp.terms.rates import name_within
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
