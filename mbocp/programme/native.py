@@ -12,8 +12,10 @@ from mbocp.programme.processor import has_avx2
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
     from mbocp._native._kernel import (
+        CappedDirection,
         Care,
         Direction,
+        Filter,
         Kind,
         Programme,
         RecedingHorizon,
@@ -25,7 +27,9 @@ if TYPE_CHECKING:
     from mbocp._native._kernel import Trial as Trial
 
     KernelCare = Care
+    KernelCappedDirection = CappedDirection
     KernelDirection = Direction
+    KernelFilter = Filter
     KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
 
@@ -60,6 +64,14 @@ class Kernel(Protocol):
     @property
     def Care(self) -> type[KernelCare]:
         """Rules by which a shift of the Hessian changes."""
+
+    @property
+    def Filter(self) -> type[KernelFilter]:
+        """What later iterates may not be worse than."""
+
+    @property
+    def Trial(self) -> type[Trial]:
+        """What a line search looks at."""
 
     @property
     def RecedingHorizon(self) -> type[KernelHorizon]:

@@ -1,6 +1,5 @@
-"""Tolerances that several solvers share."""
+"""The tolerance that solvers share."""
 
 from __future__ import annotations
 
 SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
-FEASIBLE_VIOLATION = 1e-9  # violation of the constraints that counts as none

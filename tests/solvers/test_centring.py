@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbocp.programme.native import kernel
 from mbocp.solvers.newton_method.centring import Centring, aimed_barrier
-from mbocp.solvers.newton_method.filter import Filter
 
 POSITIVE = st.floats(1e-12, 1e12)
 
@@ -31,7 +31,7 @@ def test_the_more_a_step_gains_the_smaller_the_parameter(mean: float, one: float
 
 
 def gone(residuals: list[float]) -> Centring:
-    centring = Centring(first=1.0)
+    centring = Centring(first=1.0, bounds=kernel().Filter.start(0.0))
     for residual in residuals:
         centring = centring.update(residual, 1e-3 * residual, is_newtons=False)
     return centring
@@ -66,11 +66,3 @@ def test_parameters_are_free_once_more_where_newtons_steps_are_better_than_all_b
     again = centring.update(3.9, 1e-3, is_newtons=True)
     assert again.is_free
     assert not again.fix().update(1e-9, 1e-3, is_newtons=True).is_free
-
-
-@given(st.floats(0.0, 1e6), st.floats(0.0, 1e6))
-def test_a_cleared_filter_has_the_bounds_of_the_first_violation(first: float, later: float) -> None:
-    """What an old objective forbade is gone; the violation may not rise again and again."""
-    filter_ = Filter.start(first)
-    cleared = Filter(((later, 0.0),), filter_.most_violation, filter_.least_violation).without_corners()
-    assert cleared == filter_

@@ -13,6 +13,7 @@ import mbocp
 from mbocp._linear import norm
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses import make_guess
+from mbocp.programme.native import kernel
 from mbocp.solvers import GlobalisedNewton, NewtonState, Status
 from mbocp.solvers.newton_method.newton import is_resolved
 from mbocp.solvers.newton_method.round_off import (
@@ -25,6 +26,7 @@ from mbocp.solvers.newton_method.round_off import (
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
+FILTER = kernel().Filter.start(0.0)
 
 
 def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, NewtonState]:
@@ -118,6 +120,7 @@ def test_long_horizons_end_when_short_ones_do(
     state = NewtonState(
         stub(1e3 * scale, step * scale),
         evaluation,
+        FILTER,
         increment=step * scale,
         step_length=1.0,
         contraction=contraction,
@@ -129,7 +132,7 @@ def test_long_horizons_end_when_short_ones_do(
 def test_residuals_above_the_tolerance_are_never_at_rest() -> None:
     evaluation = SimpleNamespace(residual=2e-9, primal=2e-9, dual=0.0)
     state = NewtonState(
-        stub(1e9, 1e-12), evaluation, increment=1e-12, step_length=1.0, contraction=1e-3, still=9
+        stub(1e9, 1e-12), evaluation, FILTER, increment=1e-12, step_length=1.0, contraction=1e-3, still=9
     )
     assert GlobalisedNewton().terminate(state) is None
 
@@ -194,7 +197,7 @@ def test_each_part_of_the_residual_has_its_own_round_off() -> None:
 
     def state(primal: float, dual: float, step: float = 0.5) -> Any:
         evaluation = SimpleNamespace(primal=primal, dual=dual)
-        return NewtonState(stub(1e9, step), evaluation, increment=step)
+        return NewtonState(stub(1e9, step), evaluation, FILTER, increment=step)
 
     assert is_resolved(state(1e-10, 1e-6), 1e-9)
     assert not is_resolved(state(1e-10, 3e-6), 1e-9)

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "newton_step.hpp"
 #include "receding.hpp"
 #include "shift.hpp"
 
@@ -169,17 +170,24 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             },
             nb::kw_only(), nb::arg("ng"), nb::arg("values"), nb::arg("complete"));
 
-    nb::class_<Evaluation>(module, "Evaluation")
+    nb::class_<Trial>(module, "Trial")
+        .def(
+            "__init__",
+            [](Trial* self, double objective, double violation) { new (self) Trial{objective, violation, true}; },
+            nb::arg("objective"), nb::arg("violation"))
+        .def_ro("objective", &Trial::objective)
+        .def_ro("violation", &Trial::violation)
+        .def_ro("finite", &Trial::finite)
+        .def_prop_ro("is_feasible", &Trial::is_feasible);
+
+    nb::class_<Evaluation, Trial>(module, "Evaluation")
         .def_ro("cost", &Evaluation::cost)
         .def_ro("residual", &Evaluation::residual)
         .def_ro("primal", &Evaluation::primal)
         .def_ro("dual", &Evaluation::dual)
-        .def_ro("violation", &Evaluation::violation)
         .def_ro("worst", &Evaluation::worst)
         .def_ro("worst_stage", &Evaluation::worst_stage)
         .def_ro("worst_row", &Evaluation::worst_row)
-        .def_ro("finite", &Evaluation::finite)
-        .def_ro("objective", &Evaluation::objective)
         .def_ro("barrier_error", &Evaluation::barrier_error)
         .def_ro("complementarity", &Evaluation::complementarity);
 
@@ -188,7 +196,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("smallest_pivot", &Factorisation::smallest_pivot)
         .def_ro("end_condition", &Factorisation::end_condition)
         .def_ro("ok", &Factorisation::ok)
-        .def_ro("bad_stage", &Factorisation::bad_stage);
+        .def_ro("bad_stage", &Factorisation::bad_stage)
+        .def_ro("augmentation", &Factorisation::augmentation);
 
     nb::class_<Direction>(module, "Direction")
         .def_ro("increment", &Direction::increment)
@@ -198,14 +207,37 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("longest_dual", &Direction::longest_dual)
         .def_ro("curvature", &Direction::curvature)
         .def_ro("linear_residual", &Direction::linear_residual)
-        .def_ro("finite", &Direction::finite);
+        .def_ro("finite", &Direction::finite)
+        .def("capped", &CappedDirection::of, nb::arg("may_stop"));
+
+    nb::class_<CappedDirection>(module, "CappedDirection")
+        .def_ro("increment", &CappedDirection::increment)
+        .def_ro("slope", &CappedDirection::slope)
+        .def_ro("longest", &CappedDirection::longest)
+        .def_ro("longest_dual", &CappedDirection::longest_dual)
+        .def_ro("cap", &CappedDirection::cap)
+        .def_ro("limit", &CappedDirection::limit)
+        .def("relative", &CappedDirection::relative, nb::arg("length"));
+
+    nb::class_<Verdict>(module, "Verdict")
+        .def_ro("is_accepted", &Verdict::is_accepted)
+        .def_ro("by_cost", &Verdict::by_cost);
+
+    nb::class_<Filter>(module, "Filter")
+        .def_static("start", &Filter::start, nb::arg("violation"))
+        .def("accepts", &Filter::accepts, nb::arg("before"), nb::arg("trial"), nb::arg("slope"), nb::arg("length"))
+        .def("accepts_after_relaxation", &Filter::accepts_after_relaxation, nb::arg("reference"), nb::arg("trial"))
+        .def("with_corner", &Filter::with_corner, nb::arg("before"))
+        .def("without_corners", &Filter::without_corners)
+        .def_prop_ro("most_violation", &Filter::most_violation)
+        .def_prop_ro("num_corners", &Filter::num_corners);
+
+    nb::class_<StepLength>(module, "StepLength")
+        .def_ro("length", &StepLength::length)
+        .def_ro("by_cost", &StepLength::by_cost)
+        .def_ro("is_corrected", &StepLength::is_corrected);
 
     nb::class_<Sizes>(module, "Sizes").def_ro("primal", &Sizes::primal).def_ro("dual", &Sizes::dual);
-
-    nb::class_<Trial>(module, "Trial")
-        .def_ro("objective", &Trial::objective)
-        .def_ro("violation", &Trial::violation)
-        .def_ro("finite", &Trial::finite);
 
     nb::class_<Sweep>(module, "Sweep")
         .def_ro("ok", &Sweep::ok)
@@ -251,7 +283,10 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "solve", [](Programme& p, int refinements) { return p.riccati.solve(refinements); },
             nb::arg("refinements") = 1, Released())
+        .def("factorise_well", &factorise_well, nb::arg("shift"), nb::arg("augmentation"), Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
+        .def("search", &search, nb::arg("kept"), nb::arg("before"), nb::arg("direction"), nb::arg("shortest"),
+             nb::arg("may_stop"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())
         .def("sizes", &Programme::sizes)
         .def("trial", &Programme::trial, nb::arg("alpha"), Released())
@@ -295,6 +330,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
             nb::arg("barrier"), nb::arg("inside") = 1e-2, Released())
         .def("weigh", &Programme::weigh, nb::arg("barrier"), Released())
+        .def("lower_barrier", &lower_barrier, nb::arg("evaluation"), nb::arg("least"), nb::arg("is_slow"), Released())
         .def("aim", &Programme::aim, nb::arg("barrier"), nb::arg("is_curved") = false, Released())
         .def(
             "mean_product",

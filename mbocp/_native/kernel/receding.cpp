@@ -4,25 +4,20 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "newton_step.hpp"
 #include "shift.hpp"
 
 namespace mbocp {
 
 namespace {
 
-// As in mbocp/solvers: monolithic.py, newton.py, limits.py and filter.py say why.
 constexpr Care care = Care::bold();
 constexpr double least_shift = 1e-6, most_shift = 1e4;
-constexpr double least_end_condition = 1e-3, most_augmentation = 1e12, augmentation_growth = 100.0;
-constexpr double most_turn = 1.0;  // [rad]
 constexpr int most_attempts = 8;
 constexpr double unknown_contraction = 1.0;  // of the residual: the next state is another one
 // Factorisations with a wrong inertia after which the Hessian is that of the cost alone: after a jump of the goal no
 // shift that is worth trying makes up for the curvature that far multipliers give the dynamics.
 constexpr int most_wrong = 4;
-constexpr double settled = 30.0, barrier_factor = 0.1, barrier_power = 1.7;
-constexpr double least_decrease = 1e-5, armijo = 1e-4, slope_power = 2.3, violation_power = 1.1;
-constexpr double round_off = 1e-13, feasible = 1e-9;
 // A step that limits cut to less than this raises the barrier parameter, up to a multiple: slacks get room.
 constexpr double cut_short = 0.1, barrier_rise = 10.0, barrier_rises = 1e4;
 constexpr double smallest_barrier = 1e-9, largest_barrier = 1.0;
@@ -171,7 +166,8 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
     int wrong = 0;
     double shift = shift_;
     for (int attempt = 0; attempt < most_attempts && shift <= most_shift; ++attempt) {
-        const Factorisation f = factorise(shift);
+        const Factorisation f = factorise_well(programme_, shift * settings_.shift_unit, augmentation_);
+        augmentation_ = f.augmentation;
         if (late()) return Found::none;
         const bool is_right = f.ok && f.negative == programme_.problem.ng;
         if (!is_right && ++wrong == most_wrong) {
@@ -184,14 +180,17 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
             const Direction d = programme_.riccati.solve(1);
             if (d.finite) {
                 had_direction = true;
-                const double longest = d.turn > 0.0 ? std::min(d.longest, most_turn / d.turn) : d.longest;
-                const double increment = d.increment;
-                if (search(before, d, longest, status)) {
+                const CappedDirection capped = CappedDirection::of(d, false);
+                const StepLength found =
+                    search(programme_, Filter::start(before.violation), before, capped, care.min_step, false);
+                if (found.length > 0.0) {
                     copy_gains();
-                    programme_.accept(status.length * longest, d.longest_dual);
-                    shift_ = care.next_shift(shift, status.length, unknown_contraction, least_shift);
+                    status.length = found.length * capped.longest, status.increment = d.increment;
+                    status.violation = found.trial.violation, status.objective = found.trial.objective;
+                    programme_.accept(status.length, capped.longest_dual);
+                    shift_ = care.next_shift(shift, found.length, unknown_contraction, least_shift);
                     if (d.longest < cut_short) barrier_ *= barrier_rise;
-                    status.length *= longest, status.increment = increment, ++status.iterations;
+                    ++status.iterations;
                     return Found::step;
                 }
                 if (late()) return Found::none;
@@ -202,53 +201,6 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
     return had_direction ? Found::none : Found::singular;
 }
 
-Factorisation RecedingHorizon::factorise(double shift) {
-    for (;;) {
-        const Factorisation f = programme_.riccati.factorise(shift * settings_.shift_unit, augmentation_);
-        const bool is_end_singular = f.bad_stage == programme_.problem.N;
-        const bool is_ill_conditioned = f.ok && f.end_condition < least_end_condition;
-        if (!(is_end_singular || is_ill_conditioned) || augmentation_ == 0.0 || augmentation_ >= most_augmentation)
-            return f;
-        augmentation_ *= augmentation_growth;
-    }
-}
-
-// Halves the step until it improves constraints or objective; the kernel has moved then, by `status.length`.
-bool RecedingHorizon::search(const Evaluation& before, const Direction& d, double longest, HorizonStatus& status) {
-    const double slope = d.slope;
-    const auto try_length = [&](double length, double most) {
-        const Trial trial = programme_.trial(length * most);
-        if (!accepts(before, trial, slope, length * most)) return trial;
-        status.length = length, status.violation = trial.violation, status.objective = trial.objective;
-        return trial;
-    };
-    status.length = 0.0;
-    for (double length = 1.0; length >= care.min_step; length *= 0.5) {
-        const Trial trial = try_length(length, longest);
-        if (status.length > 0.0) return true;
-        if (length == 1.0 && trial.finite && trial.violation >= before.violation) {
-            const double curved = programme_.correct(longest).longest;
-            try_length(1.0, std::min(longest, curved));
-            if (status.length > 0.0) return true;
-            programme_.riccati.solve(1);
-        }
-    }
-    return false;
-}
-
-bool RecedingHorizon::accepts(const Evaluation& before, const Trial& trial, double slope, double length) const {
-    const double scale = std::max(1.0, before.violation);
-    if (!trial.finite || trial.violation > 10.0 * scale) return false;
-    const double slack = round_off * std::abs(before.objective);
-    const bool is_descent = before.violation <= 1e-4 * scale && slope < 0.0 &&
-                            length * std::pow(-slope, slope_power) > std::pow(before.violation, violation_power);
-    if (is_descent) return trial.objective <= before.objective + armijo * length * slope + slack;
-    const bool are_feasible = before.violation < feasible && trial.violation < feasible;
-    return trial.violation <= (1.0 - least_decrease) * before.violation ||
-           trial.objective <= before.objective - least_decrease * before.violation + slack ||
-           (are_feasible && trial.objective <= before.objective + 10.0 * slack);
-}
-
 // The parameter goes by the cost, which another goal may change by orders of magnitude; it falls as the optimality
 // conditions allow.
 void RecedingHorizon::adapt_barrier(Evaluation& e) {
@@ -256,11 +208,8 @@ void RecedingHorizon::adapt_barrier(Evaluation& e) {
         settings_.barrier * std::abs(e.cost) / std::max(programme_.barrier.limits().num_inequalities(), 1);
     const double least = least_barrier_ = std::min(std::max(wanted, smallest_barrier), largest_barrier);
     barrier_ = std::min(std::max(barrier_, least), barrier_rises * least);
-    e = programme_.weigh(barrier_);
-    while (barrier_ > least && e.barrier_error <= settled * barrier_) {
-        barrier_ = std::max(least, std::min(barrier_factor * barrier_, std::pow(barrier_, barrier_power)));
-        e = programme_.weigh(barrier_);
-    }
+    e = lower_barrier(programme_, programme_.weigh(barrier_), least, false);
+    barrier_ = programme_.barrier.parameter();
 }
 
 void RecedingHorizon::copy_out() {

@@ -77,9 +77,6 @@ private:
     void move_rows(Numbers& values, std::size_t first, int size, int whole, double part) const;
     bool has_same_rows() const;  // limits of all stages alike
     Found newton_step(HorizonStatus& status, Clock::time_point deadline);
-    Factorisation factorise(double shift);
-    bool search(const Evaluation& before, const Direction& d, double longest, HorizonStatus& status);
-    bool accepts(const Evaluation& before, const Trial& trial, double slope, double length) const;
     void adapt_barrier(Evaluation& e);
     void copy_out();
     void copy_gains();

@@ -3,13 +3,20 @@
 
 namespace mbocp {
 
-struct Evaluation {
-    double cost = 0, residual = 0, primal = 0, dual = 0, violation = 0, worst = 0;
-    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition; rows beyond a stage's own: its limits
+// What the line search looks at: with limits the objective is the cost with its barrier.
+struct Trial {
+    double objective = 0, violation = 0;
     bool finite = false;
-    // With limits: the cost with its barrier, which the line search looks at; the largest defect of the optimality
-    // conditions of the barrier problem; the norm of multipliers times distances, which `dual` contains.
-    double objective = 0, barrier_error = 0, complementarity = 0;
+
+    bool is_feasible() const { return violation <= 1e-9; }
+};
+
+struct Evaluation : Trial {
+    double cost = 0, residual = 0, primal = 0, dual = 0, worst = 0;
+    int worst_stage = -1, worst_row = -1;  // stage -1: the end condition; rows beyond a stage's own: its limits
+    // With limits: the largest defect of the optimality conditions of the barrier problem; the norm of multipliers
+    // times distances, which `dual` contains.
+    double barrier_error = 0, complementarity = 0;
 };
 
 struct Factorisation {
@@ -19,7 +26,8 @@ struct Factorisation {
     // perhaps a bound below it that is, too.
     double end_condition = 1.0;
     bool ok = false;
-    int bad_stage = -1;  // where a matrix was singular; num_stages: the end condition
+    int bad_stage = -1;       // where a matrix was singular; num_stages: the end condition
+    double augmentation = 0;  // the end condition's weight
 };
 
 struct Direction {
@@ -32,11 +40,6 @@ struct Direction {
 // Euclidean norms of the unknowns: of states and controls; of all multipliers, in the reported scaling.
 struct Sizes {
     double primal = 0, dual = 0;
-};
-
-struct Trial {
-    double objective = 0, violation = 0;
-    bool finite = false;
 };
 
 struct Sweep {

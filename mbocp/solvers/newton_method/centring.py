@@ -14,9 +14,11 @@ have brought the residual below all that was reached with free parameters, these
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from mbocp.solvers.newton_method.filter import Filter
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelFilter
 
 _MEMORY = 4  # residuals, of which the next one has to be below the largest ...
 _PROGRESS = 0.9999  # ... times this ...
@@ -47,7 +49,7 @@ class Centring:
     """
 
     first: float
-    bounds: Filter = field(default_factory=Filter)
+    bounds: KernelFilter
     is_free: bool = True
     residuals: tuple[float, ...] = ()
     barriers: tuple[float, ...] = ()

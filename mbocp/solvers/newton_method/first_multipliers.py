@@ -23,13 +23,13 @@ def with_least_squares(state: NewtonState, control_weight: float) -> NewtonState
     is_curved = kind is not None and kind.nx != kind.ndx
     if not is_curved or state.failure is not None or native.m.any() or native.eta.any():
         return state
-    factorisation, augmentation = factorise(state, _STIFF * control_weight)
+    factorisation = factorise(state, _STIFF * control_weight)
     if not (factorisation.ok and native.solve().finite):
         return state
     native.m, native.eta = native.dm.copy(), native.deta.copy()
     evaluation = native.evaluate()
     if evaluation.finite and evaluation.dual <= _EXPLAINED * state.evaluation.dual:
-        return state._replace(evaluation=evaluation, augmentation=augmentation)
+        return state._replace(evaluation=evaluation, augmentation=factorisation.augmentation)
     native.m, native.eta = np.zeros_like(native.m), np.zeros_like(native.eta)
     return state._replace(evaluation=native.evaluate())
 

@@ -22,21 +22,17 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.centring import Centring, aimed_barrier, may_correct
-from mbocp.solvers.newton_method.filter import Filter
-from mbocp.solvers.newton_method.newton import NewtonState, new_state, start
+from mbocp.solvers.newton_method.newton import NewtonState, first_filter, new_state, start
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelDirection, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelDirection, KernelFilter, KernelProgramme
 
 _BARRIER_BY_COST = 0.1  # initial sum of mu over all limits, by the cost of the guess ...
 _MIN_BARRIER, _MAX_BARRIER = 1e-5, 1.0  # ... within these
 _MARGIN = 0.1  # first distance of a slack from its bounds, relative to them and to their gap
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
-_SETTLED = 30.0  # defect of the barrier problem, by mu, below which mu falls ...
-_FACTOR, _POWER = 0.1, 1.7  # ... to the smaller of mu by this factor and to this power
-# Where limits bend much one mu takes many iterations, and one far below it more: it falls earlier, and less.
-_SLOW, _SLOW_SETTLED, _SLOW_POWER = 12, 300.0, 1.2  # iterations with one mu, and the two numbers after them
+_SLOW = 12  # iterations with one mu, after which it falls earlier, and less
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _SHARE = 0.1  # of the tolerance, for what multipliers times distances come to in the end
 _NEARLY = 100.0  # tolerances: with a residual below them the last barrier parameter is taken
@@ -251,20 +247,18 @@ def update_barrier(state: NewtonState, tolerance: float) -> NewtonState:
         state = _recentre(state, state.centring, tolerance)
         if state.is_free:
             return state
-    barrier, evaluation, last = state.barrier, state.evaluation, _last_of(state, tolerance)
     is_slow = state.iteration - state.barrier_since > _SLOW
-    settled, power = (_SLOW_SETTLED, _SLOW_POWER) if is_slow else (_SETTLED, _POWER)
-    while barrier > last and evaluation.barrier_error <= settled * barrier:
-        barrier = max(last, min(_FACTOR * barrier, barrier**power))
-        evaluation = state.native.weigh(barrier)
-    return state if barrier == state.barrier else _with_barrier(state, barrier)
+    evaluation = state.native.lower_barrier(state.evaluation, _last_of(state, tolerance), is_slow)
+    return state if state.native.barrier == state.barrier else _after(state, evaluation)
 
 
 def _recentre(state: NewtonState, centring: Centring, tolerance: float) -> NewtonState:
     """State with barrier parameters free or fixed, as the last step suggests; a free one may be the last."""
     if state.is_free and not predicts(state, tolerance):
         last = _last_of(state, tolerance)
-        return state if state.barrier == last else _with_barrier(state, last, state.filter.without_corners())
+        if state.barrier == last:
+            return state
+        return _after(state, state.native.weigh(last), state.filter.without_corners())
     is_newtons = state.regularisation == 0.0 and state.step_length == 1.0 and state.shift == 0.0
     after = centring.update(state.evaluation.residual, state.barrier, is_newtons=is_newtons)
     if after.is_free and not centring.is_free:
@@ -279,13 +273,17 @@ def predicts(state: NewtonState, tolerance: float) -> bool:
     return state.is_free and state.evaluation.residual > _NEARLY * tolerance
 
 
-def _with_barrier(state: NewtonState, barrier: float, cleared: Filter | None = None) -> NewtonState:
-    evaluation = state.native.weigh(barrier)
+def _with_barrier(state: NewtonState, barrier: float) -> NewtonState:
+    return _after(state, state.native.weigh(barrier))
+
+
+def _after(state: NewtonState, evaluation: Evaluation, cleared: KernelFilter | None = None) -> NewtonState:
+    """State after a change of the barrier parameter, which the kernel has."""
     return state._replace(
-        barrier=barrier,
+        barrier=state.native.barrier,
         barrier_since=state.iteration,
         evaluation=evaluation,
-        filter=cleared or Filter.start(evaluation.violation),
+        filter=cleared or first_filter(evaluation),
         reference=None,
     )
 
@@ -338,7 +336,7 @@ def raise_barrier(state: NewtonState, tolerance: float) -> NewtonState:
         least_barrier=barrier,
         centring=None,
         evaluation=evaluation,
-        filter=Filter.start(evaluation.violation),
+        filter=first_filter(evaluation),
         reference=None,
     )
 

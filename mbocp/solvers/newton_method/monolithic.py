@@ -46,7 +46,6 @@ import numpy as np
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.newton_method.filter import Filter
 from mbocp.solvers.newton_method.first_multipliers import with_adjoint, with_least_squares
 from mbocp.solvers.newton_method.limits import (
     aim_barrier,
@@ -57,13 +56,12 @@ from mbocp.solvers.newton_method.limits import (
     resume,
     update_barrier,
 )
-from mbocp.solvers.newton_method.line_search import MAX_TURN, search
 from mbocp.solvers.newton_method.newton import (
-    Direction,
     NewtonState,
     Reference,
     check_termination,
     factorise,
+    first_filter,
     next_state,
     start,
 )
@@ -77,10 +75,10 @@ from mbocp.solvers.newton_method.stopping import (
 )
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps
-from mbocp.solvers.tolerances import FEASIBLE_VIOLATION, SOLVER_TOLERANCE
+from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Factorisation, KernelCare
+    from mbocp.programme.native import Factorisation, KernelCappedDirection, KernelCare
 
 _CAREFUL_AFTER = 200  # iterations in a run: most take less, and those that take more follow a valley
 _RESTARTS = 2
@@ -120,7 +118,7 @@ class PureNewton:
     def step(self, state: NewtonState) -> NewtonState:
         """Eq. (23)."""
         native = state.native
-        factorisation, augmentation = factorise(state)
+        factorisation = factorise(state)
         if not factorisation.ok:
             return state._replace(failure=Status.SINGULAR, failed_stage=factorisation.bad_stage)
         direction = native.solve()
@@ -133,7 +131,7 @@ class PureNewton:
             native.evaluate(),
             direction.increment,
             step_length=1.0,
-            augmentation=augmentation,
+            augmentation=factorisation.augmentation,
             at_minimum=factorisation.negative == native.num_end_conditions,
         )
 
@@ -159,17 +157,14 @@ class _Tried(NamedTuple):
         With the barrier parameter of the direction.
     shift : float
     factorisation : kernel Factorisation
-    augmentation : float
-        Of the end condition.
-    direction : Direction, optional
+    direction : kernel CappedDirection, optional
         None where the inertia is not a minimum's, or a larger shift is to be tried first.
     """
 
     state: NewtonState
     shift: float
     factorisation: Factorisation
-    augmentation: float
-    direction: Direction | None
+    direction: KernelCappedDirection | None
 
     def is_capped_to(self, part: float) -> bool:
         """Whether the cap on turns leaves less than a part of the step."""
@@ -270,20 +265,21 @@ class GlobalisedNewton:
                 return self._give_up(tried)
 
     def _follow(
-        self, tried: _Tried, direction: Direction, care: KernelCare, *, is_last: bool
+        self, tried: _Tried, direction: KernelCappedDirection, care: KernelCare, *, is_last: bool
     ) -> NewtonState | _Again | None:
         """Go along a direction as far as the filter lets it; None: a larger shift may allow more.
 
         `is_last`: whether larger shifts have been tried in vain.
         """
-        found = search(tried.state, direction, _LAST_RESORT_STEP if is_last else care.min_step)
-        if found is None or direction.relative(found[0]) < _RELAXED_STEP:
+        state, shortest = tried.state, _LAST_RESORT_STEP if is_last else care.min_step
+        found = state.native.search(state.filter, state.evaluation, direction, shortest, state.may_stop)
+        if direction.relative(found.length) < _RELAXED_STEP:
             end = self._rescue(tried, is_last=is_last)
             if end is not None:
                 return end
-        if found is None:
+        if not found.length:
             return self._arrive(tried, direction)
-        return self._accept(tried, direction, care, *found)
+        return self._accept(tried, direction, care, found.length, found.by_cost)
 
     def _rescue(self, tried: _Tried, *, is_last: bool) -> NewtonState | _Again | None:
         """Do something about a short step; None: take it, or a larger shift."""
@@ -296,12 +292,12 @@ class GlobalisedNewton:
         if not is_last:
             return None
         # Where equations bend away, no line search goes on: steps that nobody judges may, or a sweep.
-        if state.patience == 0 and state.evaluation.violation > FEASIBLE_VIOLATION:
+        if state.patience == 0 and not state.evaluation.is_feasible:
             reference = Reference.of(state, _RELAXED_STEPS)
             return self._relax(state._replace(reference=reference, shift=tried.shift))
         return self._restore_feasibility(state, tried.shift)
 
-    def _arrive(self, tried: _Tried, direction: Direction) -> NewtonState | None:
+    def _arrive(self, tried: _Tried, direction: KernelCappedDirection) -> NewtonState | None:
         """Return the state as it is where only round-off keeps the filter from accepting a step; or None."""
         state, increment = tried.state, direction.increment
         if increment <= self.tolerance and state.evaluation.residual <= self.tolerance:
@@ -311,7 +307,7 @@ class GlobalisedNewton:
         return None
 
     def _accept(
-        self, tried: _Tried, direction: Direction, care: KernelCare, length: float, by_cost: bool
+        self, tried: _Tried, direction: KernelCappedDirection, care: KernelCare, length: float, by_cost: bool
     ) -> NewtonState:
         """Take the step that the filter has accepted; `by_cost`: for the cost, which adds no corner to it."""
         state, shift = tried.state, tried.shift
@@ -322,7 +318,7 @@ class GlobalisedNewton:
             evaluation,
             direction.increment,
             length * direction.longest,
-            augmentation=tried.augmentation,
+            augmentation=tried.factorisation.augmentation,
             regularisation=shift,
             last_shift=shift or state.last_shift,
             shift=care.next_shift(
@@ -352,14 +348,13 @@ class GlobalisedNewton:
         native, is_aimed = state.native, predicts(state, self.tolerance)
         if is_aimed:
             native.aim(0.0)
-        factorisation, augmentation = factorise(state, shift * self.control_weight)
+        factorisation = factorise(state, shift * self.control_weight)
         if not (factorisation.ok and factorisation.negative == native.num_end_conditions):
             if is_aimed:
                 native.aim(state.barrier)
-            return _Tried(state, shift, factorisation, augmentation, None)
+            return _Tried(state, shift, factorisation, None)
         state, found = aim_barrier(state, self.tolerance) if is_aimed else (state, native.solve())
-        direction = Direction.of(found, MAX_TURN, may_stop=state.may_stop) if found.finite else None
-        return _Tried(state, shift, factorisation, augmentation, direction)
+        return _Tried(state, shift, factorisation, found.capped(state.may_stop) if found.finite else None)
 
     def _sharpen(self, state: NewtonState) -> NewtonState:
         """Raise the barrier while the system is singular without a shift; else try without the shift."""
@@ -378,7 +373,7 @@ class GlobalisedNewton:
         return state._replace(
             evaluation=evaluation,
             shift=0.0,
-            filter=Filter.start(evaluation.violation),
+            filter=first_filter(evaluation),
             restarts=state.restarts + 1,
         )
 
@@ -387,7 +382,7 @@ class GlobalisedNewton:
 
         What remains of the violation is the end condition's.
         """
-        if state.evaluation.violation <= FEASIBLE_VIOLATION:
+        if state.evaluation.is_feasible:
             return None
         native, kept = state.native, Kept.of(state.native)
         swept = Sweeps(feedback=True).run(native).evaluation
@@ -433,7 +428,7 @@ class GlobalisedNewton:
         )
 
     def _move_unjudged(
-        self, state: NewtonState, tried: _Tried, direction: Direction, reference: Reference
+        self, state: NewtonState, tried: _Tried, direction: KernelCappedDirection, reference: Reference
     ) -> NewtonState:
         """Take a full step; another one may follow while there are steps left, or this one is promising."""
         native, shift = state.native, tried.shift
@@ -447,7 +442,7 @@ class GlobalisedNewton:
             evaluation,
             direction.increment,
             direction.longest,
-            augmentation=tried.augmentation,
+            augmentation=tried.factorisation.augmentation,
             regularisation=shift,
             shift=bold().next_shift(shift, 1.0, ratio, _MIN_SHIFT),
             reference=replace(reference, steps_left=max(reference.steps_left - 1, int(is_promising))),

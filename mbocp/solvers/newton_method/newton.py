@@ -1,4 +1,7 @@
-"""What the Newton solvers share: their state, its start, its progress and its end."""
+"""What the Newton solvers share: their state, its start, its progress and its end.
+
+The parts of a step are the kernel's (`newton_step.hpp`, `filter.hpp`): a receding horizon takes them, too.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +12,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.programme.native import kernel
 from mbocp.solvers.newton_method.centring import Centring
-from mbocp.solvers.newton_method.filter import Filter
 from mbocp.solvers.newton_method.round_off import relative_increment, relative_residual, round_off
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, Factorisation, KernelDirection, KernelProgramme
-
-_MIN_END_CONDITION = 1e-3  # relative eigenvalue of eta's Schur complement below which it is augmented more
-_MAX_AUGMENTATION = 1e12
+    from mbocp.programme.native import Evaluation, Factorisation, KernelFilter, KernelProgramme
 
 
 @dataclass(frozen=True)
@@ -44,52 +44,6 @@ class Reference:
         return cls(Kept.of(state.native), state.evaluation, steps)
 
 
-class Direction(NamedTuple):
-    """What is known of a Newton step that the kernel holds.
-
-    Attributes
-    ----------
-    increment : float
-        Norm over all unknowns.
-    slope : float
-        Directional derivative of the objective.
-    longest, longest_dual : float
-        Part of the step that limits and the cap on turns allow, and limits' multipliers.
-    cap : float
-        Part of the step that the cap on turns alone allows.
-    limit : float
-        Of the longest step, what no limit cuts short. Beyond it slacks stop at their bounds, each by itself.
-    """
-
-    increment: float
-    slope: float
-    longest: float
-    longest_dual: float
-    cap: float
-    limit: float = 1.0
-
-    @classmethod
-    def of(cls, found: KernelDirection, largest_turn: float, *, may_stop: bool = False) -> Direction:
-        """The kernel's direction, of which no more is taken than turns a joint by `largest_turn` [rad].
-
-        Where slacks may stop at their bounds, limits do not cut it.
-        """
-        cap = min(1.0, largest_turn / found.turn) if found.turn > 0.0 else 1.0
-        if may_stop:
-            return cls(
-                found.increment, found.slope, cap, found.longest_dual, cap, min(1.0, found.longest / cap)
-            )
-        return cls(found.increment, found.slope, min(found.longest, cap), found.longest_dual, cap)
-
-    def relative(self, length: float) -> float:
-        """A step length, relative to the longest step, by what no limit cuts short, or 1 beyond that."""
-        return min(1.0, length / self.limit)
-
-    def shorter(self, length: float) -> float:
-        """The step length to try after this one: half of it, or what no limit cuts short in between."""
-        return self.limit if 0.5 * length < self.limit < length else 0.5 * length
-
-
 class NewtonState(NamedTuple):
     """Where Newton's method stands: a tuple, since a changed one is made in each iteration.
 
@@ -99,6 +53,8 @@ class NewtonState(NamedTuple):
         Holds the iterate.
     evaluation : kernel Evaluation
         Residuals and cost at the iterate.
+    filter : Filter
+        Of the line search.
     iteration : int
         Newton steps taken.
     increment, step_length, regularisation : float
@@ -109,8 +65,6 @@ class NewtonState(NamedTuple):
         Where the search for an admissible shift of the state Hessian begins; 0: the plain Hessian.
     last_shift : float
         The last one that a step was taken with.
-    filter : Filter
-        Of the line search.
     reference : Reference or None
         Where a run of relaxed steps began, while one is under way.
     patience : int
@@ -143,6 +97,7 @@ class NewtonState(NamedTuple):
 
     native: KernelProgramme
     evaluation: Evaluation
+    filter: KernelFilter
     iteration: int = 0
     increment: float = math.inf
     step_length: float = math.nan
@@ -150,7 +105,6 @@ class NewtonState(NamedTuple):
     augmentation: float = 0.0
     shift: float = 0.0
     last_shift: float = 0.0
-    filter: Filter = Filter()
     reference: Reference | None = None
     patience: int = 0
     at_minimum: bool = False
@@ -197,27 +151,24 @@ def new_state(programme: StagewiseProgramme, native: KernelProgramme, evaluation
     return NewtonState(
         native,
         evaluation,
+        first_filter(evaluation),
         augmentation=10.0 * weight if programme.ng else 0.0,
-        filter=Filter.start(evaluation.violation),
         kind=programme.kind,
         failure=None if evaluation.finite else Status.DIVERGED,
     )
 
 
-def factorise(state: NewtonState, shift: float = 0.0) -> tuple[Factorisation, float]:
-    """Factorisation with the end condition augmented as far as its conditioning asks for, and that weight.
+def first_filter(evaluation: Evaluation) -> KernelFilter:
+    """Filter for a first iterate."""
+    return kernel().Filter.start(evaluation.violation)
+
+
+def factorise(state: NewtonState, shift: float = 0.0) -> Factorisation:
+    """Factorisation with the end condition augmented as far as its conditioning asks for.
 
     `shift` is added to the Hessian's diagonal in the states.
     """
-    augmentation = state.augmentation
-    while True:
-        result = state.native.factorise(shift, augmentation)
-        end_is_singular = result.bad_stage == state.native.num_stages
-        is_indefinite = result.negative > state.native.num_end_conditions  # whatever the augmentation
-        ill_conditioned = result.ok and not is_indefinite and result.end_condition < _MIN_END_CONDITION
-        if not (end_is_singular or ill_conditioned) or augmentation == 0 or augmentation >= _MAX_AUGMENTATION:
-            return result, augmentation
-        augmentation *= 100.0
+    return state.native.factorise_well(shift, state.augmentation)
 
 
 def next_state(

@@ -21,7 +21,6 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.newton_method.filter import Filter
 from mbocp.solvers.newton_method.newton import (
     NewtonState,
     check_termination,
@@ -36,7 +35,7 @@ from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelFilter, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT = 1e-3
@@ -114,7 +113,7 @@ class FBSMNewton:
         native, shift, kept = state.native, state.shift, Kept.of(state.native)
         while True:
             native.evaluate()
-            factorisation, augmentation = factorise(state, shift * self.control_weight)
+            factorisation = factorise(state, shift * self.control_weight)
             is_minimum = factorisation.ok and factorisation.negative == len(native.eta)
             may_go = is_minimum if self.globalised else factorisation.ok
             found = self._go(state, kept, shift) if may_go else None
@@ -125,7 +124,7 @@ class FBSMNewton:
                     taken.evaluation,
                     float(np.linalg.norm(step)),
                     taken.length,
-                    augmentation=augmentation,
+                    augmentation=factorisation.augmentation,
                     regularisation=shift,
                     shift=self._next_shift(state, shift, taken),
                     filter=self._next_filter(state, taken),
@@ -209,14 +208,14 @@ class FBSMNewton:
             return _Taken(trial, length)
         if not self.globalised:
             return _Taken(trial, length) if is_last else None
-        is_accepted, by_cost = state.filter.accepts(before, trial, slope, length)
-        if not is_accepted:
+        verdict = state.filter.accepts(before, trial, slope, length)
+        if not verdict.is_accepted:
             return None
         if length < 1.0 or shift > 0.0:  # far from Newton's own region the step's eta is a poor one
             trial = end_multiplier(state.native, state.sweeps or Sweeps())
-        return _Taken(trial, length, keeps_filter=by_cost)
+        return _Taken(trial, length, keeps_filter=verdict.by_cost)
 
-    def _next_filter(self, state: NewtonState, taken: _Taken) -> Filter:
+    def _next_filter(self, state: NewtonState, taken: _Taken) -> KernelFilter:
         return state.filter if taken.keeps_filter else state.filter.with_corner(state.evaluation)
 
     def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
