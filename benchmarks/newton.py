@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,10 @@ from benchmarks.tables import Table
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers import GlobalisedNewton, Iterate, NewtonState, SolverResult, run
+from mbocp.solvers import GlobalisedNewton, Iterate, SolverResult, run
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelNewtonState
 
 __all__ = [
     "CASES",
@@ -154,16 +158,16 @@ def _least(times: Sequence[StepTime]) -> StepTime:
 
 def _before_a_full_step(
     solver: GlobalisedNewton, programme: StagewiseProgramme, guess: Iterate
-) -> tuple[NewtonState, Iterate]:
+) -> tuple[KernelNewtonState, Iterate]:
     """State and iterate, as late in the solve as possible, whose next step is one plain Newton step."""
     state = solver.init(programme, guess)
-    visited: deque[tuple[NewtonState, Iterate, NewtonState]] = deque(maxlen=_KEPT)
+    visited: deque[tuple[KernelNewtonState, Iterate, KernelNewtonState]] = deque(maxlen=_KEPT)
     while solver.terminate(state) is None:
         iterate, before = Iterate.read_from(state.native, programme), state
         state = solver.step(state)
         visited.append((before, iterate, state))
     for before, iterate, after in reversed(visited):
-        is_plain = after.step_length == 1.0 and after.regularisation == 0.0 and before.reference is None
+        is_plain = after.step_length == 1.0 and after.regularisation == 0.0 and not before.is_relaxed
         is_progress = before.evaluation.residual > solver.tolerance  # else round-off decides about the step
         if is_plain and is_progress and after.augmentation == before.augmentation:
             return before, iterate

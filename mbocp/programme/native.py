@@ -12,13 +12,14 @@ from mbocp.programme.processor import has_avx2
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
     from mbocp._native._kernel import (
-        CappedDirection,
         Care,
-        Direction,
         Filter,
         Kind,
+        Newton,
+        NewtonState,
         Programme,
         RecedingHorizon,
+        Sizes,
         StageFunction,
         Terminal,
     )
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from mbocp._native._kernel import Trial as Trial
 
     KernelCare = Care
-    KernelCappedDirection = CappedDirection
-    KernelDirection = Direction
     KernelFilter = Filter
+    KernelNewton = Newton
+    KernelNewtonState = NewtonState
     KernelHorizon = RecedingHorizon
     KernelProgramme = Programme
 
@@ -72,6 +73,13 @@ class Kernel(Protocol):
     @property
     def Trial(self) -> type[Trial]:
         """What a line search looks at."""
+
+    @property
+    def Newton(self) -> type[KernelNewton]:
+        """Newton's method with safeguards."""
+
+    def relative_residual(self, allowed: Sizes, primal: float, dual: float, tolerance: float) -> float:
+        """The residual in units of what round-off allows of its parts."""
 
     @property
     def RecedingHorizon(self) -> type[KernelHorizon]:

@@ -9,7 +9,7 @@ from mbocp._exports import names_of
 if TYPE_CHECKING:
     from mbocp.programme.iterate import Iterate, zero_multipliers
     from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
-    from mbocp.solvers.newton_method.newton import NewtonState
+    from mbocp.solvers.newton_method.newton import PlainState
     from mbocp.solvers.options import Options
     from mbocp.solvers.protocol import Solver, SolverState
     from mbocp.solvers.records import IterationRecord, Phase, Status
@@ -30,10 +30,10 @@ __all__ = [
     "GradientState",
     "Iterate",
     "IterationRecord",
-    "NewtonState",
     "Options",
     "Outcome",
     "Phase",
+    "PlainState",
     "PureNewton",
     "Solver",
     "SolverResult",

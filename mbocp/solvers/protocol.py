@@ -100,10 +100,6 @@ class SolverState(Protocol):
         """Steps in a row that brought nothing nearer, as round-off does."""
 
     @property
-    def failure(self) -> Status | None:
-        """Why no step could be taken."""
-
-    @property
     def failed_stage(self) -> int:
         """In which step, counted from 0; num_steps: the end condition."""
 

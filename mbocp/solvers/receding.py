@@ -16,7 +16,7 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.native import kernel
 from mbocp.solvers.newton_method.limits import warm_barrier
-from mbocp.solvers.newton_method.newton import new_state
+from mbocp.solvers.newton_method.newton import first_augmentation
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelHorizon, KernelProgramme
@@ -62,13 +62,12 @@ def receding_horizon(
         If no Newton step can be taken there.
     """
     native = warm_barrier(programme, iterate, lambda cost, limits: _barrier(settings.barrier, cost, limits))
-    state = new_state(programme, native, native.evaluate())
     horizon = kernel().RecedingHorizon(
         native,
         tolerance=settings.tolerance,
         barrier=settings.barrier,
         shift_unit=programme.control_weight,
-        augmentation=state.augmentation,
+        augmentation=first_augmentation(programme),
     )
     status = horizon.step(np.array(programme.x_start), 0.0, _STEPS, math.inf)
     if status.iterations == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -16,8 +16,11 @@ from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.newton_method.limits import fix_barrier, raise_barrier, update_barrier
+from mbocp.programme.native import kernel
+from mbocp.solvers import GlobalisedNewton
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelNewton, KernelNewtonState
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -52,13 +55,24 @@ def arm(tmp_path: Path) -> Path:
 
 def begun(
     *settings: str, path: Path = PAPER / "elastic_pendulum.toml"
-) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
+) -> tuple[StagewiseProgramme, GlobalisedNewton, KernelNewtonState]:
     problem = mbocp.load_problem(path, ["horizon.steps=12", *settings])
     formulation = formulate(problem)
     programme = formulation.programme
     iterate, _ = make_guess("line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     return programme, solver, solver.init(programme, iterate)
+
+
+def newton(solver: GlobalisedNewton) -> KernelNewton:
+    """The kernel's method with the settings of a solver."""
+    return kernel().Newton(
+        tolerance=solver.tolerance,
+        max_iterations=solver.max_iterations,
+        control_weight=solver.control_weight,
+        is_careful=False,
+        rough=0.0,
+    )
 
 
 def fields(native: Any) -> dict[str, np.ndarray]:
@@ -154,15 +168,14 @@ def test_the_barrier_falls_and_ends_below_the_tolerance() -> None:
     assert min(barriers) == barriers[-1] < 1e-9 < barriers[0]
     assert state.evaluation.complementarity <= 0.2 * solver.tolerance
     assert state.evaluation.residual <= solver.tolerance
-    assert update_barrier(state, solver.tolerance) is state
+    assert newton(solver).update_barrier(state).barrier == state.barrier
 
 
 @pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
 def test_a_barrier_that_is_fixed_at_the_guess_is_the_first_one_and_only_falls(setting: str) -> None:
     """A run without free parameters is as if there had never been any."""
     _, solver, begin = begun(setting)
-    updated = update_barrier(begin, solver.tolerance)
-    state = fix_barrier(begin._replace(centring=updated.centring), solver.tolerance)
+    state = newton(solver).fix_barrier(newton(solver).update_barrier(begin))
     assert state.barrier == begin.barrier
     assert state.filter.most_violation == begin.filter.most_violation
     assert state.filter.num_corners == 0
@@ -267,7 +280,7 @@ def test_a_guess_outside_its_limits_is_no_obstacle() -> None:
     outside[:] = 40.0
     native.u = outside
     native.start_limits(state.barrier)
-    state = state._replace(evaluation=native.evaluate())
+    state = newton(solver).resume(native, state.augmentation, state.barrier, is_free=True)
     while solver.terminate(state) is None:
         state = solver.step(state)
     assert str(solver.terminate(state)) == "converged"
@@ -343,15 +356,21 @@ def test_limits_that_outweigh_a_small_cost_by_round_off_end_with_a_larger_barrie
 
 
 def test_a_barrier_is_raised_to_the_tolerance_at_most(arm: Path) -> None:
-    _, _, state = begun(LIMITS)
-    most = 1e-9 * max(1.0, abs(state.evaluation.cost))
-    assert raise_barrier(state, 1e-9) is state  # a first barrier is larger
-    low = state._replace(barrier=1e-12)
-    once = raise_barrier(low, 1e-9)
+    _, solver, first = begun(LIMITS)
+    rules, native = newton(solver), first.native
+    most = solver.tolerance * max(1.0, abs(first.evaluation.cost))
+    assert rules.raise_barrier(first).barrier == first.barrier  # a first barrier is larger
+
+    def with_barrier(barrier: float) -> KernelNewtonState:
+        native.weigh(barrier)
+        return rules.resume(native, first.augmentation, barrier, is_free=True)
+
+    once = rules.raise_barrier(with_barrier(1e-12))
     assert once.barrier == once.least_barrier == pytest.approx(1e-11)
-    last = raise_barrier(low._replace(barrier=0.5 * most), 1e-9)
+    assert not once.may_stop
+    last = rules.raise_barrier(with_barrier(0.5 * most))
     assert last.barrier == most
-    assert raise_barrier(last, 1e-9) is last
-    assert raise_barrier(state._replace(barrier=0.0), 1e-9).least_barrier == 0.0
-    settled = once._replace(evaluation=once.native.weigh(once.barrier))
-    assert update_barrier(settled, 1e-9).barrier >= once.least_barrier
+    assert rules.raise_barrier(last).barrier == most
+    assert rules.raise_barrier(with_barrier(0.0)).least_barrier == 0.0
+    once = rules.raise_barrier(with_barrier(1e-12))
+    assert rules.update_barrier(once).barrier >= once.least_barrier

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -19,9 +19,11 @@ from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solution import Solution
-from mbocp.solvers import GlobalisedNewton, NewtonState
-from mbocp.solvers.newton_method.limits import init_barrier
+from mbocp.solvers import GlobalisedNewton
 from mbocp.terms import OwnTerm, path_constraint
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelNewtonState
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -45,7 +47,7 @@ def plane(**words: Any) -> OwnTerm:
     return path_constraint(in_plane, name=words.pop("name", "plane"), **{"equals": -7.5, **words})
 
 
-def begun(problem: Any) -> tuple[StagewiseProgramme, GlobalisedNewton, NewtonState]:
+def begun(problem: Any) -> tuple[StagewiseProgramme, GlobalisedNewton, KernelNewtonState]:
     formulation = formulate(problem)
     programme = formulation.programme
     iterate, _ = make_guess("line", formulation)
@@ -195,7 +197,7 @@ def test_rows_of_the_kernel_are_those_that_are_bounded(data: st.DataObject) -> N
     bounds, N, nx = programme.bounds, STEPS, programme.kind.nx
     formulation = formulate(load())
     iterate, _ = make_guess("line", formulation)
-    native = init_barrier(programme, iterate).native
+    native = GlobalisedNewton().init(programme, iterate).native
     lower, upper = bounds.lower[bounds.limited], bounds.upper[bounds.limited]
     is_equation = lower == upper
     assert native.num_limits == np.count_nonzero(~is_equation)

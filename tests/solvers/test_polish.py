@@ -14,10 +14,8 @@ from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
-from mbocp.solvers import SolverSettings, Start, run_strategy
-from mbocp.solvers.newton_method.limits import resume
+from mbocp.solvers import GlobalisedNewton, SolverSettings, Start, run_strategy
 from mbocp.solvers.newton_method.polish import Judged
-from mbocp.solvers.newton_method.round_off import has_a_say
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.strategies import interior
 from mbocp.solvers.strategies.iterating import SolverResult
@@ -113,7 +111,7 @@ def test_a_solution_is_judged_as_its_own_solver_judged_it() -> None:
 
 def test_a_polish_begins_inside_with_products_that_are_the_barrier_or_more() -> None:
     programme, result = result_of(load())
-    state = resume(programme, result.iterate, TOLERANCE, is_centred=True)
+    state = GlobalisedNewton(TOLERANCE, is_polish=True).init(programme, result.iterate)
     native, b = state.native, programme.bounds
     assert state.evaluation.finite
     assert 0.0 < state.barrier < TOLERANCE
@@ -126,9 +124,9 @@ def test_a_polish_begins_inside_with_products_that_are_the_barrier_or_more() -> 
 
 def test_a_residual_beside_which_the_cost_does_not_count_is_none_that_holds() -> None:
     programme, result = result_of(load())
-    native = resume(programme, result.iterate, TOLERANCE, is_centred=False).native
+    native = GlobalisedNewton(TOLERANCE).judge(programme, result.iterate).native
     before = native.evaluate()
-    assert has_a_say(native, before)
+    assert native.has_a_say(before.dual)
     assert native.evaluate().residual == before.residual
     native.m = native.m * 1.5
-    assert not has_a_say(native, native.evaluate())
+    assert not native.has_a_say(native.evaluate().dual)

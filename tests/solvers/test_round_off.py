@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 import mbocp
 from mbocp._linear import norm
-from mbocp.formulation import Formulation, formulate
+from mbocp.formulation import Formulation, formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme.native import kernel
-from mbocp.solvers import GlobalisedNewton, NewtonState, Status
-from mbocp.solvers.newton_method.newton import is_resolved
-from mbocp.solvers.newton_method.round_off import (
-    relative_increment,
-    relative_residual,
-    round_off,
-    round_off_of_terms,
-)
+from mbocp.solvers import GlobalisedNewton, Status
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelNewtonState, Sizes
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
-FILTER = kernel().Filter.start(0.0)
 
 
-def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, NewtonState]:
+def solved(name: str, settings: dict[str, Any]) -> tuple[mbocp.Problem, KernelNewtonState]:
     problem = mbocp.load_problem(PAPER / f"{name}.toml", settings)
     state, _ = newton(formulate(problem), problem.guess.kind if problem.guess.kind != "auto" else "line")
     return problem, state
 
 
-def newton(formulation: Formulation, guess: str) -> tuple[NewtonState, list[float]]:
+def newton(formulation: Formulation, guess: str) -> tuple[KernelNewtonState, list[float]]:
     """Where Newton's method ends, and the costs on its way."""
     programme = formulation.programme
     iterate, _ = make_guess(guess, formulation)
@@ -61,7 +55,7 @@ def test_a_problem_of_large_numbers_is_solved_to_round_off() -> None:
 def test_a_step_further_changes_the_motion_by_round_off_alone() -> None:
     _, state = solved("rigid_pendulum", {"horizon.duration": 0.01})
     native = state.native
-    assert is_resolved(state, 1e-9)
+    assert is_resolved(state)
     x, u = native.x, native.u
     native.evaluate()
     assert native.factorise(0.0, state.augmentation).ok
@@ -76,8 +70,8 @@ def test_problems_of_ordinary_size_know_the_tolerance_alone(name: str) -> None:
     _, state = solved(name, {})
     assert state.evaluation.residual <= 1e-9
     assert min(state.increment, state.next_increment) <= 1e-9
-    assert max(round_off(state.native)) < 1e-11
-    assert not is_resolved(state, 1e-9)
+    assert largest(state.native.round_off()) < 1e-11
+    assert not is_resolved(state)
 
 
 @pytest.mark.parametrize(
@@ -114,27 +108,15 @@ def test_long_horizons_end_when_short_ones_do(
     length: int, residual: float, step: float, expected: bool
 ) -> None:
     """Norms of the same motion in more steps are larger by a root, those of its round-off, too."""
-    scale = np.sqrt(length)
-    evaluation = SimpleNamespace(residual=scale * residual, primal=0.0, dual=scale * residual)
-    contraction = 1e-3
-    state = NewtonState(
-        stub(1e3 * scale, step * scale),
-        evaluation,
-        FILTER,
-        increment=step * scale,
-        step_length=1.0,
-        contraction=contraction,
+    scale, size, contraction, tolerance = np.sqrt(length), 1e3, 1e-3, 1e-9
+    ended = kernel().is_at_rest(
+        scale * residual,
+        8.0 * 2.0**-52 * size * scale,
+        contraction * step * scale,
+        contraction * step / size,
+        tolerance,
     )
-    ended = GlobalisedNewton().terminate(state) is not None
     assert ended == expected
-
-
-def test_residuals_above_the_tolerance_are_never_at_rest() -> None:
-    evaluation = SimpleNamespace(residual=2e-9, primal=2e-9, dual=0.0)
-    state = NewtonState(
-        stub(1e9, 1e-12), evaluation, FILTER, increment=1e-12, step_length=1.0, contraction=1e-3, still=9
-    )
-    assert GlobalisedNewton().terminate(state) is None
 
 
 def chain(links: int, length: float, mass: float) -> str:
@@ -162,56 +144,47 @@ def test_a_chain_ends_where_its_terms_leave_round_off(tmp_path: Path) -> None:
     assert GlobalisedNewton().terminate(state) is Status.CONVERGED
     assert state.iteration <= 12
     assert np.ptp(costs[-3:]) < 1e-12 * costs[-1]
-    assert e.residual > max(1e-9, *round_off(native))
-    assert e.residual < max(round_off_of_terms(native, e)) < 1e-10 * np.linalg.norm(native.m)
-
-
-def stub(size: float, step: float) -> Any:
-    """What a kernel programme shows, with multipliers of one size and a last step of another."""
-    unit = np.array([1.0, 0.0])
-    return SimpleNamespace(
-        x=unit,
-        u=unit,
-        y=np.zeros(0),
-        m=size * unit,
-        eta=np.zeros(1),
-        sizes=lambda: SimpleNamespace(primal=np.sqrt(2.0), dual=size),
-        dx=0.0 * unit,
-        du=0.0 * unit,
-        dy=np.zeros(0),
-        dm=step * unit,
-        deta=np.zeros(1),
-        slack=np.zeros(0),
-        z_lower=np.zeros(0),
-        z_upper=np.zeros(0),
-        evaluate=lambda: SimpleNamespace(primal=0.0, dual=0.0),
-    )
+    assert e.residual > max(1e-9, largest(native.round_off()))
+    assert e.residual < largest(native.round_off_of_terms(e)) < 1e-10 * np.linalg.norm(native.m)
 
 
 def test_each_part_of_the_residual_has_its_own_round_off() -> None:
     """Large multipliers excuse no violation of the state equations."""
-    native = stub(1e9, 0.5)
-    primal, dual = round_off(native)
-    assert dual == pytest.approx(8 * 2.0**-52 * 1e9)
-    assert primal == pytest.approx(8 * 2.0**-52 * np.sqrt(2.0))
+    _, state = solved("rigid_pendulum", {})
+    native = state.native
+    native.evaluate()
+    assert native.factorise(0.0, state.augmentation).ok
+    assert native.solve().finite  # a direction of next to nothing
+    unit = native.m / native.sizes().dual
+    native.m, native.eta = 1e9 * unit, np.zeros_like(native.eta)
+    allowed, dual = native.round_off(), native.sizes().dual
+    assert allowed.dual == pytest.approx(8 * 2.0**-52 * dual)
+    assert allowed.primal == pytest.approx(8 * 2.0**-52 * native.sizes().primal)
+    below, above = 0.5 * allowed.dual, 2.0 * allowed.dual
+    assert allowed.dual > 1e-9 > allowed.primal
+    assert native.relative_increment() < 1e-9
+    assert native.is_resolved(1e-10, below, 1.0, 1e-9)
+    assert not native.is_resolved(1e-10, above, 1.0, 1e-9)
+    assert not native.is_resolved(1e-8, below, 1.0, 1e-9)
+    assert not native.is_resolved(1e-10, below, np.inf, 1e-9)  # before the first step
+    native.m = unit
+    assert not native.is_resolved(1e-10, 1e-10, 1.0, 1e-9)  # nothing is large
+    assert kernel().relative_residual(allowed, 3e-3, 0.0, 1e-9) == 3e-3
 
-    def state(primal: float, dual: float, step: float = 0.5) -> Any:
-        evaluation = SimpleNamespace(primal=primal, dual=dual)
-        return NewtonState(stub(1e9, step), evaluation, FILTER, increment=step)
 
-    assert is_resolved(state(1e-10, 1e-6), 1e-9)
-    assert not is_resolved(state(1e-10, 3e-6), 1e-9)
-    assert not is_resolved(state(1e-8, 1e-7), 1e-9)
-    assert not is_resolved(state(1e-10, 1e-6, step=2.0), 1e-9)
-    assert relative_residual(round_off(native), SimpleNamespace(primal=3e-3, dual=0.0), 1e-9) == 3e-3
-    assert relative_increment(native) == pytest.approx(0.5e-9)
+def is_resolved(state: KernelNewtonState) -> bool:
+    e = state.evaluation
+    return state.native.is_resolved(e.primal, e.dual, state.increment, 1e-9)
+
+
+def largest(sizes: Sizes) -> float:
+    return max(sizes.primal, sizes.dual)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-170, 1e170, 0.0, np.inf, np.nan])
 def test_sizes_of_the_unknowns_are_norms_also_where_squares_have_no_number(scale: float) -> None:
-    _, state = solved("rigid_pendulum", {"horizon.duration": 0.01})
-    native, kind = state.native, state.kind
-    assert kind is not None
+    problem, state = solved("rigid_pendulum", {"horizon.duration": 0.01})
+    native, kind = state.native, transcribe(problem).kind
     rng = np.random.default_rng(0)
     with np.errstate(invalid="ignore"):
         for name in ("x", "u", "m", "eta"):

@@ -1,6 +1,7 @@
 // Python's view of the kernel: typed arrays at the border, records as named attributes.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -9,9 +10,10 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "newton_step.hpp"
+#include "newton.hpp"
 #include "receding.hpp"
-#include "shift.hpp"
+#include "stopping.hpp"
+#include "sweeps.hpp"
 
 #ifndef MBOCP_KERNEL_NAME
 #define MBOCP_KERNEL_NAME _kernel
@@ -239,6 +241,10 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
 
     nb::class_<Sizes>(module, "Sizes").def_ro("primal", &Sizes::primal).def_ro("dual", &Sizes::dual);
 
+    nb::class_<SweepOutcome>(module, "SweepOutcome")
+        .def_ro("evaluation", &SweepOutcome::evaluation)
+        .def_ro("failed_stage", &SweepOutcome::failed_stage);
+
     nb::class_<Sweep>(module, "Sweep")
         .def_ro("ok", &Sweep::ok)
         .def_ro("failed_stage", &Sweep::failed_stage)
@@ -294,6 +300,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("simulate", &Programme::simulate, nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("warm") = false,
              nb::arg("feedback") = false, nb::arg("compensated") = false, Released())
         .def("gradient", &Programme::gradient, nb::arg("auxiliary") = false, nb::arg("feedback") = false, Released())
+        .def("sweep", &sweep, nb::arg("auxiliary"), nb::arg("feedback"), Released())
+        .def("find_end_multiplier", &find_end_multiplier, nb::arg("auxiliary"), nb::arg("feedback"), Released())
         .def(
             "end_sensitivity",
             [](Programme& p, bool feedback) {
@@ -340,6 +348,25 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             nb::arg("alpha") = 0.0, nb::arg("alpha_limits") = 0.0)
         .def_prop_ro("barrier", [](const Programme& p) { return p.barrier.parameter(); })
         .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
+    programme.def("first_barrier", &first_barrier, Released())
+        .def("round_off", &round_off)
+        .def("round_off_of_terms", &round_off_of_terms, nb::arg("evaluation"), Released())
+        .def("relative_increment", &relative_increment)
+        .def("has_a_say", &has_a_say, nb::arg("dual"), Released())
+        .def(
+            "is_resolved",
+            [](const Programme& p, double primal, double dual, double increment, double tolerance) {
+                return is_resolved(p, primal, dual, increment, tolerance);
+            },
+            nb::arg("primal"), nb::arg("dual"), nb::arg("increment"), nb::arg("tolerance"));
+    module.def(
+        "is_at_rest",
+        [](double residual, double allowed, double coming, double relative, double tolerance) {
+            return is_at_rest(residual, allowed, coming, relative, tolerance);
+        },
+        nb::arg("residual"), nb::arg("allowed"), nb::arg("coming"), nb::arg("relative"), nb::arg("tolerance"));
+    module.def("relative_residual", &relative_residual, nb::arg("allowed"), nb::arg("primal"), nb::arg("dual"),
+               nb::arg("tolerance"));
     array_property(
         programme, "limit_multipliers", [](const Programme& p) { return p.barrier.multipliers(); },
         "Multipliers of the limits, positive where an upper one is active: rows of the stages, then guards.");
@@ -370,6 +397,56 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     array_property(
         programme, "A", [](const Programme& p) { return p.adjoint_sweep.A; },
         "A of the auxiliary adjoint, a column for each end condition.");
+
+    nb::enum_<Status>(module, "Status")
+        .value("converged", Status::converged)
+        .value("max_iterations", Status::max_iterations)
+        .value("diverged", Status::diverged)
+        .value("singular", Status::singular)
+        .value("line_search_failed", Status::line_search_failed);
+
+    nb::class_<NewtonState>(module, "NewtonState")
+        .def_ro("native", &NewtonState::programme)
+        .def_ro("evaluation", &NewtonState::evaluation)
+        .def_ro("filter", &NewtonState::filter)
+        .def_ro("iteration", &NewtonState::iteration)
+        .def_ro("increment", &NewtonState::increment)
+        .def_prop_ro("next_increment", &NewtonState::next_increment)
+        .def_ro("step_length", &NewtonState::step_length)
+        .def_ro("regularisation", &NewtonState::regularisation)
+        .def_ro("augmentation", &NewtonState::augmentation)
+        .def_ro("at_minimum", &NewtonState::at_minimum)
+        .def_ro("still", &NewtonState::still)
+        .def_ro("barrier", &NewtonState::barrier)
+        .def_ro("least_barrier", &NewtonState::least_barrier)
+        .def_prop_ro("may_stop", &NewtonState::may_stop)
+        .def_prop_ro("is_free", &NewtonState::is_free)
+        .def_prop_ro("is_relaxed", [](const NewtonState& s) { return s.reference.has_value(); })
+        .def_ro("factorisations", &NewtonState::factorisations)
+        .def_ro("corrections", &NewtonState::corrections)
+        .def_ro("failure", &NewtonState::failure)
+        .def_ro("failed_stage", &NewtonState::failed_stage);
+
+    nb::class_<Newton>(module, "Newton")
+        .def(
+            "__init__",
+            [](Newton* self, double tolerance, int max_iterations, double control_weight, bool is_careful,
+               double rough) { new (self) Newton({tolerance, max_iterations, control_weight, is_careful, rough}); },
+            nb::kw_only(), nb::arg("tolerance"), nb::arg("max_iterations"), nb::arg("control_weight"),
+            nb::arg("is_careful"), nb::arg("rough"))
+        .def("begin", &Newton::begin, nb::arg("native"), nb::arg("augmentation"), Released())
+        .def("resume", &Newton::resume, nb::arg("native"), nb::arg("augmentation"), nb::arg("barrier"),
+             nb::arg("is_free"), Released())
+        .def("step", &Newton::step, nb::arg("state"), Released())
+        .def("status", &Newton::status, nb::arg("state"), Released())
+        .def("run", &Newton::run, nb::arg("state"), Released())
+        .def("is_near", &Newton::is_near, nb::arg("state"))
+        .def("last_barrier", &Newton::last_barrier, nb::arg("native"))
+        .def(
+            "update_barrier", [](const Newton& n, NewtonState s) { return n.update_barrier(s), s; }, nb::arg("state"))
+        .def(
+            "fix_barrier", [](const Newton& n, NewtonState s) { return n.fix_barrier(s), s; }, nb::arg("state"))
+        .def("raise_barrier", [](const Newton& n, NewtonState s) { return n.raise_barrier(s), s; }, nb::arg("state"));
 
     nb::enum_<Outcome>(module, "Outcome")
         .value("converged", Outcome::converged)

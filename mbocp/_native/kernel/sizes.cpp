@@ -17,7 +17,7 @@ double squares(const Numbers& values) {
 
 // From a sum of squares; where that is no number, or next to none, once more with the largest one taken out of it.
 template <class ForEach>
-double norm(double squared, ForEach for_each) {
+double root(double squared, ForEach for_each) {
     if (std::isnan(squared) || (squared > small && std::isfinite(squared))) return std::sqrt(squared);
     double largest = 0.0, sum = 0.0;
     for_each([&](double v) { largest = std::max(largest, std::abs(v)); });
@@ -28,10 +28,15 @@ double norm(double squared, ForEach for_each) {
 
 }  // namespace
 
+double norm(std::initializer_list<const Numbers*> parts) {
+    double squared = 0.0;
+    for (const Numbers* part : parts) squared += squares(*part);
+    return root(squared, [&](auto visit) {
+        for (const Numbers* part : parts) std::for_each(part->begin(), part->end(), visit);
+    });
+}
+
 Sizes sizes_of(const Problem& problem, const Iterate& at, const Barrier& barrier) {
-    const auto unknowns = [&](auto visit) {
-        for (const Numbers* part : {&at.x, &at.u}) std::for_each(part->begin(), part->end(), visit);
-    };
     const auto multipliers = [&](auto visit) {
         for (int n = 0; n < problem.N; ++n) {
             const Kind& k = problem.kind();
@@ -43,7 +48,7 @@ Sizes sizes_of(const Problem& problem, const Iterate& at, const Barrier& barrier
     };
     double squared = 0.0;
     multipliers([&](double v) { squared += v * v; });
-    return {norm(squares(at.x) + squares(at.u), unknowns), norm(squared, multipliers)};
+    return {norm({&at.x, &at.u}), root(squared, multipliers)};
 }
 
 }  // namespace mbocp

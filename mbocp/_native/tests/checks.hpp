@@ -59,6 +59,9 @@ public:
 
     double normal() { return normal_(generator_); }
     int integer(int least, int most) { return std::uniform_int_distribution<int>(least, most)(generator_); }
+    double uniform(double least, double most) {
+        return std::uniform_real_distribution<double>(least, most)(generator_);
+    }
     bool is(double probability) { return std::bernoulli_distribution(probability)(generator_); }
     Matrix matrix(int rows, int columns) {
         return Matrix::NullaryExpr(rows, columns, [this] { return normal(); });

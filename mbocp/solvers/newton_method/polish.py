@@ -12,14 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.newton_method.limits import largest_product, resume, why_limits_cannot_be_kept
+from mbocp.programme.native import kernel
+from mbocp.solvers.newton_method.limits import largest_product, why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
-from mbocp.solvers.newton_method.newton import NewtonState
-from mbocp.solvers.newton_method.round_off import has_a_say, relative_residual, round_off
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelNewtonState
 
 _STEPS = 30  # Newton steps: from near a solution it takes a few, or does not get there
 
@@ -38,7 +41,7 @@ class Judged:
     result : SolverResult
     error : float
         The residual; where round-off is above the tolerance, in units in which that is the tolerance, see
-        `mbocp.solvers.newton_method.round_off`.
+        the kernel's `stopping.hpp`.
     """
 
     result: SolverResult
@@ -47,10 +50,10 @@ class Judged:
     @classmethod
     def of(cls, result: SolverResult, programme: StagewiseProgramme, tolerance: float) -> Judged:
         """Judge a result by its iterate, with the iterate's own multipliers."""
-        state = resume(programme, result.iterate, tolerance, is_centred=False)
-        e = _by_largest_product(state, programme)
-        error = relative_residual(round_off(state.native), e, tolerance)
-        if error <= tolerance < e.residual and not has_a_say(state.native, e):
+        state = GlobalisedNewton(tolerance).judge(programme, result.iterate)
+        native, e = state.native, _by_largest_product(state, programme)
+        error = kernel().relative_residual(native.round_off(), e.primal, e.dual, tolerance)
+        if error <= tolerance < e.residual and not native.has_a_say(e.dual):
             error = e.residual
         record = replace(result.record, residual=e.residual, primal=e.primal, dual=e.dual)
         return cls(replace(result, record=record), error)
@@ -68,7 +71,7 @@ class _Residual:
         return math.hypot(self.primal, self.dual)
 
 
-def _by_largest_product(state: NewtonState, programme: StagewiseProgramme) -> _Residual:
+def _by_largest_product(state: KernelNewtonState, programme: StagewiseProgramme) -> _Residual:
     """Residual with the largest product of a multiplier and its distance for all of them.
 
     An interior-point method leaves the same product at every limit; their Euclidean norm would ask the more

@@ -49,7 +49,7 @@ _STAGNATION = 500  # iterations without any better residual or merit
 
 @dataclass(frozen=True)
 class GradientState:
-    """Where the gradient method stands; what it shares with `NewtonState` means the same.
+    """Where the gradient method stands; what it shares with `PlainState` means the same.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.newton import (
-    NewtonState,
+    PlainState,
     check_termination,
     factorise,
     new_state,
@@ -30,7 +30,6 @@ from mbocp.solvers.newton_method.newton import (
 )
 from mbocp.solvers.newton_method.shift import MAX_SHIFT, bold
 from mbocp.solvers.records import Status
-from mbocp.solvers.staggered.multiplier import end_multiplier
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
@@ -82,7 +81,7 @@ class FBSMNewton:
         extra = "" if self.hessian == "structured" else f", {self.hessian} Hessian"
         return f"FBSM-Newton ({how}{extra}{', auxiliary adjoint' if self.auxiliary else ''})"
 
-    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> NewtonState:
+    def init(self, programme: StagewiseProgramme, iterate: Iterate) -> PlainState:
         """Swept state for the iterate's controls.
 
         Raises
@@ -105,10 +104,10 @@ class FBSMNewton:
             state = new_state(programme, native, native.evaluate())
             return state._replace(failure=Status.SWEEP_FAILED, failed_stage=outcome.failed_stage)
         if self.globalised and not iterate.eta.any():
-            evaluation = end_multiplier(native, sweeps)
+            evaluation = native.find_end_multiplier(sweeps.auxiliary, sweeps.feedback)
         return new_state(programme, native, evaluation)._replace(sweeps=sweeps)
 
-    def step(self, state: NewtonState) -> NewtonState:
+    def step(self, state: PlainState) -> PlainState:
         """Take a step that makes things better, with the smallest shift found that allows one."""
         native, shift, kept = state.native, state.shift, Kept.of(state.native)
         while True:
@@ -136,18 +135,18 @@ class FBSMNewton:
                 failure = stuck if factorisation.ok else Status.SINGULAR
                 return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
 
-    def _go(self, state: NewtonState, kept: Kept, shift: float) -> tuple[Array, _Taken] | None:
+    def _go(self, state: PlainState, kept: Kept, shift: float) -> tuple[Array, _Taken] | None:
         """Solve the factorised system, and go along the step; None where that does not help."""
         direction = state.native.solve()
         step = self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
         taken = None if step is None else self._search(state, kept, step, direction.slope, shift)
         return None if step is None or taken is None else (step, taken)
 
-    def terminate(self, state: NewtonState) -> Status | None:
+    def terminate(self, state: PlainState) -> Status | None:
         """Residual and increment both below the tolerance."""
         return check_termination(state, self.tolerance, self.max_iterations)
 
-    def _omega_step(self, state: NewtonState, shift: float, kept: Kept) -> Array | None:
+    def _omega_step(self, state: PlainState, shift: float, kept: Kept) -> Array | None:
         """Step in (eta, u): the structured one that the kernel holds, or a solution with the dense K."""
         native = state.native
         if self.hessian == "structured":
@@ -170,7 +169,7 @@ class FBSMNewton:
         return step
 
     def _search(
-        self, state: NewtonState, kept: Kept, step: Array, slope: float, shift: float
+        self, state: PlainState, kept: Kept, step: Array, slope: float, shift: float
     ) -> _Taken | None:
         """Sweep with ever shorter steps until one is accepted; None with the start back if none is.
 
@@ -193,7 +192,7 @@ class FBSMNewton:
 
     def _judge(
         self,
-        state: NewtonState,
+        state: PlainState,
         trial: Evaluation,
         slope: float,
         length: float,
@@ -212,13 +211,14 @@ class FBSMNewton:
         if not verdict.is_accepted:
             return None
         if length < 1.0 or shift > 0.0:  # far from Newton's own region the step's eta is a poor one
-            trial = end_multiplier(state.native, state.sweeps or Sweeps())
+            sweeps = state.sweeps or Sweeps()
+            trial = state.native.find_end_multiplier(sweeps.auxiliary, sweeps.feedback)
         return _Taken(trial, length, keeps_filter=verdict.by_cost)
 
-    def _next_filter(self, state: NewtonState, taken: _Taken) -> KernelFilter:
+    def _next_filter(self, state: PlainState, taken: _Taken) -> KernelFilter:
         return state.filter if taken.keeps_filter else state.filter.with_corner(state.evaluation)
 
-    def _next_shift(self, state: NewtonState, shift: float, taken: _Taken) -> float:
+    def _next_shift(self, state: PlainState, shift: float, taken: _Taken) -> float:
         if not self.globalised:
             return 0.0
         contraction = taken.evaluation.residual / state.evaluation.residual

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.solvers.staggered.sweep import Sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native import KernelProgramme
 
 _RANK = 1e-12  # relative singular value of G below which a row adds nothing
 
@@ -64,11 +63,3 @@ def _least_squares(A: Array, b: Array) -> Array:
     if not (np.isfinite(A).all() and np.isfinite(b).all()):
         return np.full(A.shape[1], np.nan)
     return np.asarray(np.linalg.lstsq(A, b, rcond=_RANK)[0], dtype=np.float64)
-
-
-def end_multiplier(native: KernelProgramme, sweeps: Sweeps) -> Evaluation:
-    """Put the best eta into a swept kernel programme; returns the evaluation with it."""
-    if len(native.eta):
-        end = EndCondition.of(native, feedback=sweeps.feedback)
-        native.eta = native.eta + end.multiplier(native.control_gradient)
-    return sweeps.backward(native)

@@ -28,8 +28,6 @@ from mbocp.programme import StagewiseProgramme
 if TYPE_CHECKING:
     from mbocp.programme.native import Evaluation, KernelProgramme
 
-_TOLERANCE = 1e-13  # of a step's equations in the programme's scaling: round-off
-_ITERATIONS = 50
 _AMPLIFICATION = 100.0  # of the sensitivities by opening the loop, above which it is closed
 _GAIN_WEIGHT = (
     100.0  # of states against controls for the gains of the first sweep, in units of a control's weight
@@ -72,11 +70,8 @@ class Sweeps:
 
         Each step starts from the state and the impulses that `native` holds.
         """
-        forward = native.simulate(_TOLERANCE, _ITERATIONS, True, self.feedback)
-        if not forward.ok:
-            return Sweep(None, forward.failed_stage)
-        evaluation = self.backward(native)
-        return Sweep(evaluation if evaluation.finite else None)
+        swept = native.sweep(self.auxiliary, self.feedback)
+        return Sweep(swept.evaluation if swept.evaluation.finite else None, swept.failed_stage)
 
     def backward(self, native: KernelProgramme) -> Evaluation:
         """Adjoint alone; the evaluation that goes with it."""

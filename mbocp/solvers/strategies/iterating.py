@@ -204,7 +204,7 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
         )
     worst = _worst(state, programme)
     if status is Status.SINGULAR:
-        return f"the linear system is singular {_place(state, programme)}; {worst}"
+        return f"the linear system is singular {_place(status, state, programme)}; {worst}"
     reached = f"(residual {e.residual:.1e})"
     texts = {
         Status.MAX_ITERATIONS: f"not converged in {taken} {reached}; raise "
@@ -214,8 +214,9 @@ def _advice(status: Status, state: SolverState, programme: StagewiseProgramme, t
         '"penalty"',
         Status.STAGNATED: f"no progress any more after {taken} {reached}; try another "
         "solver, another guess or a longer duration",
-        Status.SWEEP_FAILED: f"the forward sweep fails {_place(state, programme)}: the guess's controls lead "
-        'where no step can be solved; take more steps, another guess, or "monolithic", which needs no sweep',
+        Status.SWEEP_FAILED: f"the forward sweep fails {_place(status, state, programme)}: the guess's "
+        "controls lead where no step can be solved; take more steps, another guess, or "
+        '"monolithic", which needs no sweep',
         Status.SWITCHED: f"handed over after {taken}",
         Status.TIME_LIMIT: f"not converged within solver.time_limit, after {taken} {reached}; raise it, or "
         "start from a better guess",
@@ -239,13 +240,13 @@ def _worst(state: SolverState, programme: StagewiseProgramme) -> str:
     return f"largest violation: {programme.describe_row(e.worst_stage, e.worst_row)} ({e.worst:.1e})"
 
 
-def _place(state: SolverState, programme: StagewiseProgramme) -> str:
+def _place(status: Status, state: SolverState, programme: StagewiseProgramme) -> str:
     if state.failed_stage == programme.num_steps:
         return (
             "in the end condition: its rows depend on each other or cannot be reached by the controls; "
             'enforce fewer components, or goal.enforce = "penalty"'
         )
-    if state.failed_stage >= 0 and state.failure is Status.SWEEP_FAILED:
+    if state.failed_stage >= 0 and status is Status.SWEEP_FAILED:
         return programme.describe_step(state.failed_stage)
     if state.failed_stage >= 0:
         where = programme.describe_step(state.failed_stage)
