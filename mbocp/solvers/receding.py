@@ -1,7 +1,7 @@
 """The start of a receding horizon: the kernel's loop at a solution of a programme.
 
-The loop itself is the kernel's (`receding.hpp`): it shifts, takes exact Newton steps with the barrier of
-`mbocp.solvers.newton_method.limits`, and allocates nothing.
+The loop itself is the kernel's (`receding.hpp`): it shifts, takes exact Newton steps by the rules of all
+solves, and allocates nothing.
 """
 
 from __future__ import annotations

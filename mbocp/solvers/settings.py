@@ -28,8 +28,7 @@ class SolverSettings:
     time_limit : float or None
         What is left of the options' [s].
     is_careful : bool
-        Whether Newton's method is to change its shift by small factors, see
-        `mbocp.solvers.newton_method.shift`.
+        Whether Newton's method is to change its shift by small factors.
     rough : float
         Residual with which Newton's method may end, whatever the increment; 0: it is to converge.
     threads : int

@@ -14,8 +14,8 @@ import mbocp
 from mbocp.formulation import formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
+from mbocp.programme.native import kernel
 from mbocp.solvers import GlobalisedNewton
-from mbocp.solvers.newton_method.shift import bold, careful
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
 
@@ -26,6 +26,7 @@ pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PEERS = EXAMPLES.parent / "benchmarks" / "peers" / "problems"
+BOLD, CAREFUL = kernel().Care.bold(), kernel().Care.careful()
 
 
 def one_motor(motor: str, start: list[float], goal: list[float], steps: int = 100) -> mbocp.Problem:
@@ -124,11 +125,11 @@ def test_a_swing_that_had_not_been_solved_in_all_phases() -> None:
 
 
 def test_shifts_go_down_to_the_least_one_and_then_to_none() -> None:
-    assert bold().larger_shift(0.0, 1e-6) == 1e-6
-    assert bold().larger_shift(1e-3, 1e-6) == pytest.approx(8e-3)
-    assert bold().next_shift(1e-3, 1.0, 0.5, 1e-6) == pytest.approx(1e-3 / 3.0)
-    assert bold().next_shift(2e-6, 1.0, 0.5, 1e-6) == 0.0
-    assert bold().next_shift(1.0, 1.0, 0.01, 1e-6) == 0.0
+    assert BOLD.larger_shift(0.0, 1e-6) == 1e-6
+    assert BOLD.larger_shift(1e-3, 1e-6) == pytest.approx(8e-3)
+    assert BOLD.next_shift(1e-3, 1.0, 0.5, 1e-6) == pytest.approx(1e-3 / 3.0)
+    assert BOLD.next_shift(2e-6, 1.0, 0.5, 1e-6) == 0.0
+    assert BOLD.next_shift(1.0, 1.0, 0.01, 1e-6) == 0.0
 
 
 def test_slacks_begin_a_tenth_inside() -> None:
@@ -209,12 +210,12 @@ def test_one_step_that_violates_more_does_not_hide_a_falling_cost() -> None:
 
 
 def test_careful_shifts_grow_by_smaller_factors() -> None:
-    assert careful().larger_shift(1e-3, 1e-6) < bold().larger_shift(1e-3, 1e-6)
+    assert CAREFUL.larger_shift(1e-3, 1e-6) < BOLD.larger_shift(1e-3, 1e-6)
 
 
 def test_a_short_step_leads_to_a_shift_that_changes_the_next_one() -> None:
-    assert bold().next_shift(0.0, 0.1, 0.5, 1e-6) == 1e-2
-    assert bold().next_shift(1.0, 0.1, 0.5, 1e-6) == 2.0
+    assert BOLD.next_shift(0.0, 0.1, 0.5, 1e-6) == 1e-2
+    assert BOLD.next_shift(1.0, 0.1, 0.5, 1e-6) == 2.0
 
 
 def solved(file: Path) -> KernelNewtonState:
@@ -233,8 +234,8 @@ def test_the_first_shift_is_found_in_few_factorisations() -> None:
     """A Z1 whose Hessian is indefinite in the third iteration, by a control weight or so."""
     state = solved(PEERS / "Z.toml")
     assert state.factorisations <= state.iteration + 5  # ten for that shift alone where it grew eightfold
-    assert bold().regrown_shift(0.0, 0.0, 1e-6) == 1e-2
-    assert bold().regrown_shift(1e-2, 0.0, 1e-6) == pytest.approx(0.3)
+    assert BOLD.regrown_shift(0.0, 0.0, 1e-6) == 1e-2
+    assert BOLD.regrown_shift(1e-2, 0.0, 1e-6) == pytest.approx(0.3)
 
 
 def test_steps_far_astray_get_no_correction() -> None:

@@ -21,6 +21,7 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.programme.native import kernel
 from mbocp.solvers.newton_method.newton import (
     PlainState,
     check_termination,
@@ -28,7 +29,6 @@ from mbocp.solvers.newton_method.newton import (
     new_state,
     next_state,
 )
-from mbocp.solvers.newton_method.shift import MAX_SHIFT, bold
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from mbocp.programme.native import Evaluation, KernelFilter, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
-_MIN_SHIFT = 1e-3
+_MIN_SHIFT, _MAX_SHIFT = 1e-3, 1e10
 _MAX_DENSE_UNKNOWNS = 6000  # unknowns (eta, u) up to which a dense K is assembled: 288 MB
 _DIFFERENCE = 1.5e-8  # relative step of the forward differences
 
@@ -129,8 +129,8 @@ class FBSMNewton:
                     filter=self._next_filter(state, taken),
                     at_minimum=is_minimum and shift == 0.0,
                 )
-            shift = bold().larger_shift(shift, _MIN_SHIFT)
-            if shift > MAX_SHIFT or not self.globalised:
+            shift = kernel().Care.bold().larger_shift(shift, _MIN_SHIFT)
+            if shift > _MAX_SHIFT or not self.globalised:
                 stuck = Status.LINE_SEARCH_FAILED if self.globalised else Status.SWEEP_FAILED
                 failure = stuck if factorisation.ok else Status.SINGULAR
                 return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
@@ -222,7 +222,7 @@ class FBSMNewton:
         if not self.globalised:
             return 0.0
         contraction = taken.evaluation.residual / state.evaluation.residual
-        return bold().next_shift(shift, taken.length, contraction, _MIN_SHIFT)
+        return kernel().Care.bold().next_shift(shift, taken.length, contraction, _MIN_SHIFT)
 
 
 @dataclass(frozen=True)
