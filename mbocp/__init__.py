@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from mbocp.exceptions import MbocpError as MbocpError
     from mbocp.exceptions import NotConverged as NotConverged
     from mbocp.interactive import live as live
+    from mbocp.many import Motions as Motions
+    from mbocp.many import solve_many as solve_many
     from mbocp.problem import Problem as Problem
     from mbocp.problem import load_problem as load_problem
     from mbocp.receding import RecedingHorizon as RecedingHorizon
@@ -31,6 +33,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "MbocpError": "mbocp.exceptions",
+    "Motions": "mbocp.many",
     "NotConverged": "mbocp.exceptions",
     "Problem": "mbocp.problem",
     "RecedingHorizon": "mbocp.receding",
@@ -42,10 +45,12 @@ _HOME = {
     "plot_solution": "mbocp.view.plots",
     "replay_solution": "mbocp.view.of_solution",
     "solve": "mbocp.solving",
+    "solve_many": "mbocp.many",
 }
 
 __all__ = [
     "MbocpError",
+    "Motions",
     "NotConverged",
     "Problem",
     "RecedingHorizon",
@@ -58,6 +63,7 @@ __all__ = [
     "plot_solution",
     "replay_solution",
     "solve",
+    "solve_many",
 ]
 
 

@@ -172,7 +172,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         bounds=bounds,
         rows_are_gaps=signature.steps.rows_are_gaps,
         dt=problem.dt,
-        control_weight=_control_weight(problem),
+        control_weight=control_weight_of(problem),
         describe_row=row_describer(
             problem, space, signature.features, at, pieces.end_rows, pieces.labels, bounds
         ),
@@ -237,8 +237,11 @@ def _easing(problem: Problem, signature: FunctionSignature, layout: ParameterLay
     return easing
 
 
-def _control_weight(problem: Problem) -> float:
-    """Where the effort costs nothing the rate of the controls does, or limits determine them."""
+def control_weight_of(problem: Problem) -> float:
+    """The least weight of a control over one step, the unit of what a solver adds to the Hessian.
+
+    Where the effort costs nothing the rate of the controls does, or limits determine them.
+    """
     cost = problem.heaviest_cost
     weights = np.asarray(cost.effort) + np.asarray(cost.control_rate) / problem.dt**2
     positive = weights[weights > 0.0]

@@ -79,11 +79,7 @@ def read_solution(
         told = left_out + _singular(problem.robot, motion.qs)
         if result.status.is_stationary:
             told += _appended(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
-        status, advice = _resolution(formulation, result, replace(motion, dts=np.diff(t)))
-        status, advice = _at_goal(formulation, motion, status, advice)
-        us = motion.values if motion.shares else motion.us
-        excess = largest_excess(problem, t, motion.qs, motion.vs, us, motion.shares)
-        status, advice = _within_limits(excess, status, advice, varies=bool(motion.shares))
+        status, advice, excess = judge(formulation, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with time_phase(phases, "gains"):
@@ -133,6 +129,31 @@ def read_solution(
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
     alone["facts_kept"] = partial(facts_of, problem)
     return defer(Solution, now, rest, alone)
+
+
+def judge(
+    formulation: Formulation, motion: Motion, t: Array, status: Status, advice: str
+) -> tuple[Status, str, LimitExcess | None]:
+    """Status and advice of a motion that a solver has found, and its largest excess of a limit between nodes.
+
+    A motion is not solved where a joint turns too far in one step, it ends with other velocities than those
+    that were asked for, or leaves a limit between nodes by far.
+
+    Parameters
+    ----------
+    formulation : Formulation
+    motion : Motion
+    t : ndarray, shape (N + 1,)
+        Times of its nodes [s].
+    status, advice : Status, str
+        The solver's.
+    """
+    status, advice = _resolution(formulation, replace(motion, dts=np.diff(t)), status, advice)
+    status, advice = _at_goal(formulation, motion, status, advice)
+    us = motion.values if motion.shares else motion.us
+    excess = largest_excess(formulation.problem, t, motion.qs, motion.vs, us, motion.shares)
+    status, advice = _within_limits(excess, status, advice, varies=bool(motion.shares))
+    return status, advice, excess
 
 
 def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:
@@ -193,15 +214,15 @@ def _appended(words: str | None) -> str:
     return f"; {words}" if words else ""
 
 
-def _resolution(formulation: Formulation, result: SolverResult, motion: Motion) -> tuple[Status, str]:
-    """Status and advice of a result, which is no motion where a joint turns too far in one step."""
+def _resolution(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
+    """Status and advice of what is no motion where a joint turns too far in one step."""
     words = describe_coarse_turn(formulation, motion)
     if words is None:
-        return result.status, result.advice
+        return status, advice
     remedy = 'take more steps, or give cost.velocity a weight ("auto")'
-    if result.status is not Status.CONVERGED:
-        return result.status, f"{result.advice}; {words}: {remedy}"
-    return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {result.advice}"
+    if status is not Status.CONVERGED:
+        return status, f"{advice}; {words}: {remedy}"
+    return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {advice}"
 
 
 def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:

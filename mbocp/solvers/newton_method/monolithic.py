@@ -19,6 +19,7 @@ from mbocp.solvers.newton_method.newton import (
     PlainState,
     check_termination,
     factorise,
+    first_augmentation,
     next_state,
     start,
 )
@@ -26,7 +27,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewton, KernelNewtonState
+    from mbocp.programme.native import KernelNewton, KernelNewtonState, KernelProgramme
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,13 @@ class GlobalisedNewton:
         """Residual and increment both below the tolerance, or arrived as far as round-off lets it."""
         status = self._newton.status(state)
         return None if status is None else Status(status.name)
+
+    def run(self, native: KernelProgramme, programme: StagewiseProgramme) -> tuple[Status, KernelNewtonState]:
+        """Take all steps to the end from the iterate of a kernel programme, and say how that ended."""
+        state = self._newton.run(self._newton.begin(native, first_augmentation(programme)))
+        status = self.terminate(state)
+        assert status is not None  # for the type checker: it has ended
+        return status, state
 
     def judge(self, programme: StagewiseProgramme, iterate: Iterate) -> KernelNewtonState:
         """State at an iterate as it is, whose residual is what it leaves of the optimality conditions."""

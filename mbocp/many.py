@@ -1,0 +1,385 @@
+"""Many problems that differ in start, goal and weights alone, with no Python between steps.
+
+Each thread has a programme of its own, which takes the numbers of problem after problem. Newton's method runs
+from the guess to its end in the kernel, while the next guesses are made. What does not converge there, or has
+more to it than a guess and Newton's method, is solved as `mbocp.solve` does it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
+from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
+from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.build import control_weight_of
+from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.trajectory import times_of
+from mbocp.formulation.updates import ParameterUpdates
+from mbocp.guesses.kinds import guess_candidates, plain_guess
+from mbocp.problem import Problem
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
+from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.goals.ends import checked_start
+from mbocp.problem.limits import check_limits
+from mbocp.problem.warn import warn_limits
+from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.kernel import kernel_programme
+from mbocp.solution import Solution
+from mbocp.solution.from_files import problem_from
+from mbocp.solution.reading import judge
+from mbocp.solvers import GlobalisedNewton, Status
+from mbocp.solvers.strategies.cost_unit import cost_factor
+from mbocp.solving import solve
+
+if TYPE_CHECKING:
+    from mbocp.programme.native import KernelProgramme
+
+_AHEAD = 2  # guesses for each thread that wait for it
+_KEYS = {"starts": ("q", "v"), "goals": ("q", "v", "p")}
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Motions of many problems: row k of each array is that of problem k.
+
+    Attributes
+    ----------
+    problem : Problem
+        What they have in common.
+    changes : tuple of mapping
+        Words of `Problem.with_` that make each problem of it.
+    statuses : tuple of Status
+    iterations : ndarray of int, shape (K,)
+    costs, residuals : ndarray, shape (K,)
+    t : ndarray, shape (K, N + 1)
+        Times of the nodes [s].
+    qs, vs : ndarray, shapes (K, N + 1, nq), (K, N + 1, nv)
+        Configurations and velocities there [m, rad, unit quaternion xyzw; m/s, rad/s].
+    us : ndarray, shape (K, N, nu)
+        Controls of the steps [N, N m].
+    """
+
+    problem: Problem
+    changes: tuple[Mapping[str, Any], ...]
+    statuses: tuple[Status, ...]
+    iterations: IntArray
+    costs: Array
+    residuals: Array
+    t: Array
+    qs: Array
+    vs: Array
+    us: Array
+
+    def __len__(self) -> int:
+        return len(self.statuses)
+
+    @property
+    def converged(self) -> BoolArray:
+        """Which problems are solved, shape (K,)."""
+        return np.array([status is Status.CONVERGED for status in self.statuses])
+
+    def problem_at(self, k: int) -> Problem:
+        """Problem k, checked as any other."""
+        return self.problem.with_(**self.changes[k])
+
+    def solution(self, k: int) -> Solution:
+        """All that is known of motion k, to be saved, plotted or replayed: it is solved once more."""
+        return solve(self.problem_at(k))
+
+
+def solve_many(
+    problem: Problem | str | Path,
+    *,
+    starts: Any = None,
+    goals: Any = None,
+    weights: Mapping[str, Any] | None = None,
+    threads: int | None = None,
+) -> Motions:
+    """Solve a problem from many starts, to many goals, or with many weights.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        What is not given here is the same in all.
+    starts : array_like, shape (K, nq), or mapping, optional
+        Configurations [m, rad, unit quaternion xyzw]; or some of `q`, shape (K, nq), and `v`, (K, nv).
+    goals : array_like, shape (K, nq), or mapping, optional
+        The same of goals; `v` or `p`, whichever the goal of the problem has.
+    weights : mapping, optional
+        Weights by their keys in `[cost]`, shape (K,) or (K, n).
+    threads : int, optional
+        Default: one for each processor.
+
+    Returns
+    -------
+    Motions
+        Each has a status of its own: those that are not converged are the best that was found.
+
+    Raises
+    ------
+    MbocpError
+        If the problem is not well posed, or one of those that it stands for.
+    DimensionMismatch
+        If there are not as many of each, or they do not fit the robot.
+    """
+    base = problem_from(problem)
+    changes = _changes(base, starts, goals, weights)
+    if threads is not None and not threads >= 1:
+        raise InvalidValue("threads", threads, "a number of threads, 1 or more")
+    collected = _Collected(base, changes)
+    with _in_problem(0):
+        first = base.with_(**changes[0])
+    formulation, _ = formulate_with_independent_ends(first, math.inf)
+    if _is_plain(formulation):
+        _Batch(formulation, changes, collected, threads or base.solver.num_threads).run()
+    else:
+        for k in range(len(changes)):
+            collected.solve(k)
+    return collected.motions()
+
+
+def _changes(
+    problem: Problem, starts: Any, goals: Any, weights: Mapping[str, Any] | None
+) -> tuple[Mapping[str, Any], ...]:
+    """Words of `Problem.with_` for each problem."""
+    columns: dict[tuple[str, str], Array] = {}
+    for name, table, given in (("starts", "start", starts), ("goals", "goal", goals)):
+        asked = {} if given is None else dict(given) if isinstance(given, Mapping) else {"q": given}
+        for key, values in asked.items():
+            if key not in _KEYS[name]:
+                raise ProblemError(f"{name}: no {key!r}; give some of {', '.join(_KEYS[name])}")
+            size = problem.robot.nq if key == "q" else problem.robot.nv
+            columns[table, key] = _rows(f"{name}.{key}", values, size)
+    for key, values in (weights or {}).items():
+        found = np.asarray(values, dtype=np.float64)
+        columns["cost", key] = found.reshape(len(found), -1) if found.ndim else found.reshape(1, 1)
+    counts = {len(values) for values in columns.values()}
+    if len(counts) != 1:
+        raise ProblemError(
+            "solve_many: give starts, goals or weights, as many of each; got "
+            + (", ".join(f"{table}.{key}: {len(v)}" for (table, key), v in columns.items()) or "none")
+        )
+    (count,) = counts
+    return tuple(_change(columns, k) for k in range(count))
+
+
+def _change(columns: Mapping[tuple[str, str], Array], k: int) -> dict[str, Any]:
+    change: dict[str, dict[str, Any]] = {}
+    for (table, key), values in columns.items():
+        row = values[k]
+        change.setdefault(table, {})[key] = float(row[0]) if table == "cost" and row.size == 1 else row
+    return change
+
+
+def _rows(name: str, values: Any, size: int) -> Array:
+    rows = np.asarray(values, dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != size or not len(rows):
+        raise DimensionMismatch(name, rows.shape, (None, size), "a row for each problem")
+    if not np.isfinite(rows).all():
+        raise InvalidValue(name, "entries that are no numbers", "finite numbers")
+    return rows
+
+
+def _is_plain(formulation: Formulation) -> bool:
+    """Whether `solve` would begin with a line and Newton's method, and be done where that converges."""
+    problem, programme = formulation.problem, formulation.programme
+    goal, options, robot = problem.goal, problem.solver, problem.robot
+    timeline = problem.timeline
+    return (
+        COORDINATES[problem.coordinates].has_joint_states
+        and not (robot.nc or robot.drives or problem.goals or problem.via or problem.phase or goal.poses)
+        and goal.periodic is None
+        and bool(goal.q_active.all())
+        and not goal.a_active.any()
+        and problem.start_free is None
+        and problem.clearance is None
+        and problem.accuracy is None
+        and timeline.switches is None
+        and options.method in ("auto", "monolithic")
+        and options.globalisation == "default"
+        and options.starts == 1
+        and problem.guess.q is None
+        and guess_candidates(problem)[0] == "line"
+        and programme.easing is None
+        and programme.units.are_users
+        and not programme.num_guards
+        and formulation.layout.nx == formulation.layout.nz + formulation.layout.ns
+    )
+
+
+def _with_numbers(problem: Problem, change: Mapping[str, Any]) -> Problem:
+    """The problem with another start, goal or weights, checked as far as these alone may be wrong."""
+    robot, start, goal = problem.robot, change.get("start", {}), change.get("goal", {})
+    limits, own = problem.limits, problem.goal
+    q, v = checked_start(robot, limits, start.get("q", problem.q_start), start.get("v", problem.v_start))
+    if set(goal) - {"q", own.rate}:
+        raise ProblemError(f"goals: the goal of the problem has {own.rate}; give that in place of the other")
+    q_goal = robot.normalise(goal.get("q", own.q), name="goal.q")
+    own = replace(own, q=q_goal, value=goal.get(own.rate, own.value))
+    check_size("goal.q", own.q, robot.q_labels, MAX_POSITION)
+    check_size(f"goal.{own.rate}", own.value, robot.v_labels, MAX_RATE)
+    warn_limits(robot, limits, own.q, "goal.q")
+    check_limits(robot, limits, q, v, own)
+    weights = change.get("cost")
+    cost = problem.cost.with_weights(weights).on_controls(robot.nu) if weights else problem.cost
+    return replace(problem, q_start=q, v_start=v, goal=own, cost=cost)
+
+
+@contextmanager
+def _in_problem(k: int) -> Iterator[None]:
+    """Say in errors which problem they are about."""
+    try:
+        yield
+    except MbocpError as error:
+        error.put_into(f"problem {k}")
+        raise
+
+
+class _Found(NamedTuple):
+    """What Newton's method has come to."""
+
+    status: Status
+    iterations: int
+    cost: float
+    residual: float
+    iterate: Iterate
+
+
+class _Collected:
+    """Rows of `Motions`, as they come."""
+
+    def __init__(self, problem: Problem, changes: tuple[Mapping[str, Any], ...]) -> None:
+        N, robot, count = problem.num_steps, problem.robot, len(changes)
+        self.problem, self.changes = problem, changes
+        self.statuses: list[Status] = [Status.INTERRUPTED] * count
+        self.iterations = np.zeros(count, dtype=np.int64)
+        self.costs, self.residuals = np.full(count, np.nan), np.full(count, np.nan)
+        self.t = np.full((count, N + 1), np.nan)
+        self.qs = np.full((count, N + 1, robot.nq), np.nan)
+        self.vs = np.full((count, N + 1, robot.nv), np.nan)
+        self.us = np.full((count, N, robot.nu), np.nan)
+
+    def solve(self, k: int) -> None:
+        """Solve problem k by itself."""
+        with _in_problem(k):
+            s = solve(self.problem.with_(**self.changes[k]))
+        self.put(k, s.status, s.iterations, s.cost, s.residual, (s.t, s.qs, s.vs, s.us))
+
+    def put(
+        self,
+        k: int,
+        status: Status,
+        iterations: int,
+        cost: float,
+        residual: float,
+        motion: tuple[Array, Array, Array, Array],
+    ) -> None:
+        """Fill row k."""
+        self.statuses[k], self.iterations[k] = status, iterations
+        self.costs[k], self.residuals[k] = cost, residual
+        self.t[k], self.qs[k], self.vs[k], self.us[k] = motion
+
+    def motions(self) -> Motions:
+        """Return what has been collected."""
+        numbers = (self.costs, self.residuals, self.t, self.qs, self.vs, self.us)
+        return Motions(
+            self.problem, self.changes, tuple(self.statuses), self.iterations, *map(frozen_array, numbers)
+        )
+
+
+class _Batch:
+    """Problems of one shape: guesses here, Newton's method in threads beside it."""
+
+    def __init__(
+        self,
+        formulation: Formulation,
+        changes: tuple[Mapping[str, Any], ...],
+        collected: _Collected,
+        threads: int,
+    ) -> None:
+        self._formulation, self._changes = formulation, changes
+        self._collected, self._threads = collected, min(threads, len(changes))
+        self._updates = ParameterUpdates(formulation)
+        self._natives: SimpleQueue[KernelProgramme] = SimpleQueue()
+        programme = formulation.programme
+        has_limits = not programme.bounds.is_empty
+        for _ in range(self._threads):
+            self._natives.put(kernel_programme(programme, has_limits=has_limits))
+
+    def run(self) -> None:
+        """Solve all, in the order of the problems; what is not solved is solved by itself."""
+        left: list[int] = []
+        with ThreadPoolExecutor(self._threads) as pool:
+            waiting: deque[tuple[int, Formulation, Future[_Found]]] = deque()
+
+            def take() -> None:
+                k, formulation, future = waiting.popleft()
+                if not self._take(k, formulation, future.result()):
+                    left.append(k)
+
+            for k in range(len(self._changes)):
+                if len(waiting) == _AHEAD * self._threads:
+                    take()
+                with _in_problem(k):
+                    formulation = self._formulate(k)
+                    iterate, _ = plain_guess("line", formulation)
+                waiting.append((k, formulation, pool.submit(self._descend, formulation, iterate)))
+            while waiting:
+                take()
+        for k in left:
+            self._collected.solve(k)
+
+    def _formulate(self, k: int) -> Formulation:
+        """The formulation with the numbers of problem k; functions are the same."""
+        problem = _with_numbers(self._formulation.problem, self._changes[k])
+        goal = problem.goal
+        self._updates.set_goal({"q": goal.q, goal.rate: goal.value} if goal.rate_active.any() else goal.q)
+        if "cost" in self._changes[k]:
+            self._updates.set_weights(self._changes[k]["cost"])
+        x_start = self._formulation.start_state(problem.q_start, problem.v_start)
+        programme: StagewiseProgramme = replace(
+            self._formulation.programme,
+            x_start=frozen_array(x_start),
+            theta=frozen_array(self._updates.theta),
+            rho=frozen_array(self._updates.rho),
+            rho_terminal=frozen_array(self._updates.rho_terminal),
+            control_weight=control_weight_of(problem),
+        )
+        return cast(Formulation, replace(cast(Any, self._formulation), problem=problem, programme=programme))
+
+    def _descend(self, formulation: Formulation, iterate: Iterate) -> _Found:
+        """Run Newton's method from a guess to its end, on a programme that no other thread has."""
+        programme, options = formulation.programme, formulation.problem.solver
+        solver = GlobalisedNewton(options.tolerance, options.newton_iterations, programme.control_weight)
+        native = self._natives.get()
+        try:
+            native.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
+            iterate.load_into(native)
+            status, state = solver.run(native, programme)
+            found = Iterate.read_from(native, programme)
+        finally:
+            self._natives.put(native)
+        return _Found(status, state.iteration, state.evaluation.cost, state.evaluation.residual, found)
+
+    def _take(self, k: int, formulation: Formulation, found: _Found) -> bool:
+        """Judge a motion, and keep it if it is solved."""
+        if found.status is not Status.CONVERGED or cost_factor(found.cost) != 1.0:
+            return False
+        motion: Motion = formulation.motion_of(found.iterate)
+        t = times_of(formulation.problem, motion.dts)
+        status, _, _ = judge(formulation, motion, t, found.status, "")
+        if status is Status.CONVERGED:
+            numbers = (t, motion.qs, motion.vs, motion.us)
+            self._collected.put(k, status, found.iterations, found.cost, found.residual, numbers)
+        return status is Status.CONVERGED

@@ -1,0 +1,107 @@
+"""Many problems at once: each is solved as `mbocp.solve` solves it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
+from mbocp.solvers import Status
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def arm(*settings: str) -> mbocp.Problem:
+    return mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml", ["horizon.steps=15", *settings])
+
+
+def agree(motions: mbocp.Motions) -> None:
+    """Each motion is the one that `solve` finds."""
+    for k in range(len(motions)):
+        alone = motions.solution(k)
+        assert motions.statuses[k] is alone.status
+        assert motions.iterations[k] == alone.iterations
+        assert motions.costs[k] == pytest.approx(alone.cost, rel=1e-9)
+        for name in ("t", "qs", "vs", "us"):
+            np.testing.assert_allclose(getattr(motions, name)[k], getattr(alone, name), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_goals_of_an_arm(threads: int) -> None:
+    problem = arm()
+    goals = problem.goal.q + np.random.default_rng(0).uniform(-0.4, 0.4, (5, 6))
+    motions = mbocp.solve_many(problem, goals=goals, threads=threads)
+    assert motions.converged.all()
+    assert len(motions) == 5
+    np.testing.assert_allclose(motions.qs[:, -1], goals, atol=1e-9)
+    agree(motions)
+
+
+def test_starts_with_velocities_and_weights() -> None:
+    rng, problem = np.random.default_rng(1), arm()
+    starts = {"q": rng.uniform(-0.5, 0.5, (3, 6)), "v": rng.uniform(-0.2, 0.2, (3, 6))}
+    motions = mbocp.solve_many(problem, starts=starts, weights={"effort": [1.0, 3.0, 0.2]})
+    assert motions.problem_at(1).cost.weight("effort") == pytest.approx(3.0)
+    np.testing.assert_allclose(motions.vs[:, 0], starts["v"], atol=1e-12)
+    agree(motions)
+
+
+@pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4", "gauss2"])
+def test_attitudes_of_a_drone(scheme: str) -> None:
+    problem = mbocp.load_problem(
+        EXAMPLES / "free_flyer" / "drone_flip.toml", ["horizon.steps=20", f"integrator.scheme={scheme}"]
+    )
+    moved = [problem.robot.integrate(problem.goal.q, 0.2 * step) for step in np.eye(6)[[0, 3, 5]]]
+    motions = mbocp.solve_many(problem, goals=np.array(moved))
+    agree(motions)
+
+
+def test_limits_hold_in_all() -> None:
+    problem = arm("limits.velocity=1.6")
+    goals = problem.goal.q + np.random.default_rng(2).uniform(-0.3, 0.3, (3, 6))
+    motions = mbocp.solve_many(problem, goals=goals)
+    assert np.abs(motions.vs[motions.converged]).max() <= 1.6 + 1e-6
+    agree(motions)
+
+
+def test_one_that_has_no_solution_leaves_the_others_alone() -> None:
+    problem = arm("limits.velocity=0.9")
+    goals = np.array([0.5 * problem.goal.q, problem.goal.q + 6.0])
+    with pytest.warns(mbocp.problem.ProblemWarning):
+        motions = mbocp.solve_many(problem, goals=goals)
+    assert motions.statuses[0] is Status.CONVERGED
+    assert motions.statuses[1] is Status.INFEASIBLE
+    assert motions.converged.tolist() == [True, False]
+
+
+def test_what_has_more_to_it_is_solved_one_by_one() -> None:
+    """A closed loop, whose end condition depends on where its goal is."""
+    problem = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml", ["horizon.steps=10"])
+    motions = mbocp.solve_many(problem, weights={"effort": [1.0, 2.0]})
+    agree(motions)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        ({}, ProblemError, "give starts, goals or weights, as many of each; got none"),
+        ({"goals": np.zeros(6)}, DimensionMismatch, r"goals.q: got shape \(6,\)"),
+        ({"goals": np.zeros((2, 5))}, DimensionMismatch, r"goals.q: got shape \(2, 5\), expected \(any, 6\)"),
+        ({"goals": np.full((2, 6), np.nan)}, InvalidValue, "goals.q: got entries that are no numbers"),
+        ({"goals": {"x": np.zeros((2, 6))}}, ProblemError, "goals: no 'x'; give some of q, v, p"),
+        ({"goals": np.zeros((2, 6)), "starts": np.zeros((3, 6))}, ProblemError, "start.q: 3, goal.q: 2"),
+        ({"goals": {"v": [[0.0] * 6, [1e300] * 6]}}, MbocpError, "problem 1: goal.v"),
+        ({"starts": [[0.0] * 6, [1e12] * 6]}, MbocpError, "problem 1: start.q"),
+        ({"weights": {"effort": [1.0, -1.0]}}, MbocpError, "problem 1: .*effort"),
+        ({"goals": np.zeros((2, 6)), "threads": 0}, InvalidValue, "threads"),
+    ],
+)
+def test_what_does_not_fit_is_refused(given: dict[str, Any], error: type, words: str) -> None:
+    with pytest.raises(error, match=words):
+        mbocp.solve_many(arm(), **given)
