@@ -52,6 +52,7 @@ LAYERS = (
     "clearing",
     "strategies",
     "solving",
+    "many",
     "receding",
     "interactive",
     "explaining",
