@@ -96,10 +96,6 @@ class SolverState(Protocol):
         """Whether the inertia was a minimum's when it was last looked at."""
 
     @property
-    def still(self) -> int:
-        """Steps in a row that brought nothing nearer, as round-off does."""
-
-    @property
     def failed_stage(self) -> int:
         """In which step, counted from 0; num_steps: the end condition."""
 

@@ -1,5 +1,5 @@
 // The multiple of the identity that a Newton method adds to its Hessian in the states, in units of a control's weight:
-// how it changes from one try to the next, and from one step to the next. The solvers in Python go by it, too.
+// how it changes from one try to the next, and from one step to the next.
 #pragma once
 
 #include <algorithm>

@@ -94,7 +94,6 @@ class GradientState:
     step_length: float = math.nan
     regularisation: float = 0.0
     at_minimum: bool = False
-    still: int = 0
     failure: Status | None = None
     failed_stage: int = -1
     next_increment: float = math.inf  # a gradient's step says nothing of the next one
