@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
@@ -124,7 +124,8 @@ def solve_many(
     Returns
     -------
     Motions
-        Each has a status of its own: those that are not converged are the best that was found.
+        Each has a status of its own: those that are not converged are the best that was found. Ctrl-C ends
+        it with what there is: the status of all others is ``interrupted``, and their numbers are NaN.
 
     Raises
     ------
@@ -135,17 +136,18 @@ def solve_many(
     """
     base = problem_from(problem)
     changes = _changes(base, starts, goals, weights)
-    if threads is not None and not threads >= 1:
+    if threads is not None and not (isinstance(threads, int) and threads >= 1):
         raise InvalidValue("threads", threads, "a number of threads, 1 or more")
     collected = _Collected(base, changes)
     with _in_problem(0):
         first = base.with_(**changes[0])
     formulation, _ = formulate_with_independent_ends(first, math.inf)
-    if _is_plain(formulation):
-        _Batch(formulation, changes, collected, threads or base.solver.num_threads).run()
-    else:
-        for k in range(len(changes)):
-            collected.solve(k)
+    with suppress(KeyboardInterrupt):
+        if _is_plain(formulation):
+            _Batch(formulation, changes, collected, threads or base.solver.num_threads).run()
+        else:
+            for k in range(len(changes)):
+                collected.solve(k)
     return collected.motions()
 
 
@@ -162,7 +164,7 @@ def _changes(
             size = problem.robot.nq if key == "q" else problem.robot.nv
             columns[table, key] = _rows(f"{name}.{key}", values, size)
     for key, values in (weights or {}).items():
-        found = np.asarray(values, dtype=np.float64)
+        found = _numbers(f"weights.{key}", values)
         columns["cost", key] = found.reshape(len(found), -1) if found.ndim else found.reshape(1, 1)
     counts = {len(values) for values in columns.values()}
     if len(counts) != 1:
@@ -182,8 +184,15 @@ def _change(columns: Mapping[tuple[str, str], Array], k: int) -> dict[str, Any]:
     return change
 
 
+def _numbers(name: str, values: Any) -> Array:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidValue(name, "something else", "an array of numbers") from None
+
+
 def _rows(name: str, values: Any, size: int) -> Array:
-    rows = np.asarray(values, dtype=np.float64)
+    rows = _numbers(name, values)
     if rows.ndim != 2 or rows.shape[1] != size or not len(rows):
         raise DimensionMismatch(name, rows.shape, (None, size), "a row for each problem")
     if not np.isfinite(rows).all():
@@ -275,6 +284,8 @@ class _Collected:
         with _in_problem(k):
             s = solve(self.problem.with_(**self.changes[k]))
         self.put(k, s.status, s.iterations, s.cost, s.residual, (s.t, s.qs, s.vs, s.us))
+        if s.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
 
     def put(
         self,

@@ -10,6 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
+from mbocp.solution import reading
 from mbocp.solvers import Status
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -100,8 +101,27 @@ def test_what_has_more_to_it_is_solved_one_by_one() -> None:
         ({"starts": [[0.0] * 6, [1e12] * 6]}, MbocpError, "problem 1: start.q"),
         ({"weights": {"effort": [1.0, -1.0]}}, MbocpError, "problem 1: .*effort"),
         ({"goals": np.zeros((2, 6)), "threads": 0}, InvalidValue, "threads"),
+        ({"goals": [[0.0] * 6, [0.0] * 5]}, InvalidValue, "goals.q: got something else, expected an array"),
+        ({"goals": np.zeros((0, 6))}, DimensionMismatch, r"goals.q: got shape \(0, 6\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(given: dict[str, Any], error: type, words: str) -> None:
     with pytest.raises(error, match=words):
         mbocp.solve_many(arm(), **given)
+
+
+def test_ctrl_c_leaves_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, seen = arm(), []
+    goals = problem.goal.q + np.random.default_rng(3).uniform(-0.2, 0.2, (6, 6))
+
+    def judge(*arguments: Any) -> Any:
+        seen.append(arguments)
+        if len(seen) == 3:
+            raise KeyboardInterrupt
+        return reading.judge(*arguments)
+
+    monkeypatch.setattr("mbocp.many.judge", judge)
+    motions = mbocp.solve_many(problem, goals=goals, threads=1)
+    assert motions.statuses == (Status.CONVERGED,) * 2 + (Status.INTERRUPTED,) * 4
+    assert np.isfinite(motions.qs[:2]).all()
+    assert np.isnan(motions.qs[2:]).all()
