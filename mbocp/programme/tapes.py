@@ -33,7 +33,7 @@ _LONGEST = 4_000_000  # instructions of a function that is interpreted
 _TOGETHER, _OPERATIONS, _EACH = "together", "operations", "each/"  # entries of a file
 # Processor time [s], measured: of an instruction of a tape for all stages of a call, while CasADi's virtual
 # machine executes two for one stage; of a compiler, to begin and for an operation.
-_INSTRUCTION, _COMPILER, _COMPILED_OPERATION = 8e-9, 0.1, 45e-6
+_INSTRUCTION, _COMPILER, _COMPILED_OPERATION = 5e-9, 0.1, 45e-6
 
 
 def function_policy() -> str:

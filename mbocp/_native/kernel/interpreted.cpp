@@ -124,11 +124,12 @@ class Writer {
 public:
     explicit Writer(const casadi::Function& f) : f_(f) {}
 
-    std::shared_ptr<const Tape> write() {
+    std::shared_ptr<Tape> write() {
         tape_->other = other;
         read();
         count_uses();
         fuse();
+        put_in_order();
         give_places();
         return tape_;
     }
@@ -381,6 +382,52 @@ private:
         return &nodes_[k];
     }
 
+    // Nodes of like operations follow each other as far as their operands allow: a processor that is told what comes
+    // next looks at an instruction in no time, and waits as long as for all lanes of it where it guesses wrong. Nodes
+    // move by less than a window, so that values need few places. Sums that are chosen change others: nothing moves
+    // past them.
+    void put_in_order() {
+        const int count = static_cast<int>(nodes_.size());
+        std::vector<int> waits_for(nodes_.size(), 0), first_user(nodes_.size() + 1, 0), users;
+        const auto for_each_use = [&](auto work) {
+            for (int k = 0; k < count; ++k)
+                if (nodes_[k].num_uses) for_operands(nodes_[k], [&](int used) { work(used, k); });
+        };
+        for_each_use([&](int used, int) { ++first_user[used + 1]; });
+        for (int k = 0; k < count; ++k) first_user[k + 1] += first_user[k];
+        users.resize(static_cast<std::size_t>(first_user[count]));
+        std::vector<int> next(first_user.begin(), first_user.end() - 1);
+        for_each_use([&](int used, int k) { users[next[used]++] = k, ++waits_for[k]; });
+
+        constexpr int window = 4096;
+        std::vector<std::vector<int>> ready(static_cast<std::size_t>(Operation::other) + 1);
+        const auto operation_of = [&](int k) { return static_cast<std::size_t>(nodes_[k].operation); };
+        std::vector<bool> is_placed(nodes_.size(), false);
+        const auto is_barrier = [&](int k) { return nodes_[k].operation == Operation::add_chosen; };
+        int lowest = 0, seen = 0;  // the first node that is not placed; those before are placed or among the ready
+        const auto look_ahead = [&] {
+            while (lowest < count && (is_placed[lowest] || nodes_[lowest].num_uses == 0)) ++lowest;
+            for (; seen < count && seen < lowest + window; ++seen) {
+                if (nodes_[seen].num_uses == 0) continue;
+                if (is_barrier(seen) && seen != lowest) break;
+                if (waits_for[seen] == 0) ready[operation_of(seen)].push_back(seen);
+                if (is_barrier(seen)) return void(++seen);
+            }
+        };
+        for (look_ahead(); lowest < count; look_ahead()) {
+            auto& most = *std::max_element(ready.begin(), ready.end(),
+                                           [](const auto& a, const auto& b) { return a.size() < b.size(); });
+            for (std::size_t i = 0; i < most.size(); ++i) {  // it grows on the way
+                const int k = most[i];
+                order_.push_back(k), is_placed[k] = true;
+                for (int u = first_user[k]; u < first_user[k + 1]; ++u)
+                    if (--waits_for[users[u]] == 0 && users[u] < seen)
+                        ready[operation_of(users[u])].push_back(users[u]);
+            }
+            most.clear();
+        }
+    }
+
     void give_places() {
         const int num_results = static_cast<int>(results_.size());
         tape_->first_constant = first_output_ + num_results + 1;
@@ -388,16 +435,14 @@ private:
         for (int r = 0; r < num_results; ++r)
             if (const int k = results_[r]; k >= 0 && nodes_[k].place < 0) nodes_[k].place = first_output_ + r;
         std::vector<int> last(nodes_.size(), none), free;
-        for (std::size_t k = 0; k < nodes_.size(); ++k)
-            if (nodes_[k].num_uses) for_operands(nodes_[k], [&](int used) { last[used] = static_cast<int>(k); });
-        for (std::size_t k = 0; k < nodes_.size(); ++k) {
+        for (const int k : order_) for_operands(nodes_[k], [&](int used) { last[used] = k; });
+        for (const int k : order_) {
             Node& n = nodes_[k];
-            if (n.num_uses == 0) continue;
             const bool is_result = n.place >= 0;
             const int a = place_of(n.a), b = n.list >= 0 ? place_of_list(n.list) : takes_two(n) ? place_of(n.b) : a;
             const int c = n.operation == Operation::other ? n.number : n.c == none ? a : place_of(n.c);
             for_operands(n, [&](int used) {
-                if (last[used] != static_cast<int>(k) || nodes_[used].place < tape_->first_constant) return;
+                if (last[used] != k || nodes_[used].place < tape_->first_constant) return;
                 free.push_back(nodes_[used].place), last[used] = none;
             });
             if (n.operation == Operation::add_chosen) {
@@ -436,6 +481,7 @@ private:
     std::shared_ptr<Tape> tape_ = std::make_shared<Tape>();
     std::vector<Node> nodes_;
     std::vector<int> results_;  // value of each output number
+    std::vector<int> order_;    // of the nodes that are needed
     KnownNodes same_;
     std::unordered_map<std::uint64_t, int> constants_;
     std::vector<std::vector<int>> lists_;

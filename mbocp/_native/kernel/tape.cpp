@@ -1,17 +1,11 @@
 #include "tape.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <limits>
 #include <stdexcept>
 #include <type_traits>
 
 #include "dense.hpp"
-
-// Sine and cosine of several numbers at once, as generated C has them.
-#define MBOCP_LANES 4
-#include "../../programme/lanes.h"
 
 namespace mbocp {
 namespace {
@@ -20,154 +14,18 @@ namespace {
 constexpr int preferred_lanes = 32, fewest_lanes = 8;
 constexpr std::size_t cache = std::size_t(2) << 20;  // bytes of the second level, nearly
 
-template <class Sine>
-void apply(const double* x, double* f, int n, Sine function) {
-    constexpr int width = sizeof(mbocp_lanes) / sizeof(double);
-    mbocp_lanes v;
-    for (; n >= width; n -= width, x += width, f += width) {
-        std::memcpy(&v, x, sizeof v);
-        v = function(v);
-        std::memcpy(f, &v, sizeof v);
-    }
-}
-
-struct One {
-    using Vec = double;
-};
-struct Four {
-    using Vec = dense::Vec;
-};
-
-// Whether a number is that of every lane, as numbers that choose are as a rule.
-bool all_are(const double* numbers, int n) {
-    bool same = true;
-    for (int k = 1; k < n; ++k) same &= numbers[k] == numbers[0];
-    return same;
-}
-
-// The place in a list that a number chooses; null beyond its ends.
-template <class At>
-double* chosen(const std::int32_t* list, double number, At at) {
-    return number >= 0.0 && number < *list ? at(list[1 + static_cast<std::int32_t>(number)]) : nullptr;
-}
-
-// All instructions for `Blocks` times four lanes of each place; one number, where Blocks is 0.
-template <int Blocks>
-void execute(const Tape& tape, double* memory, int stride) {
-    using Vec = typename std::conditional_t<Blocks == 0, One, Four>::Vec;
-    constexpr int count = std::max(Blocks, 1), width = sizeof(Vec) / sizeof(double);
-    const auto at = [=](std::int32_t place) { return memory + static_cast<std::size_t>(place) * stride; };
-    for (const Instruction& i : tape.code) {
-        double* const to = at(i.to);
-        const double *const a = at(i.a), *const b = at(i.b);
-        const auto each = [&](auto value) {
-            for (int k = 0; k < count; ++k) {
-                Vec v;
-                if constexpr (Blocks == 0)
-                    v = value(a[0], b[0], [&] { return at(i.c)[0]; });
-                else
-                    v = value(dense::load(a + k * width), dense::load(b + k * width),
-                              [&] { return dense::load(at(i.c) + k * width); });
-                if constexpr (Blocks == 0)
-                    to[0] = v;
-                else
-                    dense::store(to + k * width, v);
-            }
-        };
-        const auto truth = [&](auto compare) {
-            for (int k = 0; k < count * width; ++k) to[k] = compare(a[k], b[k]) ? 1.0 : 0.0;
-        };
-        switch (i.operation) {
-        case Operation::copy:
-            each([](Vec x, Vec, auto) { return x; });
-            break;
-        case Operation::negate:
-            each([](Vec x, Vec, auto) { return -x; });
-            break;
-        case Operation::add:
-            each([](Vec x, Vec y, auto) { return x + y; });
-            break;
-        case Operation::subtract:
-            each([](Vec x, Vec y, auto) { return x - y; });
-            break;
-        case Operation::multiply:
-            each([](Vec x, Vec y, auto) { return x * y; });
-            break;
-        case Operation::divide:
-            each([](Vec x, Vec y, auto) { return x / y; });
-            break;
-        case Operation::invert:
-            each([](Vec x, Vec, auto) { return 1.0 / x; });
-            break;
-        case Operation::multiply_add:
-            each([](Vec x, Vec y, auto z) { return x * y + z(); });
-            break;
-        case Operation::multiply_subtract:
-            each([](Vec x, Vec y, auto z) { return x * y - z(); });
-            break;
-        case Operation::subtract_product:
-            each([](Vec x, Vec y, auto z) { return z() - x * y; });
-            break;
-        case Operation::square_root:
-            for (int k = 0; k < count * width; ++k) to[k] = std::sqrt(a[k]);
-            break;
-        case Operation::absolute:
-            for (int k = 0; k < count * width; ++k) to[k] = std::abs(a[k]);
-            break;
-        case Operation::sine:
-            if constexpr (Blocks == 0)
-                to[0] = std::sin(a[0]);
-            else
-                apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_sin(x); });
-            break;
-        case Operation::cosine:
-            if constexpr (Blocks == 0)
-                to[0] = std::cos(a[0]);
-            else
-                apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_cos(x); });
-            break;
-        case Operation::less:
-            truth([](double x, double y) { return x < y; });
-            break;
-        case Operation::at_most:
-            truth([](double x, double y) { return x <= y; });
-            break;
-        case Operation::equal:
-            truth([](double x, double y) { return x == y; });
-            break;
-        case Operation::unequal:
-            truth([](double x, double y) { return x != y; });
-            break;
-        case Operation::is_false:
-            truth([](double x, double) { return x == 0.0; });
-            break;
-        case Operation::where:
-            for (int k = 0; k < count * width; ++k) to[k] = a[k] != 0.0 ? b[k] : 0.0;
-            break;
-        case Operation::choose:
-            for (int k = 0; k < count * width; ++k) {
-                const double* from = chosen(tape.lists.data() + i.b, a[k], at);
-                if (from && all_are(a, count * width)) {
-                    std::memcpy(to, from, sizeof(double) * count * width);
-                    break;
-                }
-                to[k] = from ? from[k] : std::numeric_limits<double>::quiet_NaN();
-            }
-            break;
-        case Operation::add_chosen:
-            for (int k = 0; k < count * width; ++k)
-                if (double* sum = chosen(tape.lists.data() + i.b, a[k], at)) sum[k] += at(i.c)[k];
-            break;
-        case Operation::other:
-            tape.other(i.c, a, b, to, count * width);
-            break;
-        }
-    }
+void execute_in_lanes(const Passes& passes, double* memory, int num_lanes, int stride) {
+#ifdef MBOCP_HAS_AVX512
+    static const bool has_avx512 =
+        __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+    if (has_avx512) return execute_avx512(passes, memory, num_lanes, stride);
+#endif
+    execute(passes, memory, num_lanes, stride);
 }
 
 class Taped final : public StageFunction {
 public:
-    explicit Taped(std::shared_ptr<const Tape> tape) : tape_(std::move(tape)) {
+    explicit Taped(std::shared_ptr<const Tape> tape) : tape_(std::move(tape)), passes_(tape_->passes()) {
         input_sizes = tape_->input_sizes, outputs = tape_->outputs;
         num_inputs = static_cast<int>(input_sizes.size());
         arg.resize(input_sizes.size()), res.resize(outputs.size());
@@ -176,7 +34,7 @@ public:
         while (num_lanes > fewest_lanes && num_lanes * of_lane > cache) num_lanes /= 2;
         begin();
     }
-    Taped(const Taped& other) : StageFunction(other), tape_(other.tape_) { begin(); }
+    Taped(const Taped& other) : StageFunction(other), tape_(other.tape_), passes_(other.passes_) { begin(); }
     std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Taped>(*this); }
     std::string as_tape() const override { return write_tape(*tape_); }
     std::int64_t num_executed() const override {
@@ -190,7 +48,7 @@ public:
             to += input_sizes[i] + 1;
         }
         ++tape_->num_passes;
-        execute<0>(*tape_, one_.data(), 1);
+        execute(passes_, one_.data());
         for (std::size_t i = 0; i < outputs.size(); ++i) dense::copy(to + first[i], res[i], outputs[i].nnz());
         return true;
     }
@@ -200,12 +58,7 @@ protected:
         count = std::min(count, num_lanes);
         double* memory = lanes_.data();
         ++tape_->num_passes;
-        if (count > 16)
-            execute<8>(*tape_, memory, num_lanes);
-        else if (count > 8)
-            execute<4>(*tape_, memory, num_lanes);
-        else
-            execute<2>(*tape_, memory, num_lanes);
+        execute_in_lanes(passes_, memory, count > 16 ? 32 : count > 8 ? 16 : 8, num_lanes);
         return true;
     }
 
@@ -223,6 +76,7 @@ private:
     }
 
     std::shared_ptr<const Tape> tape_;
+    Passes passes_;
     Pool one_;  // of one stage by itself
 };
 
@@ -303,6 +157,14 @@ bool is_sound(const Tape& tape) {
 
 }  // namespace
 
+void Tape::find_runs() {
+    runs.clear();
+    for (std::size_t k = 0; k < code.size(); ++k) {
+        if (k == 0 || code[k].operation != code[k - 1].operation) runs.push_back(0);
+        ++runs.back();
+    }
+}
+
 std::string write_tape(const Tape& tape) {
     std::string bytes(tape_format);
     add(bytes, tape.input_sizes);
@@ -340,7 +202,8 @@ std::shared_ptr<Tape> read_tape(std::string_view bytes) {
     return tape;
 }
 
-std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape) {
+std::shared_ptr<StageFunction> function_of(std::shared_ptr<Tape> tape) {
+    tape->find_runs();
     return std::make_shared<Taped>(std::move(tape));
 }
 

@@ -8,59 +8,29 @@
 #pragma once
 
 #include <atomic>
-#include <cstdint>
 #include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "passes.hpp"
 #include "stage_function.hpp"
 
 namespace mbocp {
 
-enum class Operation : std::int32_t {
-    copy,
-    negate,
-    add,
-    subtract,
-    multiply,
-    divide,
-    invert,
-    square_root,
-    sine,
-    cosine,
-    absolute,
-    less,
-    at_most,
-    equal,
-    unequal,
-    is_false,
-    where,  // 1.0 or 0.0; where: b if a, else 0
-    multiply_add,
-    multiply_subtract,
-    subtract_product,  // a b + c, a b - c, c - a b
-    choose,            // number a of the places in list b
-    add_chosen,        // c is added to that one
-    other              // number `c` of CasADi's operations
-};
-
-struct Instruction {
-    Operation operation;
-    std::int32_t to, a, b, c;  // places
-};
-
 struct Tape {
-    // An operation of CasADi on n numbers: f = x op y.
-    using Other = void (*)(int operation, const double* x, const double* y, double* f, int n);
-
     std::vector<int> input_sizes;
     std::vector<Pattern> outputs;
     std::vector<double> constants;
     std::vector<Instruction> code;
+    std::vector<std::int32_t> runs;   // how many instructions of a kind follow each other, see `find_runs`
     std::vector<std::int32_t> lists;  // of places, each after how many it has
     int first_constant = 0, num_places = 0;
-    Other other = nullptr;
+    Passes::Other other = nullptr;
     mutable std::atomic<std::int64_t> num_passes{0};  // so far, by all functions that execute it
+
+    void find_runs();
+    Passes passes() const { return {code.data(), runs.data(), static_cast<int>(runs.size()), lists.data(), other}; }
 };
 
 // A tape as bytes, which begin with `tape_format`, and back: nothing has to be read again. Throws std::runtime_error
@@ -69,6 +39,6 @@ std::string write_tape(const Tape& tape);
 std::shared_ptr<Tape> read_tape(std::string_view bytes);
 
 // The function that executes a tape, in as many lanes as the processor's cache has room for.
-std::shared_ptr<StageFunction> function_of(std::shared_ptr<const Tape> tape);
+std::shared_ptr<StageFunction> function_of(std::shared_ptr<Tape> tape);
 
 }  // namespace mbocp
