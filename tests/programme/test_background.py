@@ -242,7 +242,7 @@ def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
 def test_few_instructions_do_not_pay() -> None:
     made = tapes.Tapes({}, operations=10_000, packed="")
     assert not made.pay_compiling(10_000_000)
-    assert made.pay_compiling(100_000_000)
+    assert made.pay_compiling(200_000_000)
 
 
 @pytest.mark.usefixtures("pays")
