@@ -202,28 +202,37 @@ def _rows(name: str, values: Any, size: int) -> Array:
 
 def _is_plain(formulation: Formulation) -> bool:
     """Whether `solve` would begin with a line and Newton's method, and be done where that converges."""
-    problem, programme = formulation.problem, formulation.programme
-    goal, options, robot = problem.goal, problem.solver, problem.robot
-    timeline = problem.timeline
+    problem, programme, at = formulation.problem, formulation.programme, formulation.layout
     return (
-        COORDINATES[problem.coordinates].has_joint_states
-        and not (robot.nc or robot.drives or problem.goals or problem.via or problem.phase or goal.poses)
-        and goal.periodic is None
-        and bool(goal.q_active.all())
-        and not goal.a_active.any()
-        and problem.start_free is None
-        and problem.clearance is None
-        and problem.accuracy is None
-        and timeline.switches is None
-        and options.method in ("auto", "monolithic")
-        and options.globalisation == "default"
-        and options.starts == 1
-        and problem.guess.q is None
-        and guess_candidates(problem)[0] == "line"
+        _has_plain_ends(problem)
+        and _begins_with_newton(problem)
+        and COORDINATES[problem.coordinates].has_joint_states
+        and not (problem.robot.nc or problem.robot.drives)
+        and not (problem.via or problem.phase or problem.clearance or problem.timeline.switches)
         and programme.easing is None
         and programme.units.are_users
         and not programme.num_guards
-        and formulation.layout.nx == formulation.layout.nz + formulation.layout.ns
+        and at.nx == at.nz + at.ns
+    )
+
+
+def _has_plain_ends(problem: Problem) -> bool:
+    """Whether start and goal are states that nothing else depends on."""
+    goal = problem.goal
+    is_somewhere_else = problem.goals or goal.poses or goal.periodic or problem.start_free
+    return not is_somewhere_else and bool(goal.q_active.all()) and not goal.a_active.any()
+
+
+def _begins_with_newton(problem: Problem) -> bool:
+    """Whether the first guess is a line, and Newton's method the first to take it."""
+    options, guess = problem.solver, problem.guess
+    return (
+        options.method in ("auto", "monolithic")
+        and options.globalisation == "default"
+        and options.starts == 1
+        and problem.accuracy is None
+        and guess.q is None
+        and guess_candidates(problem)[0] == "line"
     )
 
 
