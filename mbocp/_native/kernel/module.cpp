@@ -209,17 +209,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("longest_dual", &Direction::longest_dual)
         .def_ro("curvature", &Direction::curvature)
         .def_ro("linear_residual", &Direction::linear_residual)
-        .def_ro("finite", &Direction::finite)
-        .def("capped", &CappedDirection::of, nb::arg("may_stop"));
-
-    nb::class_<CappedDirection>(module, "CappedDirection")
-        .def_ro("increment", &CappedDirection::increment)
-        .def_ro("slope", &CappedDirection::slope)
-        .def_ro("longest", &CappedDirection::longest)
-        .def_ro("longest_dual", &CappedDirection::longest_dual)
-        .def_ro("cap", &CappedDirection::cap)
-        .def_ro("limit", &CappedDirection::limit)
-        .def("relative", &CappedDirection::relative, nb::arg("length"));
+        .def_ro("finite", &Direction::finite);
 
     nb::class_<Verdict>(module, "Verdict")
         .def_ro("is_accepted", &Verdict::is_accepted)
@@ -233,11 +223,6 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def("without_corners", &Filter::without_corners)
         .def_prop_ro("most_violation", &Filter::most_violation)
         .def_prop_ro("num_corners", &Filter::num_corners);
-
-    nb::class_<StepLength>(module, "StepLength")
-        .def_ro("length", &StepLength::length)
-        .def_ro("by_cost", &StepLength::by_cost)
-        .def_ro("is_corrected", &StepLength::is_corrected);
 
     nb::class_<Sizes>(module, "Sizes").def_ro("primal", &Sizes::primal).def_ro("dual", &Sizes::dual);
 
@@ -291,8 +276,6 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             nb::arg("refinements") = 1, Released())
         .def("factorise_well", &factorise_well, nb::arg("shift"), nb::arg("augmentation"), Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
-        .def("search", &search, nb::arg("kept"), nb::arg("before"), nb::arg("direction"), nb::arg("shortest"),
-             nb::arg("may_stop"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())
         .def("sizes", &Programme::sizes)
         .def("trial", &Programme::trial, nb::arg("alpha"), Released())
@@ -338,14 +321,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
             [](Programme& p, double barrier, double inside) { p.barrier.start(p.iterate, barrier, inside); },
             nb::arg("barrier"), nb::arg("inside") = 1e-2, Released())
         .def("weigh", &Programme::weigh, nb::arg("barrier"), Released())
-        .def("lower_barrier", &lower_barrier, nb::arg("evaluation"), nb::arg("least"), nb::arg("is_slow"), Released())
         .def("aim", &Programme::aim, nb::arg("barrier"), nb::arg("is_curved") = false, Released())
-        .def(
-            "mean_product",
-            [](const Programme& p, double alpha, double alpha_limits) {
-                return p.barrier.mean_product(alpha, alpha_limits);
-            },
-            nb::arg("alpha") = 0.0, nb::arg("alpha_limits") = 0.0)
         .def_prop_ro("barrier", [](const Programme& p) { return p.barrier.parameter(); })
         .def_prop_ro("num_limits", [](const Programme& p) { return p.barrier.limits().num_inequalities(); });
     programme.def("first_barrier", &first_barrier, Released())
