@@ -23,7 +23,7 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.build import control_weight_of
-from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.formulate import formulate, formulate_with_independent_ends
 from mbocp.formulation.trajectory import times_of
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.kinds import guess_candidates, plain_guess
@@ -41,11 +41,13 @@ from mbocp.solution.reading import judge
 from mbocp.solvers import GlobalisedNewton, Status
 from mbocp.solvers.strategies.cost_unit import cost_factor
 from mbocp.solving import solve
+from mbocp.terms.written import AUTO
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
 
 _AHEAD = 2  # guesses for each thread that wait for it
+_NUMBERS = ("theta", "rho", "rho_terminal", "x_start")  # of a programme
 _KEYS = {"starts": ("q", "v"), "goals": ("q", "v", "p")}
 
 
@@ -143,8 +145,9 @@ def solve_many(
         first = base.with_(**changes[0])
     formulation, _ = formulate_with_independent_ends(first, math.inf)
     with suppress(KeyboardInterrupt):
-        if _is_plain(formulation):
-            _Batch(formulation, changes, collected, threads or base.solver.num_threads).run()
+        batch = _Batch(formulation, changes, collected, threads or base.solver.num_threads)
+        if _is_plain(formulation) and batch.has_numbers_of(len(changes) - 1):
+            batch.run()
         else:
             for k in range(len(changes)):
                 collected.solve(k)
@@ -205,6 +208,7 @@ def _is_plain(formulation: Formulation) -> bool:
     problem, programme, at = formulation.problem, formulation.programme, formulation.layout
     return (
         _has_plain_ends(problem)
+        and _says_its_cost(problem)
         and _begins_with_newton(problem)
         and COORDINATES[problem.coordinates].has_joint_states
         and not (problem.robot.nc or problem.robot.drives)
@@ -221,6 +225,12 @@ def _has_plain_ends(problem: Problem) -> bool:
     goal = problem.goal
     is_somewhere_else = problem.goals or goal.poses or goal.periodic or problem.start_free
     return not is_somewhere_else and bool(goal.q_active.all()) and not goal.a_active.any()
+
+
+def _says_its_cost(problem: Problem) -> bool:
+    """Whether no weight is left to mbocp, which goes by start and goal, and no target is the goal."""
+    draft = problem.draft
+    return not (draft["is_cost_left"] or draft["cost_table"].velocity == AUTO or problem.cost.tracking)
 
 
 def _begins_with_newton(problem: Problem) -> bool:
@@ -332,14 +342,21 @@ class _Batch:
         self._collected, self._threads = collected, min(threads, len(changes))
         self._updates = ParameterUpdates(formulation)
         self._natives: SimpleQueue[KernelProgramme] = SimpleQueue()
-        programme = formulation.programme
-        has_limits = not programme.bounds.is_empty
-        for _ in range(self._threads):
-            self._natives.put(kernel_programme(programme, has_limits=has_limits))
+
+    def has_numbers_of(self, k: int) -> bool:
+        """Whether problem k, formulated by itself, has the numbers that it has here."""
+        with _in_problem(k):
+            own = self._formulate(k).programme
+            alone = formulate(self._collected.problem.with_(**self._changes[k])).programme
+        same = (np.array_equal(getattr(own, name), getattr(alone, name)) for name in _NUMBERS)
+        return all(same) and own.control_weight == alone.control_weight
 
     def run(self) -> None:
         """Solve all, in the order of the problems; what is not solved is solved by itself."""
-        left: list[int] = []
+        programme, left = self._formulation.programme, list[int]()
+        has_limits = not programme.bounds.is_empty
+        for _ in range(self._threads):
+            self._natives.put(kernel_programme(programme, has_limits=has_limits))
         with ThreadPoolExecutor(self._threads) as pool:
             waiting: deque[tuple[int, Formulation, Future[_Found]]] = deque()
 

@@ -63,6 +63,46 @@ def test_attitudes_of_a_drone(scheme: str) -> None:
     agree(motions)
 
 
+@pytest.mark.parametrize(
+    "cost",
+    ['{effort=1.0, velocity="auto"}', "{effort=1.0, velocity=1.0, tracking=1.0}"],
+    ids=["auto", "target"],
+)
+def test_costs_that_go_by_the_goal_are_those_of_each_goal(cost: str) -> None:
+    """The weight that mbocp chooses, and the target of a tracking cost that names none."""
+    problem = arm(f"cost={cost}")
+    goals = problem.goal.q + np.random.default_rng(4).uniform(-0.4, 0.4, (3, 6))
+    agree(mbocp.solve_many(problem, goals=goals))
+    agree(mbocp.solve_many(problem, goals=np.array([goals[0], goals[1], goals[0]])))
+
+
+def test_a_cost_that_nobody_says_is_that_of_each_goal() -> None:
+    problem = mbocp.Problem.create(
+        "ur5", 1.0, 12, goal={"q": [0.5, -1.0, 0.8, 0.1, 0.3, 0.0], "v": [0.0] * 6}
+    )
+    goals = problem.goal.q + np.random.default_rng(5).uniform(-0.4, 0.4, (3, 6))
+    agree(mbocp.solve_many(problem, goals=goals))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ('goal.enforce="penalty"', "cost={effort=1.0, velocity=1.0, terminal=100.0}"),
+        ("cost={effort=1.0, velocity=1.0, acceleration=0.1}",),
+        ('path=[{frame="tool0", kind="speed", max=3.0}]',),
+        ('horizon.controls="stages"',),
+        ("limits.acceleration=20.0",),
+    ],
+    ids=["penalty", "acceleration", "path", "stages", "rates"],
+)
+@pytest.mark.parametrize("what", ["starts", "goals"])
+def test_whatever_else_a_problem_says(settings: tuple[str, ...], what: str) -> None:
+    problem = arm(*settings)
+    base = problem.goal.q if what == "goals" else problem.q_start
+    moved = base + np.random.default_rng(6).uniform(-0.3, 0.3, (2, 6))
+    agree(mbocp.solve_many(problem, **{what: np.array([moved[0], moved[1], moved[0]])}))
+
+
 def test_limits_hold_in_all() -> None:
     problem = arm("limits.velocity=1.6")
     goals = problem.goal.q + np.random.default_rng(2).uniform(-0.3, 0.3, (3, 6))
