@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 
 import casadi as ca
 import pytest
@@ -24,7 +24,6 @@ def interpreted_functions(
     build: Callable[[], dict[str, ca.Function]],
     *,
     of_end: bool = False,
-    in_lanes: Collection[str] = (),
     deadline: float = math.inf,
     at_once: bool = False,
 ) -> CompiledFunctions:

@@ -22,6 +22,8 @@ class StageFunction:
     @property
     def num_inputs(self) -> int: ...
 
+def write_c(serialised: str) -> tuple[list[str], str] | None: ...
+
 class Kind:
     def __init__(
         self,

@@ -33,7 +33,7 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.rows import RowLabels, row_describer
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import AT_EVERY_STEP, LATER, build_first_functions, build_functions
+from mbocp.formulation.stage import LATER, build_first_functions, build_functions
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
@@ -158,7 +158,6 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         functions=load_functions(
             signature.stage_text,
             lambda: build_first_functions(signature.steps.mechanics(robot), signature),
-            in_lanes=AT_EVERY_STEP,
             deadline=deadline,
             at_once=at_once,
         ).with_later(_later(signature, robot, deadline, at_once=at_once)),

@@ -43,10 +43,8 @@ from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.terms import Point, Sizes
 
-# Functions that are asked at all steps at once; the others follow a motion step by step.
-AT_EVERY_STEP = ("values", "complete", "path", "path_values", "retract")
-LATER = ("gradient", "jacobian")
-_ALL = (*AT_EVERY_STEP, "difference", "lengthening", *LATER)
+LATER = ("gradient", "jacobian")  # solvers ask for them that follow a motion step by step
+_ALL = ("values", "complete", "path", "path_values", "retract", "difference", "lengthening", *LATER)
 _AT_M = 4  # where the multipliers are among the inputs of `complete`
 
 

@@ -12,16 +12,13 @@ import fcntl
 import os
 import signal
 import sys
-from collections.abc import Collection
 from pathlib import Path
 from threading import Lock, Thread
 
 from mbocp._processes import python_command
 from mbocp.programme.compiler import compiler, run_watched
 from mbocp.programme.keys import library_of
-from mbocp.programme.lanes import Lanes
-from mbocp.programme.library import Translation, make_library
-from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.library import make_library
 from mbocp.programme.tapes import functions_in
 
 _PRIORITY = 19  # the lowest one
@@ -40,16 +37,14 @@ class BackgroundCompiler:
         Of the tapes; the library is put beside it.
     key : str
         Of all that the library depends on.
-    in_lanes : collection of str
-        Names of functions that are called at many steps at once.
     of_end : bool
         Whether functions are called once where others are called at every step.
     """
 
-    def __init__(self, file: Path, key: str, in_lanes: Collection[str], *, of_end: bool) -> None:
+    def __init__(self, file: Path, key: str, *, of_end: bool) -> None:
         self.failure = ""
         self._is_stopped = False
-        self._command = python_command(_COMMAND, str(file), key, "end" if of_end else "", *in_lanes)
+        self._command = python_command(_COMMAND, str(file), key, "end" if of_end else "")
         self._group: int | None = None
         self._thread = Thread(target=self._run, name="mbocp-compiler", daemon=True)
         _running.append(self)
@@ -97,13 +92,13 @@ def _stop() -> None:
         beside.stop()
 
 
-def run(file: str, key: str, end: str, *in_lanes: str) -> None:
+def run(file: str, key: str, end: str) -> None:
     """Compile functions of tapes, in a process of its own; if another one does so, wait for it.
 
     Parameters
     ----------
-    file, key, end, *in_lanes : str
-        As `BackgroundCompiler` takes them.
+    file, key, end : str
+        As `BackgroundCompiler` passes them.
     """
     os.nice(_PRIORITY)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
@@ -112,5 +107,5 @@ def run(file: str, key: str, end: str, *in_lanes: str) -> None:
             fcntl.flock(held, fcntl.LOCK_EX)
         cc = compiler()
         if library_of(key) is None and cc is not None:
-            how = Translation(Lanes(number_of_lanes(), frozenset(in_lanes)), bool(end))
-            make_library(functions_in(Path(file)), how, cc, key, folder=Path(file).parent)
+            functions, folder = functions_in(Path(file)), Path(file).parent
+            make_library(functions, cc, key, of_end=bool(end), folder=folder)

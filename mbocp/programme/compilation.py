@@ -28,8 +28,7 @@ from mbocp.programme.background import BackgroundCompiler
 from mbocp.programme.cache import environment, is_sound, is_trusted
 from mbocp.programme.compiler import check_deadline, compiler
 from mbocp.programme.keys import key_of, library_of
-from mbocp.programme.lanes import Lanes
-from mbocp.programme.library import Translation, casadi_version, make_library, sources_digest
+from mbocp.programme.library import casadi_version, library_key, make_library, sources_digest
 from mbocp.programme.native import kernel
 from mbocp.programme.processor import number_of_lanes
 from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, open_tape
@@ -190,7 +189,6 @@ def load_functions(
     build: Callable[[], dict[str, ca.Function]],
     *,
     of_end: bool = False,
-    in_lanes: Collection[str] = (),
     deadline: float = math.inf,
     at_once: bool = False,
 ) -> CompiledFunctions:
@@ -204,8 +202,6 @@ def load_functions(
         Gives the CasADi functions by name; only called when the cache has no sound entry of this key.
     of_end : bool
         They are called once in an evaluation, and not at every step: compiling is worth less.
-    in_lanes : collection of str
-        Names of those that are called at many steps at once.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     at_once : bool
@@ -219,9 +215,8 @@ def load_functions(
         If the deadline passes before the functions are there.
     """
     policy = function_policy()
-    how = Translation(Lanes(number_of_lanes(), frozenset(in_lanes)), of_end)
-    place = _place(f"{key}{sources_digest()}", how.wide, environment())
-    asked = _Asked(key, build, how, place, deadline)
+    place = _place(f"{key}{sources_digest()}{number_of_lanes()}", environment())
+    asked = _Asked(key, build, of_end, place, deadline)
     if policy == TAPES:
         return asked.as_tapes()
     if place.is_sound:
@@ -230,7 +225,7 @@ def load_functions(
     if place.tapes is not None and not compiles and not asked.is_compiled_meanwhile():
         return asked.as_tapes()
     cc = compiler()
-    place.library = library_of(how.depends_on(key, cc))
+    place.library = library_of(library_key(key, cc))
     if place.library is not None:
         return asked.as_library()
     if cc is None:
@@ -276,7 +271,7 @@ class _Asked:
 
     key: str
     build: Callable[[], dict[str, ca.Function]]
-    how: Translation
+    of_end: bool
     place: _Place
     deadline: float
 
@@ -308,7 +303,7 @@ class _Asked:
 
     def compile(self, cc: tuple[str, ...]) -> CompiledFunctions:
         self.place.library, is_new = make_library(
-            self.functions, self.how, cc, self.how.depends_on(self.key, cc), deadline=self.deadline
+            self.functions, cc, library_key(self.key, cc), of_end=self.of_end, deadline=self.deadline
         )
         return self.as_library(is_new=is_new)
 
@@ -330,18 +325,14 @@ class _Asked:
         if cc is None:
             _warn_no_compiler()
         elif file is not None:
-            names = self.how.wide.functions
-            self.place.beside = BackgroundCompiler(
-                file, self.how.depends_on(self.key, cc), names, of_end=self.how.of_end
-            )
+            self.place.beside = BackgroundCompiler(file, library_key(self.key, cc), of_end=self.of_end)
 
     def _compile_now(self) -> CompiledFunctions:
-        names, of_end = self.how.wide.functions, self.how.of_end
-        return load_functions(self.key, self.build, of_end=of_end, in_lanes=names, at_once=True)
+        return load_functions(self.key, self.build, of_end=self.of_end, at_once=True)
 
 
 @lru_cache(maxsize=256)
-def _place(key: str, wide: Lanes, set_by_user: tuple[str | None, ...]) -> _Place:
+def _place(key: str, set_by_user: tuple[str | None, ...]) -> _Place:
     """Of functions that depend on `key`: nothing is hashed, and no folder is searched, a second time."""
     return _Place()
 

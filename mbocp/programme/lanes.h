@@ -7,8 +7,16 @@ does not choose is 0: lanes never meet. Compilers and processors that are not kn
 #define MBOCP_LANES 1
 #endif
 
+/* Products within sums are rounded once where they are said to be, and nowhere else: compilers must not choose. */
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+#define mbocp_one_multiply_add(x, y, z) __builtin_fma(x, y, z)
+#else
+#define mbocp_one_multiply_add(x, y, z) ((x) * (y) + (z))
+#endif
+
 #if MBOCP_LANES == 1
 typedef double mbocp_lanes;
+#define mbocp_multiply_add(x, y, z) mbocp_one_multiply_add(x, y, z)
 #define mbocp_all(x) (x)
 #define mbocp_first(x) (x)
 #define mbocp_agree(x) ((x) == (x))
@@ -42,6 +50,21 @@ typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
 #define mbocp_all_bits(x) ((mbocp_bits){(x), (x), (x), (x), (x), (x), (x), (x)})
 #endif
 #define mbocp_first(x) ((x)[0])
+#if !defined(__FMA__)
+#define mbocp_multiply_add(x, y, z) ((x) * (y) + (z))
+#elif defined(__clang__)
+#define mbocp_multiply_add(x, y, z) __builtin_elementwise_fma(x, y, z)
+#elif MBOCP_LANES == 4
+#define mbocp_multiply_add(x, y, z) ((mbocp_lanes)__builtin_ia32_vfmaddpd256(x, y, z))
+#elif defined(__AVX512F__)
+#define mbocp_multiply_add(x, y, z) ((mbocp_lanes)__builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4))
+#else
+static inline __attribute__((unused)) mbocp_lanes mbocp_multiply_add(mbocp_lanes x, mbocp_lanes y, mbocp_lanes z) {
+  int i;
+  for (i = 0; i < MBOCP_LANES; ++i) z[i] = __builtin_fma(x[i], y[i], z[i]);
+  return z;
+}
+#endif
 static inline __attribute__((unused)) int mbocp_agree(mbocp_lanes x) {
   int i, agree = 1;
   for (i = 0; i < MBOCP_LANES; ++i) agree &= x[i] == x[0];
@@ -105,27 +128,33 @@ static inline __attribute__((unused)) mbocp_lanes mbocp_quarter(mbocp_bits place
 + rest; then the polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi / 4 and pi / 4. n has at
 most 20 bits up to the largest x, so that its products are exact; beyond, and where x is no number, the library is asked. */
 static inline __attribute__((unused)) void mbocp_sines(mbocp_lanes x, mbocp_lanes* of_sine, mbocp_lanes* of_cosine) {
-  const double largest = 1e5, to_integer = 6755399441055744.; /* 1.5 2^52: the last bits of a sum with it count */
-  mbocp_lanes shifted = x * 6.36619772367581382433e-01 + to_integer, n = shifted - to_integer;
-  mbocp_lanes t = x - n * 1.57079632673412561417e+00, w = n * 6.07710050630396597660e-11, r = t - w, y, rest;
+  const double largest = 1e5;
+  const mbocp_lanes to_integer = mbocp_all(6755399441055744.); /* 1.5 2^52: the last bits of a sum with it count */
+  mbocp_lanes shifted = mbocp_multiply_add(x, mbocp_all(6.36619772367581382433e-01), to_integer);
+  mbocp_lanes n = shifted - to_integer, t = mbocp_multiply_add(n, mbocp_all(-1.57079632673412561417e+00), x);
+  mbocp_lanes w = n * 6.07710050630396597660e-11, r = t - w, y, rest;
   mbocp_lanes z, v, sine, cosine, half, one_less;
   mbocp_bits place = (mbocp_bits)shifted, beyond = ~((x <= largest) & (x >= -largest));
   int i, any = 0;
-  w = n * 2.02226624879595063154e-21 - ((t - r) - w);
+  w = mbocp_multiply_add(n, mbocp_all(2.02226624879595063154e-21), -((t - r) - w));
   y = r - w;
   rest = (r - y) - w;
   z = y * y;
   v = z * y;
-  sine = 8.33333333332248946124e-03 +
-         z * (-1.98412698298579493134e-04 +
-              z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)));
-  sine = y - ((z * (0.5 * rest - v * sine) - rest) - v * -1.66666666666666324348e-01);
-  cosine = z * (4.16666666666666019037e-02 + z * (-1.38888888888741095749e-03 + z * 2.48015872894767294178e-05)) +
-           z * z * (z * z) *
-               (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11));
+  sine = mbocp_multiply_add(z, mbocp_all(1.58969099521155010221e-10), mbocp_all(-2.50507602534068634195e-08));
+  sine = mbocp_multiply_add(z, sine, mbocp_all(2.75573137070700676789e-06));
+  sine = mbocp_multiply_add(z, sine, mbocp_all(-1.98412698298579493134e-04));
+  sine = mbocp_multiply_add(z, sine, mbocp_all(8.33333333332248946124e-03));
+  sine = mbocp_multiply_add(z, mbocp_multiply_add(-v, sine, 0.5 * rest), -rest);
+  sine = y - mbocp_multiply_add(v, mbocp_all(1.66666666666666324348e-01), sine);
+  cosine = mbocp_multiply_add(z, mbocp_all(-1.13596475577881948265e-11), mbocp_all(2.08757232129817482790e-09));
+  cosine = mbocp_multiply_add(z, cosine, mbocp_all(-2.75573143513906633035e-07));
+  cosine = mbocp_multiply_add(z, cosine, mbocp_all(2.48015872894767294178e-05));
+  cosine = mbocp_multiply_add(z, cosine, mbocp_all(-1.38888888888741095749e-03));
+  cosine = z * mbocp_multiply_add(z, cosine, mbocp_all(4.16666666666666019037e-02));
   half = 0.5 * z;
   one_less = 1. - half;
-  cosine = one_less + (((1. - one_less) - half) + (z * cosine - y * rest));
+  cosine = one_less + (((1. - one_less) - half) + mbocp_multiply_add(z, cosine, -(y * rest)));
   *of_sine = mbocp_quarter(place, sine, cosine);
   *of_cosine = mbocp_quarter(place + 1, sine, cosine);
   for (i = 0; i < MBOCP_LANES; ++i) any |= beyond[i] != 0;

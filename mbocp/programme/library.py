@@ -9,7 +9,7 @@ import os
 import platform
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,57 +28,39 @@ from mbocp.programme.cache import (
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
 from mbocp.programme.keys import key_of, remember
-from mbocp.programme.lanes import Lanes
-from mbocp.programme.processor import instruction_flags
+from mbocp.programme.native import kernel
+from mbocp.programme.processor import instruction_flags, number_of_lanes
 from mbocp.programme.tapes import count_operations
 
-_FLAGS = ("-fno-math-errno", "-fPIC", "-shared", "-w")
-# All that -O2 or -O3 gain on such code, compiled in half the time or a third of it.
-_OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fschedule-insns2", "-fstrict-aliasing")
-# Passes of GCC that find nothing in functions in lanes, which say everything once: a fifth of the time.
+# Without contraction: products within sums are said to be such, and round alike in tapes.
+_FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+# All that -O2 or -O3 gain on such code, compiled in half the time or a third of it; schedulers gain nothing.
+_OPTIMISE = ("-O1", "-fexpensive-optimizations", "-fstrict-aliasing")
+# Passes of GCC that find nothing in functions that say everything once: a fifth of the time.
 _LEFT_OUT = (
     *("-fno-tree-fre", "-fno-tree-sink", "-fno-tree-sra", "-fno-tree-ccp", "-fno-tree-copy-prop"),
     *("-fno-tree-dominator-opts", "-fno-tree-dse", "-fno-tree-dce", "-fno-dse", "-fno-cprop-registers"),
     *("-fno-ipa-modref", "-fno-ipa-pure-const", "-fno-ipa-reference"),
 )
-# Before registers are chosen: of dense functions 4 % less, and after it nothing more; of others 5 % more.
-_SCHEDULE = ("-fschedule-insns", "-fsched-pressure", "-fno-schedule-insns2")
-_DENSE = 10  # operations per number that goes in or out: joint coordinates have dozens, natural ones 5
 _MOST_FILES = 4
-# What turns functions into tapes and C, beside this module.
-_SOURCES = (
-    *("tapes.py", "splitting.py", "pieces.py", "generated.py", "rewriting.py", "composed.py", "lanes.py"),
-    *("processor.py", "composed.h", "lanes.h"),
-)
+# What turns functions into tapes and C, beside this module; the kernel's part is `TAPE_FORMAT`.
+_SOURCES = ("tapes.py", "c_files.py", "processor.py", "lanes.h", "functions.h")
 _LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
 _LARGE_END = 20_000  # the same for what is called once where others are called at every step
 
 
-@dataclass(frozen=True)
-class Translation:
-    """How functions become a library.
-
-    Attributes
-    ----------
-    wide : Lanes
-    of_end : bool
-        They are called once in an evaluation, and not at every step: compiling is worth less.
-    """
-
-    wide: Lanes
-    of_end: bool
-
-    def depends_on(self, key: str, cc: tuple[str, ...] | None) -> str:
-        """Return the key of the library of functions that depend on `key`."""
-        return key_of(key, str(self.wide), sources_digest(), casadi_version(), *_translation(cc, _flags()))
+def library_key(key: str, cc: tuple[str, ...] | None) -> str:
+    """Return the key of the library of functions that depend on `key`."""
+    written_by = (str(number_of_lanes()), sources_digest(), casadi_version(), kernel().TAPE_FORMAT)
+    return key_of(key, *written_by, *_translation(cc, _flags()))
 
 
 def make_library(
     functions: Mapping[str, ca.Function],
-    how: Translation,
     cc: tuple[str, ...],
     depends_on: str,
     *,
+    of_end: bool,
     deadline: float = math.inf,
     folder: Path | None = None,
 ) -> tuple[Path, bool]:
@@ -87,11 +69,12 @@ def make_library(
     Parameters
     ----------
     functions : mapping of str to casadi.Function
-    how : Translation
     cc : tuple of str
         The compiler.
     depends_on : str
         Under this key the library is found again.
+    of_end : bool
+        Whether they are called once in an evaluation, and not at every step: compiling is worth less.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     folder : Path, optional
@@ -110,11 +93,12 @@ def make_library(
     CompilationTimeout
         If the deadline passes before the library is there.
     """
-    functions = {name: _merge(function) for name, function in functions.items()}
-    check_deadline(deadline, "equal parts of the functions were merged")
-    most = _LARGE_END if how.of_end else _LARGE
-    flags = _flags_for(cc, functions.values(), most, has_lanes=bool(how.wide.functions))
-    unit = _Unit(cc, flags, _source(functions, how.wide))
+    most = _LARGE_END if of_end else _LARGE
+    from mbocp.programme.c_files import write_files  # what is compiled already needs none of it
+
+    # One file where this process is a worker among others.
+    files = write_files(functions.values(), number_of_lanes(), min(available_threads(), _MOST_FILES))
+    unit = _Unit(cc, _flags_for(cc, functions.values(), most), tuple(files))
     check_deadline(deadline, "the functions were written in C")
     library = find_entry(unit.name)
     is_new = library is None
@@ -148,27 +132,11 @@ def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[st
     return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
 
 
-def _flags_for(
-    cc: tuple[str, ...], functions: Collection[ca.Function], most: int, *, has_lanes: bool
-) -> tuple[str, ...]:
+def _flags_for(cc: tuple[str, ...], functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
     """Flags by the largest function; `most` operations are worth optimising."""
-    largest = max(functions, key=count_operations)
-    operations = count_operations(largest)
-    if operations > most:
+    if max(map(count_operations, functions)) > most:
         return ("-O0", *instruction_flags(), *_FLAGS)
-    if _is_clang(cc):
-        return _flags()
-    is_dense = operations >= _DENSE * (largest.nnz_in() + largest.nnz_out())
-    return (*_flags(), *(_LEFT_OUT if has_lanes else ()), *(_SCHEDULE if is_dense else ()))
-
-
-def _merge(function: ca.Function) -> ca.Function:
-    """Return a function that works out equal subexpressions once; tapes do so by themselves, and faster."""
-    if not function.is_a("SXFunction"):
-        return function
-    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    outputs = ca.cse(function.call(inputs))
-    return ca.Function(function.name(), inputs, outputs, function.name_in(), function.name_out())
+    return _flags() if _is_clang(cc) else (*_flags(), *_LEFT_OUT)
 
 
 def _is_clang(cc: tuple[str, ...]) -> bool:
@@ -177,35 +145,18 @@ def _is_clang(cc: tuple[str, ...]) -> bool:
     return any("clang" in name or "ziglang" in name for name in names)
 
 
-def _source(functions: Mapping[str, ca.Function], wide: Lanes) -> str:
-    """Functions in C, some of them in lanes."""
-    from mbocp.programme.splitting import split_functions  # what is compiled already needs none of it
-
-    generator = ca.CodeGenerator("stage.c")
-    for function in functions.values():
-        generator.add(function)
-    return split_functions(generator.dump(), of_lanes=wide if wide.number > 1 and wide.functions else None)
-
-
 @dataclass(frozen=True)
 class _Unit:
     """What is compiled together: by which compiler, with which flags."""
 
     cc: tuple[str, ...]
     flags: tuple[str, ...]
-    source: str
+    files: tuple[str, ...]
 
-    @cached_property
+    @property
     def name(self) -> str:
         """Of the library."""
-        return f"{key_of(self.source, *_translation(self.cc, self.flags))}.so"
-
-    @cached_property
-    def files(self) -> list[str]:
-        """Of the source, for the cores that there are; one where this process is a worker among others."""
-        from mbocp.programme.files import spread
-
-        return spread(self.source, min(available_threads(), _MOST_FILES))
+        return f"{key_of(*self.files, *_translation(self.cc, self.flags))}.so"
 
 
 def _compile_into_folder(unit: _Unit, deadline: float) -> Path:

@@ -50,6 +50,9 @@ class Kernel(Protocol):
     def TAPE_FORMAT(self) -> str:
         """With which the bytes of tapes begin."""
 
+    def write_c(self, serialised: str) -> tuple[list[str], str] | None:
+        """Functions in C that may stand in different files, and what is called from outside."""
+
     @property
     def StageFunction(self) -> type[StageFunction]:
         """A compiled or interpreted function of a stage."""

@@ -80,7 +80,7 @@ def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
     for name in (
         *("formulation.natural", "formulation.explicit", "formulation.implicit", "formulation.partitioned"),
         *("solvers.nlp.interior_point", "solvers.fbsm_newton", "solvers.fbsm_gradient", "solvers.homotopy"),
-        *("programme.splitting", "programme.composed", "accuracy.refining", "guesses.from_joints"),
+        *("programme.c_files", "accuracy.refining", "guesses.from_joints"),
         *("guesses.several", "solution.stored", "solution.files", "robot.loading.readers.robot_yaml"),
     ):
         assert f"mbocp.{name}" not in there, name

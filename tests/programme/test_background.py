@@ -84,7 +84,7 @@ def never() -> dict[str, ca.Function]:
 
 
 def load() -> CompiledFunctions:
-    return load_functions("key", doubling, in_lanes=("f", "g"))
+    return load_functions("key", doubling)
 
 
 def execute(functions: CompiledFunctions) -> None:
@@ -124,7 +124,7 @@ def test_functions_are_tapes_at_once_and_kept(folder: Path) -> None:
     assert load().opened is first.opened
     assert [path.suffix for path in folder.iterdir()] == [".tape"]
     forget()
-    again = load_functions("key", never, in_lanes=("f", "g"))
+    again = load_functions("key", never)
     assert again.tapes.held == first.tapes.held
     assert works(again)
 
@@ -150,7 +150,7 @@ def test_tapes_that_are_damaged_or_not_ones_own_are_written_anew(folder: Path, d
     assert works(load())
     assert not file.is_symlink()
     forget()
-    assert works(load_functions("key", never, in_lanes=("f", "g")))
+    assert works(load_functions("key", never))
 
 
 @pytest.mark.usefixtures("pays")
@@ -170,7 +170,7 @@ def test_a_compiler_runs_beside_once_that_pays(folder: Path) -> None:
         os.waitpid(beside._group, os.WNOHANG)
     assert not list(folder.glob("build-*"))
     forget()
-    assert load_functions("key", never, in_lanes=("f", "g")).library == found.library
+    assert load_functions("key", never).library == found.library
 
 
 def choosing() -> dict[str, ca.Function]:
@@ -219,7 +219,7 @@ def test_the_library_is_the_one_that_is_compiled_at_once(
     execute(load())
     beside = compiled_beside().library
     monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / "other"))
-    at_once = load_functions("key", doubling, in_lanes=("f", "g"), at_once=True).library
+    at_once = load_functions("key", doubling, at_once=True).library
     assert beside is not None
     assert at_once is not None
     assert beside.name == at_once.name

@@ -251,10 +251,8 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     assert len(list(folder.glob("*.so"))) == LIBRARIES + 1  # the functions of the end have no forces in them
 
 
-def flags(
-    functions: list[ca.Function], most: int, cc: tuple[str, ...] = GCC, *, has_lanes: bool = False
-) -> tuple[str, ...]:
-    return library._flags_for(cc, functions, most, has_lanes=has_lanes)
+def flags(functions: list[ca.Function], most: int, cc: tuple[str, ...] = GCC) -> tuple[str, ...]:
+    return library._flags_for(cc, functions, most)
 
 
 def long_function() -> ca.Function:
@@ -269,17 +267,14 @@ def test_flags_follow_what_is_compiled() -> None:
     x = ca.SX.sym("x", 2)
     plain, dense = ca.Function("plain", [x], [2 * x]), long_function()
     calling = ca.Function("calling", [x], [dense.call([x], False, True)[0]])
-    assert "-fschedule-insns" in flags([plain, dense], 1000)
-    assert "-fschedule-insns" in flags([plain, calling], 1000)
-    assert "-fschedule-insns" not in flags([plain], 1000)
+    assert "-fno-tree-fre" in flags([plain, dense], 1000)
+    assert "-fno-tree-fre" in flags([plain, calling], 1000)
     assert "-O0" in flags([plain, dense], 20)
     assert "-O0" in flags([plain, calling], 20)
-    assert "-fno-tree-fre" in flags([plain], 1000, has_lanes=True)
-    assert "-fno-tree-fre" not in flags([plain], 1000)
 
 
-def test_clang_gets_no_options_of_another_scheduler() -> None:
+def test_clang_gets_no_options_of_gcc() -> None:
     dense = [long_function()]
-    assert "-fsched-pressure" in flags(dense, 10**6, (*GCC, "-m64"))
-    of_clang = flags(dense, 10**6, ("/usr/bin/ccache", "clang-14"), has_lanes=True)
-    assert not {"-fsched-pressure", "-fno-tree-fre"}.intersection(of_clang)
+    assert "-fno-tree-fre" in flags(dense, 10**6, (*GCC, "-m64"))
+    of_clang = flags(dense, 10**6, ("/usr/bin/ccache", "clang-14"))
+    assert "-fno-tree-fre" not in of_clang

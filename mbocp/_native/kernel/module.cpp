@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "c_source.hpp"
 #include "newton.hpp"
 #include "receding.hpp"
 #include "stopping.hpp"
@@ -134,6 +136,15 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_prop_ro("num_executed", &StageFunction::num_executed)
         .def_ro("num_lanes", &StageFunction::num_lanes)
         .def_ro("num_inputs", &StageFunction::num_inputs);
+
+    module.def(
+        "write_c",
+        [](const std::string& serialised) -> std::optional<std::pair<std::vector<std::string>, std::string>> {
+            std::optional<CSource> found = write_c(serialised);
+            if (!found) return std::nullopt;
+            return std::pair{std::move(found->functions), std::move(found->entries)};
+        },
+        nb::arg("serialised"));
 
     nb::class_<Kind>(module, "Kind")
         .def(

@@ -17,6 +17,14 @@ namespace {
 typedef double mbocp_vector __attribute__((vector_size(8 * MBOCP_WIDTH), aligned(8), may_alias));
 
 inline mbocp_vector load(const double* p) { return *reinterpret_cast<const mbocp_vector*>(p); }
+inline double multiply_add(double x, double y, double z) { return mbocp_one_multiply_add(x, y, z); }
+inline mbocp_vector multiply_add(mbocp_vector x, mbocp_vector y, mbocp_vector z) {
+#if MBOCP_LANES == MBOCP_WIDTH
+    return mbocp_multiply_add(x, y, z);
+#else
+    return x * y + z;
+#endif
+}
 inline void store(double* p, mbocp_vector v) { *reinterpret_cast<mbocp_vector*>(p) = v; }
 
 template <class Sine>
@@ -105,13 +113,13 @@ void pass_over(const Passes& tape, double* memory, int stride) {
             each([](Vec x, Vec, auto) { return 1.0 / x; });
             break;
         case Operation::multiply_add:
-            each([](Vec x, Vec y, auto z) { return x * y + z(); });
+            each([](Vec x, Vec y, auto z) { return multiply_add(x, y, z()); });
             break;
         case Operation::multiply_subtract:
-            each([](Vec x, Vec y, auto z) { return x * y - z(); });
+            each([](Vec x, Vec y, auto z) { return multiply_add(x, y, -z()); });
             break;
         case Operation::subtract_product:
-            each([](Vec x, Vec y, auto z) { return z() - x * y; });
+            each([](Vec x, Vec y, auto z) { return multiply_add(-x, y, z()); });
             break;
         case Operation::square_root:
             each_lane([](double x, double) { return std::sqrt(x); });
@@ -122,7 +130,7 @@ void pass_over(const Passes& tape, double* memory, int stride) {
         case Operation::sine:
             run([&](const Instruction&, double* to, const double* a, const double*) {
                 if constexpr (Blocks == 0)
-                    to[0] = std::sin(a[0]);
+                    to[0] = mbocp_first(mbocp_sin(mbocp_all(a[0])));
                 else
                     apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_sin(x); });
             });
@@ -130,7 +138,7 @@ void pass_over(const Passes& tape, double* memory, int stride) {
         case Operation::cosine:
             run([&](const Instruction&, double* to, const double* a, const double*) {
                 if constexpr (Blocks == 0)
-                    to[0] = std::cos(a[0]);
+                    to[0] = mbocp_first(mbocp_cos(mbocp_all(a[0])));
                 else
                     apply(a, to, count * width, [](mbocp_lanes x) { return mbocp_cos(x); });
             });

@@ -13,7 +13,7 @@ using Index = long long int;  // casadi_int of generated code
 using Evaluate = int (*)(const double**, double**, Index*, double*, int);
 using Work = int (*)(Index*, Index*, Index*, Index*);
 using Count = Index (*)(void);
-using EvaluateInLanes = int (*)(const double**, double**);
+using EvaluateInLanes = int (*)(double*);
 using NumLanes = int (*)(void);
 using SparsityOf = const Index* (*)(Index);
 
@@ -64,36 +64,37 @@ public:
         iw_.resize(static_cast<std::size_t>(sizes[2]));
         w_.resize(static_cast<std::size_t>(sizes[3]));
         allocate();
-        find_lanes(name);
+        find_lanes(path, name);
     }
     Compiled(const Compiled& other)
         : StageFunction(other), library_(other.library_), evaluate_(other.evaluate_),
-          evaluate_in_lanes_(other.evaluate_in_lanes_), iw_(other.iw_.size()), w_(other.w_.size()) {
+          evaluate_in_lanes_(other.evaluate_in_lanes_), room_(other.room_), iw_(other.iw_.size()), w_(other.w_.size()) {
         allocate();
-        if (num_lanes > 1) allocate_lanes();
+        if (num_lanes > 1) allocate_lanes(room_);
     }
     std::shared_ptr<StageFunction> copy() const override { return std::make_shared<Compiled>(*this); }
     bool call() override { return evaluate_(arg.data(), res.data(), iw_.data(), w_.data(), 0) == 0; }
 
 protected:
-    bool call_all(int) override {
-        return evaluate_in_lanes_(const_cast<const double**>(lane_inputs_.data()), lane_outputs_.data()) == 0;
-    }
+    bool call_all(int) override { return evaluate_in_lanes_(lanes_.data()) == 0; }
 
 private:
-    void find_lanes(const std::string& name) {
+    void find_lanes(const std::string& path, const std::string& name) {
         const auto number = reinterpret_cast<NumLanes>(dlsym(library_.get(), (name + "_num_lanes").c_str()));
         if (!number) return;
         num_lanes = number();
         if (num_lanes != 4 && num_lanes != 8) num_lanes = 1;
         if (num_lanes == 1) return;
-        evaluate_in_lanes_ = reinterpret_cast<EvaluateInLanes>(dlsym(library_.get(), (name + "_in_lanes").c_str()));
-        allocate_lanes();
+        void* library = library_.get();
+        evaluate_in_lanes_ = symbol<EvaluateInLanes>(library, path, name + "_in_lanes");
+        room_ = static_cast<int>(symbol<Count>(library, path, name + "_room")());
+        allocate_lanes(room_);
     }
 
     std::shared_ptr<void> library_;
     Evaluate evaluate_ = nullptr;
     EvaluateInLanes evaluate_in_lanes_ = nullptr;
+    int room_ = 0;  // for what the function keeps, in numbers of all lanes
     std::vector<Index> iw_;
     std::vector<double> w_;
 };
@@ -114,7 +115,6 @@ void StageFunction::allocate_lanes(int more) {
     double* at = lanes_.allocate(total * num_lanes);
     for (const int size : input_sizes) lane_inputs_.push_back(at), at += num_lanes * (size + 1);
     lane_results_ = at;
-    for (std::size_t i = 0; i < outputs.size(); ++i) lane_outputs_.push_back(at + num_lanes * first[i]);
 }
 
 void StageFunction::set(int input, const double* const* of_stages) {

@@ -79,7 +79,7 @@ protected:
     void allocate_lanes(int more = 0);
 
     Pool results_, lanes_;
-    std::vector<double*> lane_inputs_, lane_outputs_;
+    std::vector<double*> lane_inputs_;
     double* lane_results_ = nullptr;
 
 private:

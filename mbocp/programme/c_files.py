@@ -1,0 +1,76 @@
+"""Functions in C, in files that compile side by side: a compiler works on one core.
+
+The kernel writes a function as a row of short ones that know only what they are passed, so that each of them
+can stand in any file; see `mbocp/_native/kernel/c_source.hpp`. What is no operation on numbers, such as a
+table that is interpolated, CasADi writes itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+
+from mbocp.programme.native import kernel
+from mbocp.programme.tapes import as_operations
+
+HEADERS = tuple(Path(__file__).with_name(name) for name in ("lanes.h", "functions.h"))
+_HIDDEN = '__attribute__((noinline, visibility("hidden"))) '
+_LEAST = 8_000  # lines of a file, below which a second one is not worth its begin
+
+
+def write_files(functions: Iterable[ca.Function], lanes: int, most: int) -> list[str]:
+    """Return functions as files of C that are linked together.
+
+    Parameters
+    ----------
+    functions : iterable of casadi.Function
+    lanes : int
+        Stages that are evaluated at once.
+    most : int
+        Files, at most; what CasADi writes is one more.
+    """
+    parts: list[str] = []
+    entries: list[str] = []
+    others: list[ca.Function] = []
+    for function in functions:
+        found = kernel().write_c(as_operations(function).serialize())
+        if found is None:
+            others.append(function)
+        else:
+            parts += found[0]
+            entries.append(found[1])
+    files = list(_in_files(parts, entries, lanes, most)) if parts else []
+    return [*files, *_by_casadi(others)]
+
+
+def _in_files(parts: Sequence[str], entries: Sequence[str], lanes: int, most: int) -> Iterator[str]:
+    head = f"#define MBOCP_LANES {lanes}\n{_header_text()}"
+    declarations = "".join(f"{_HIDDEN}{part.partition(' {')[0]};\n" for part in parts)
+    lengths = [part.count("\n") for part in parts]
+    count = max(1, min(most, sum(lengths) // _LEAST))
+    share, length, file = sum(lengths) / count, 0, 0
+    shares: list[list[str]] = [[] for _ in range(count)]
+    for part, own in zip(parts, lengths, strict=True):
+        if length > share * (file + 1) and file + 1 < count:
+            file += 1
+        shares[file].append(part)
+        length += own
+    for i, written in enumerate(shares):
+        yield "".join((head, declarations, *written, *(entries if i == 0 else ())))
+
+
+@cache
+def _header_text() -> str:
+    return "#include <math.h>\n" + "".join(path.read_text(encoding="ascii") for path in HEADERS)
+
+
+def _by_casadi(functions: Sequence[ca.Function]) -> list[str]:
+    if not functions:
+        return []
+    generator = ca.CodeGenerator("stage.c")
+    for function in functions:
+        generator.add(function)
+    return [str(generator.dump())]

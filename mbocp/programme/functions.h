@@ -1,0 +1,65 @@
+/* What functions need that the kernel writes in C, see `_native/kernel/c_source.hpp`; included after lanes.h. */
+#include <stdint.h>
+
+#define casadi_int long long
+#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))
+typedef mbocp_lanes V;
+
+#define mbocp_multiply_subtract(x, y, z) mbocp_multiply_add(x, y, -(z))
+#define mbocp_subtract_product(x, y, z) mbocp_multiply_add(-(x), y, z)
+
+#if MBOCP_LANES == 1
+#define mbocp_lane(x, i) (*(x))
+#else
+#define mbocp_lane(x, i) ((*(x))[i])
+#endif
+
+/* Column `which` of a row of `count` numbers; beyond its ends no number. */
+static __attribute__((unused, noinline)) V mbocp_chosen(const V* row, int count, V which) {
+  V chosen;
+  int i;
+  for (i = 0; i < MBOCP_LANES; ++i) {
+    const double number = mbocp_lane(&which, i);
+    const int is_there = number >= 0 && number < count;
+    if (i == 0 && is_there && mbocp_agree(which)) return row[(int)number];
+    mbocp_lane(&chosen, i) = is_there ? mbocp_lane(row + (int)number, i) : 0. / 0.;
+  }
+  return chosen;
+}
+
+static __attribute__((unused, noinline)) void mbocp_add_chosen(V* row, int count, V which, V share) {
+  int i;
+  for (i = 0; i < MBOCP_LANES; ++i) {
+    const double number = mbocp_lane(&which, i);
+    if (number >= 0 && number < count) mbocp_lane(row + (int)number, i) += mbocp_lane(&share, i);
+  }
+}
+
+/* The first place of work arrays at which a number of each lane may stand. */
+static inline __attribute__((unused)) V* mbocp_first_place(double* w) {
+  return (V*)(((uintptr_t)w + sizeof(V) - 1) / sizeof(V) * sizeof(V));
+}
+
+MBOCP_EACH(exp)
+MBOCP_EACH(log)
+MBOCP_EACH(tan)
+MBOCP_EACH(asin)
+MBOCP_EACH(acos)
+MBOCP_EACH(atan)
+MBOCP_EACH(sinh)
+MBOCP_EACH(cosh)
+MBOCP_EACH(tanh)
+MBOCP_EACH(asinh)
+MBOCP_EACH(acosh)
+MBOCP_EACH(atanh)
+MBOCP_EACH(floor)
+MBOCP_EACH(ceil)
+MBOCP_EACH(erf)
+MBOCP_EACH(log1p)
+MBOCP_EACH(expm1)
+MBOCP_EACH_OF_TWO(pow)
+MBOCP_EACH_OF_TWO(fmod)
+MBOCP_EACH_OF_TWO(remainder)
+MBOCP_EACH_OF_TWO(atan2)
+MBOCP_EACH_OF_TWO(hypot)
+MBOCP_EACH_OF_TWO(copysign)
