@@ -1,8 +1,8 @@
 """Iterations of `monolithic` beside IPOPT's, on random tasks: `python -m benchmarks.iterations`.
 
-Same programme, guess (the line) and tolerance. Arms and a drone go from rest to rest; half of the arms' poses
-are far apart. Limits of torques are shares of the largest torques of the motion without them, but room to
-hold both ends.
+Same programme, guess (the line) and tolerance. Arms, chains and a drone go from rest to rest; half of the
+arms' poses are far apart. Two arms carry a box (`examples/worlds/two_arms_one_load.toml`) to random places.
+Limits of torques are shares of the largest torques of the motion without them, but room to hold both ends.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -18,16 +19,18 @@ import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header, one_core
+from benchmarks.newton import EXAMPLES
 from benchmarks.random_tasks import rest_to_rest
 from benchmarks.tables import Table, show
 from mbocp import Problem, Robot
+from mbocp.exceptions import UnreachablePose
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.solvers import SolverSettings, Start, run_strategy
 
 __all__ = ["ROBOTS", "Count", "iteration_counts", "random_task"]
 
-ROBOTS = ("ur5", "panda", "drone")
+ROBOTS = ("ur5", "panda", "drone", "baxter", "chain_12", "chain_16", "two_arms_one_load")
 _METHODS = ("monolithic", "ipopt")
 _FINGERS = {"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0}
 _MOST = 500
@@ -64,6 +67,8 @@ def _robot(name: str) -> Robot:
 def random_task(name: str, seed: int, number: int) -> Problem:
     """Rest to rest; the i-th of a seed does not depend on how many there are."""
     rng = np.random.default_rng([seed, ROBOTS.index(name), number])
+    if name == "two_arms_one_load":
+        return _load(rng)
     robot = _robot(name)
     model = robot.model
     if name == "drone":
@@ -80,10 +85,26 @@ def random_task(name: str, seed: int, number: int) -> Problem:
     return rest_to_rest(robot, duration, steps, q0, q1, weight)
 
 
+def _load(rng: Rng) -> Problem:
+    """A box that two arms hold, to a place and heading near that of the example."""
+    problem = mbocp.load_problem(EXAMPLES / "worlds" / "two_arms_one_load.toml")
+    duration, steps = float(rng.uniform(0.8, 2.5)), int(rng.integers(30, 81))
+    weight = float(rng.choice([1.0, 10.0, 30.0]))
+    asked = {"duration": duration, "num_steps": steps, "cost": {"velocity": weight}}
+    while True:
+        place = np.array([0.4, 0.0, 0.35]) + rng.uniform(-0.15, 0.15, 3)
+        yaw = float(rng.uniform(-0.4, 0.4))
+        box = {"name": "load/body", "position": place.tolist(), "rpy": [0.0, 0.0, yaw]}
+        with suppress(UnreachablePose):  # then another one
+            return problem.with_(goal={"frame": box}, integrator={"scheme": "se1"}, **asked)
+
+
 def _pose(rng: Rng, robot: Robot) -> np.ndarray:
-    """Joints between their limits, at most two radians from the middle or from zero."""
-    low = np.maximum(robot.model.lowerPositionLimit, -np.pi)
-    high = np.minimum(robot.model.upperPositionLimit, np.pi)
+    """Joints between their limits, where they have some, at most two radians from the middle or from zero."""
+    low, high = robot.model.lowerPositionLimit, robot.model.upperPositionLimit
+    is_free = low >= high
+    low = np.maximum(np.where(is_free, -np.pi, low), -np.pi)
+    high = np.minimum(np.where(is_free, np.pi, high), np.pi)
     middle = np.where((low < 0.0) & (high > 0.0), 0.0, 0.5 * (low + high))
     return rng.uniform(np.maximum(low, middle - 2.0), np.minimum(high, middle + 2.0))
 
@@ -91,24 +112,17 @@ def _pose(rng: Rng, robot: Robot) -> np.ndarray:
 def limited(problem: Problem, us: np.ndarray, seed: int, number: int) -> Problem:
     """Within limits of torques that the motion with the controls `us` exceeds."""
     rng = np.random.default_rng([seed, number, 1])
-    robot, data = problem.robot, problem.robot.model.createData()
-    held = [
-        np.abs(pin.computeGeneralizedGravity(robot.model, data, q)) for q in (problem.q_start, problem.goal.q)
-    ]
-    room = 1.15 * np.maximum(*held) + 1e-3
+    held = np.abs(us[[0, -1]]) if problem.robot.constraints else _holding(problem)
+    room = 1.15 * held.max(axis=0) + 1e-3
     bound = np.maximum(rng.uniform(0.6, 0.9) * np.abs(us).max(axis=0), room)
-    cost = {"effort": 1.0, "velocity": np.asarray(problem.cost.velocity)}
-    ends = {"start": {"q": problem.q_start}, "goal": {"q": problem.goal.q, "v": np.zeros(robot.nv)}}
-    limits = {"effort": bound}
-    return Problem.create(
-        robot,
-        problem.duration,
-        problem.num_steps,
-        **ends,
-        cost=cost,
-        limits=limits,
-        scheme="se1",
-    )
+    return problem.with_(limits={"effort": bound})
+
+
+def _holding(problem: Problem) -> np.ndarray:
+    """Torques that hold a tree still at both ends, shape (2, nu)."""
+    model, data = problem.robot.model, problem.robot.model.createData()
+    ends = (problem.q_start, problem.goal.q)
+    return np.abs([pin.computeGeneralizedGravity(model, data, q) for q in ends])
 
 
 def iteration_counts(problem: Problem, methods: Sequence[str] = _METHODS) -> tuple[list[Count], np.ndarray]:

@@ -371,31 +371,42 @@ std::string list_of(const Values& values) {
     return text + '0';
 }
 
-// CasADi's compact form of patterns, which its external functions are asked for.
-std::string pattern_function(const std::string& name, const std::vector<casadi::Sparsity>& patterns) {
-    std::string text = "CASADI_SYMBOL_EXPORT const casadi_int* " + name + "(casadi_int i) {\n", cases;
-    for (std::size_t i = 0; i < patterns.size(); ++i) {
-        text += "static const casadi_int p" + std::to_string(i) + "[]={" + list_of(patterns[i].compress()) + "};\n";
+// What CasADi asks an external function for, of each input or output.
+template <class Value>
+std::string table(const std::string& kind, const std::string& name, casadi_int count, Value value) {
+    std::string text = "CASADI_SYMBOL_EXPORT const " + kind + "* " + name + "(casadi_int i) {\n", cases;
+    for (casadi_int i = 0; i < count; ++i) {
+        text += "static const " + kind + " p" + std::to_string(i) + "[]=" + value(i) + ";\n";
         cases += "case " + std::to_string(i) + ": return p" + std::to_string(i) + ";\n";
     }
     return text + "switch (i) {\n" + cases + "default: return 0;\n}\n}\n";
 }
 
+std::string names_and_patterns(const casadi::Function& f) {
+    const auto pattern = [](const casadi::Sparsity& s) { return '{' + list_of(s.compress()) + '}'; };
+    const auto quoted = [](const std::string& name) { return '"' + name + '"'; };
+    return table("casadi_int", f.name() + "_sparsity_in", f.n_in(),
+                 [&](casadi_int i) { return pattern(f.sparsity_in(i)); }) +
+           table("casadi_int", f.name() + "_sparsity_out", f.n_out(),
+                 [&](casadi_int i) { return pattern(f.sparsity_out(i)); }) +
+           table("char", f.name() + "_name_in", f.n_in(), [&](casadi_int i) { return quoted(f.name_in(i)); }) +
+           table("char", f.name() + "_name_out", f.n_out(), [&](casadi_int i) { return quoted(f.name_out(i)); });
+}
+
 // Of the whole function: for one stage, as CasADi's own C has it, and in lanes, in memory as a tape's.
 std::string entries_of(const casadi::Function& f, const Callee& callee) {
     const std::string name = f.name(), begin = "CASADI_SYMBOL_EXPORT ";
-    std::vector<casadi::Sparsity> in, out;
     std::vector<casadi_int> sizes_in, sizes_out;
-    for (casadi_int i = 0; i < f.n_in(); ++i) in.push_back(f.sparsity_in(i)), sizes_in.push_back(f.nnz_in(i));
-    for (casadi_int i = 0; i < f.n_out(); ++i) out.push_back(f.sparsity_out(i)), sizes_out.push_back(f.nnz_out(i));
+    for (casadi_int i = 0; i < f.n_in(); ++i) sizes_in.push_back(f.nnz_in(i));
+    for (casadi_int i = 0; i < f.n_out(); ++i) sizes_out.push_back(f.nnz_out(i));
     const std::string after_inputs = std::to_string(callee.num_inputs),
                       after_outputs = std::to_string(callee.num_inputs + callee.num_outputs + 1);
     const auto count = [&](const char* what, const std::string& number) {
         return begin + "casadi_int " + name + what + "(void) { return " + number + "; }\n";
     };
-    const auto num_in = std::to_string(in.size()), num_out = std::to_string(out.size());
+    const auto num_in = std::to_string(f.n_in()), num_out = std::to_string(f.n_out());
     std::string text = count("_n_in", num_in) + count("_n_out", num_out) + count("_room", std::to_string(callee.room));
-    text += pattern_function(name + "_sparsity_in", in) + pattern_function(name + "_sparsity_out", out);
+    text += names_and_patterns(f);
     text += begin + "int " + name + "_num_lanes(void) { return MBOCP_LANES; }\n";
     text += begin + "int " + name + "_in_lanes(double* memory) {\nV* m=(V*)memory;\n" + callee.name + "(m,m+" +
             after_inputs + ",m+" + after_outputs + ");\nreturn 0;\n}\n";

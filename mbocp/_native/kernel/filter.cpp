@@ -18,7 +18,7 @@ constexpr double round_off = 1e-13;                         // of the cost's own
 Filter Filter::start(double violation) {
     Filter filter;
     const double scale = std::max(1.0, violation);
-    filter.most_violation_ = 10.0 * scale, filter.least_violation_ = 1e-4 * scale;
+    filter.most_violation_ = 1e3 * scale, filter.least_violation_ = 1e-4 * scale;
     return filter;
 }
 

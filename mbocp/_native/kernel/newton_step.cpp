@@ -10,7 +10,7 @@ constexpr double most_turn = 1.0;  // of a joint in one step [rad]
 // Relative eigenvalue of eta's Schur complement below which the end condition is augmented more.
 constexpr double least_end_condition = 1e-3, most_augmentation = 1e12, augmentation_growth = 100.0;
 // Violation that is worth a correction, by the iterate's, or in all: a step that went far astray is beyond it.
-constexpr double correctable = 3.0, nearly = 0.1;
+constexpr double correctable = 30.0, nearly = 0.1;
 // The barrier falls where the defect of its problem is below this multiple of it, by a factor or to a power.
 constexpr double settled = 30.0, power = 1.7, slow_settled = 300.0, slow_power = 1.2, factor = 0.1;
 
