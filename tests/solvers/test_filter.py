@@ -49,7 +49,7 @@ def test_a_cleared_filter_has_the_bounds_of_the_first_violation(
     assert (filter_.num_corners, grown.num_corners) == (0, 1)
     cleared = grown.without_corners()
     assert cleared.num_corners == 0
-    assert cleared.most_violation == filter_.most_violation == 10.0 * max(1.0, first)
+    assert cleared.most_violation == filter_.most_violation == 1e3 * max(1.0, first)
 
 
 @given(COST, st.floats(1e-3, 1e3), st.floats(0.0, 1.0))

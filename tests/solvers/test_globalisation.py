@@ -239,8 +239,9 @@ def test_the_first_shift_is_found_in_few_factorisations() -> None:
 
 
 def test_steps_far_astray_get_no_correction() -> None:
-    """Of nine corrections on this Panda's motion eight did not help; some do, elsewhere."""
-    assert 1 <= solved(PEERS / "F.toml").corrections <= 6
+    """On this Panda's motion half of the steps; with corrections of all it takes no fewer steps."""
+    state = solved(PEERS / "F.toml")
+    assert 1 <= state.corrections <= state.iteration / 2
 
 
 def test_only_a_definite_system_is_factorised_again_for_its_conditioning() -> None:
