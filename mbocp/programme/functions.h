@@ -14,17 +14,24 @@ typedef mbocp_lanes V;
 #define mbocp_lane(x, i) ((*(x))[i])
 #endif
 
-/* Column `which` of a row of `count` numbers; beyond its ends no number. */
-static __attribute__((unused, noinline)) V mbocp_chosen(const V* row, int count, V which) {
-  V chosen;
+static __attribute__((unused, noinline)) void mbocp_copy(V* to, const V* from, int count) {
   int i;
+  for (i = 0; i < count; ++i) to[i] = from[i];
+}
+
+/* Column `which` of a table; beyond its ends no numbers. */
+static __attribute__((unused, noinline)) void mbocp_choose_column(V* to, const V* table, int rows, int columns, V which) {
+  int i, row;
   for (i = 0; i < MBOCP_LANES; ++i) {
     const double number = mbocp_lane(&which, i);
-    const int is_there = number >= 0 && number < count;
-    if (i == 0 && is_there && mbocp_agree(which)) return row[(int)number];
-    mbocp_lane(&chosen, i) = is_there ? mbocp_lane(row + (int)number, i) : 0. / 0.;
+    const int is_there = number >= 0 && number < columns;
+    const V* column = table + (is_there ? rows * (int)number : 0);
+    if (i == 0 && is_there && mbocp_agree(which)) {
+      mbocp_copy(to, column, rows);
+      return;
+    }
+    for (row = 0; row < rows; ++row) mbocp_lane(to + row, i) = is_there ? mbocp_lane(column + row, i) : 0. / 0.;
   }
-  return chosen;
 }
 
 static __attribute__((unused, noinline)) void mbocp_add_chosen(V* row, int count, V which, V share) {

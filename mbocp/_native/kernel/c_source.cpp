@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <map>
 #include <stdexcept>
+#include <utility>
 
 #include "graph.hpp"
 
@@ -12,6 +13,7 @@ namespace mbocp {
 namespace {
 
 constexpr int longest_piece = 250;  // statements: of a few hundred the calls and what is kept cost nothing
+constexpr int most_in_a_row = 3;    // of copies, beyond which a loop takes their place
 
 struct Unknown : std::runtime_error {
     using std::runtime_error::runtime_error;
@@ -94,12 +96,10 @@ public:
             if (piece_of_[k] != piece_) end_piece(functions), ++piece_, begin_piece();
             add(number);
         }
+        std::vector<int> left, places;
         for (std::size_t r = 0; r < graph_.results.size(); ++r)
-            if (!is_written_[r]) {
-                const int value = graph_.results[r];
-                const std::string number = value == none ? literal(0.0) : ref(value);  // none: a zero of the pattern
-                text_ += index("y", static_cast<int>(r)) + '=' + number + ";\n";
-            }
+            if (!is_written_[r]) left.push_back(graph_.results[r]), places.push_back(static_cast<int>(r));
+        put("y", left, [&](std::size_t i) { return places[i]; });
         end_piece(functions);
         std::string all = head(name_) + "V* s=k+" + std::to_string(num_slots_) + ";\n(void)s;\n";
         for (int p = 0; p <= piece_; ++p) all += name_of_piece(p) + "(x,y,k,s);\n";
@@ -202,6 +202,7 @@ private:
     void add(int number) {
         const Node& n = nodes_[number];
         if (n.operation == call) return add_call(number);
+        if (n.operation == choose_column) return add_column(number);
         if (n.operation == result_of_call) {
             slot_[number] = slot_[n.a] + n.number, local_in_[number] = piece_ - 1;  // it is read where it is used
             return;
@@ -234,15 +235,49 @@ private:
         const Node& n = nodes_[number];
         const Callee& callee = callees_[n.number];
         slot_[number] = num_slots_, num_slots_ += callee.num_outputs, local_in_[number] = piece_;
-        const std::vector<int>& passed = graph_.lists[n.list];
         const std::vector<int> places = places_of_inputs(graph_.called[n.number]);
-        for (std::size_t i = 0; i < passed.size(); ++i) {
-            const std::string value = ref(passed[i]);
-            text_ += index("s", places[i]) + '=' + value + ";\n";
-        }
+        put("s", graph_.lists[n.list], [&](std::size_t i) { return places[i]; });
         text_ +=
             callee.name + "(s,k+" + std::to_string(slot_[number]) + ",s+" + std::to_string(callee.num_inputs) + ");\n";
         scratch_ = std::max(scratch_, callee.num_inputs + callee.room);
+    }
+
+    void add_column(int number) {
+        const Node& n = nodes_[number];
+        const int table = slots_of_list(n.list), columns = static_cast<int>(graph_.lists[n.list].size()) / n.number;
+        slot_[number] = num_slots_, num_slots_ += n.number, local_in_[number] = piece_;
+        const std::string which = ref(n.a);
+        text_ += "mbocp_choose_column(k+" + std::to_string(slot_[number]) + ",k+" + std::to_string(table) + ',' +
+                 std::to_string(n.number) + ',' + std::to_string(columns) + ',' + which + ");\n";
+    }
+
+    // Values at places of an array; those that follow each other in memory by one call.
+    template <class Place>
+    void put(const char* array, const std::vector<int>& values, Place place) {
+        for (std::size_t i = 0; i < values.size();) {
+            const auto [from, first] = memory_of(values[i]);
+            int count = 1;
+            const auto follows = [&](std::size_t next) {
+                return next < values.size() && place(next) == place(i) + count &&
+                       memory_of(values[next]) == std::pair{from, first + count};
+            };
+            while (from && follows(i + static_cast<std::size_t>(count))) ++count;
+            if (count > most_in_a_row) {
+                text_ += std::string("mbocp_copy(") + array + '+' + std::to_string(place(i)) + ',' + from + '+' +
+                         std::to_string(first) + ',' + std::to_string(count) + ");\n";
+                i += static_cast<std::size_t>(count);
+            } else {
+                const std::string value = values[i] == none ? literal(0.0) : ref(values[i]);  // none: of the pattern
+                text_ += index(array, place(i)) + '=' + value + ";\n";
+                ++i;
+            }
+        }
+    }
+    // The array and the place that a value is read from, if it has one.
+    std::pair<char, int> memory_of(int number) const {
+        if (number < none && !Graph::is_constant(number)) return {'x', Graph::index_of(number)};
+        if (number >= 0 && nodes_[number].operation == result_of_call) return {'k', slot_[number]};
+        return {'\0', 0};
     }
 
     // As `Graph` counts them.
@@ -304,9 +339,6 @@ private:
             return function("not");
         case Operation::where:
             return function("if");
-        case Operation::choose:
-            return "mbocp_chosen(k+" + std::to_string(slots_of_list(n.list)) + ',' +
-                   std::to_string(graph_.lists[n.list].size()) + ',' + a + ')';
         default:
             return function(name_of_other(n.number));
         }
@@ -317,10 +349,7 @@ private:
         if (list_slots_[list] == none) {
             const std::vector<int>& values = graph_.lists[list];
             list_slots_[list] = num_slots_, num_slots_ += static_cast<int>(values.size());
-            for (std::size_t i = 0; i < values.size(); ++i) {
-                const std::string value = ref(values[i]);
-                text_ += index("k", list_slots_[list] + static_cast<int>(i)) + '=' + value + ";\n";
-            }
+            put("k", values, [&](std::size_t i) { return list_slots_[list] + static_cast<int>(i); });
         }
         return list_slots_[list];
     }

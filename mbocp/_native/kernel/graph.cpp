@@ -142,6 +142,14 @@ std::vector<int> Graph::chosen_columns(const casadi::Function& f, const std::vec
     const int rows = static_cast<int>(f.size1_in(0)), columns = static_cast<int>(f.size2_in(0));
     const int* which = given.data() + rows * columns;
     std::vector<int> of_rows, found;
+    if (calls_ == Calls::kept) {  // each column at once
+        const int table = add_list({given.data(), which});
+        for (casadi_int j = 0; j < f.size2_in(1); ++j) {
+            const int number = add_node({choose_column, rows, which[j], none, none, 0, -1, table});
+            for (int i = 0; i < rows; ++i) found.push_back(add_node({result_of_call, i, number, none, none}));
+        }
+        return found;
+    }
     for (int i = 0; i < rows; ++i) {
         std::vector<int> row;
         for (int j = 0; j < columns; ++j) row.push_back(given[j * rows + i]);
@@ -237,7 +245,7 @@ void Graph::count_uses() {
 }
 
 bool Graph::takes_two(const Node& n) {
-    if (n.operation == call || n.operation == result_of_call) return false;
+    if (n.operation == call || n.operation == result_of_call || n.operation == choose_column) return false;
     switch (n.operation) {
     case Operation::copy:
     case Operation::negate:

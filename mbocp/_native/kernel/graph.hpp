@@ -13,12 +13,14 @@
 namespace mbocp {
 
 // Kinds of nodes that no tape has.
-constexpr Operation call = static_cast<Operation>(1000), result_of_call = static_cast<Operation>(1001);
+constexpr Operation call = static_cast<Operation>(1000), result_of_call = static_cast<Operation>(1001),
+                    choose_column = static_cast<Operation>(1002);
 
 // An operation on values, which have numbers: from zero on those of nodes, below -1 of inputs and constants.
 struct Node {
     Operation operation;
-    int number;  // of CasADi's operation, where it is another one; of the function that is called; of its output
+    int number;  // of CasADi's operation, where it is another one; of the function that is called; of its output; of
+                 // rows
     int a, b, c;
     int num_uses = 0, place = -1;
     int list = -1;  // of the values of which one is chosen, or that are passed to a function
