@@ -8,6 +8,7 @@ table that is interpolated, CasADi writes itself.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -21,45 +22,63 @@ _HIDDEN = '__attribute__((noinline, visibility("hidden"))) '
 _LEAST = 8_000  # lines of a file, below which a second one is not worth its begin
 
 
-def write_files(functions: Iterable[ca.Function], lanes: int, most: int) -> list[str]:
-    """Return functions as files of C that are linked together.
+@dataclass(frozen=True)
+class CText:
+    """Functions in C.
 
-    Parameters
+    Attributes
     ----------
-    functions : iterable of casadi.Function
-    lanes : int
-        Stages that are evaluated at once.
-    most : int
-        Files, at most; what CasADi writes is one more.
+    parts : tuple of str
+        Functions that call each other, and may stand in different files.
+    entries : tuple of str
+        What is called from outside.
+    others : tuple of str
+        What CasADi has written, a file by itself; empty where it has written nothing.
     """
-    parts: list[str] = []
-    entries: list[str] = []
-    others: list[ca.Function] = []
-    for function in functions:
-        found = kernel().write_c(as_operations(function).serialize())
-        if found is None:
-            others.append(function)
-        else:
-            parts += found[0]
-            entries.append(found[1])
-    files = list(_in_files(parts, entries, lanes, most)) if parts else []
-    return [*files, *_by_casadi(others)]
 
+    parts: tuple[str, ...]
+    entries: tuple[str, ...]
+    others: tuple[str, ...]
 
-def _in_files(parts: Sequence[str], entries: Sequence[str], lanes: int, most: int) -> Iterator[str]:
-    head = f"#define MBOCP_LANES {lanes}\n{_header_text()}"
-    declarations = "".join(f"{_HIDDEN}{part.partition(' {')[0]};\n" for part in parts)
-    lengths = [part.count("\n") for part in parts]
-    count = max(1, min(most, sum(lengths) // _LEAST))
-    share, length, file = sum(lengths) / count, 0, 0
-    shares: list[list[str]] = [[] for _ in range(count)]
-    for part, own in zip(parts, lengths, strict=True):
-        if length > share * (file + 1) and file + 1 < count:
-            file += 1
-        shares[file].append(part)
-        length += own
-    for i, written in enumerate(shares):
-        yield "".join((head, declarations, *written, *(entries if i == 0 else ())))
+    @classmethod
+    def of(cls, functions: Iterable[ca.Function]) -> CText:
+        """Write functions in C."""
+        parts: list[str] = []
+        entries: list[str] = []
+        others: list[ca.Function] = []
+        for function in functions:
+            found = kernel().write_c(as_operations(function).serialize())
+            if found is None:
+                others.append(function)
+            else:
+                parts += found[0]
+                entries.append(found[1])
+        return cls(tuple(parts), tuple(entries), _by_casadi(others))
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """All that a library is made of, however many files there are."""
+        return (_header_text(), *self.parts, *self.entries, *self.others)
+
+    def files(self, lanes: int, most: int) -> list[str]:
+        """Files that are linked together: at most so many, and what CasADi writes; for so many lanes."""
+        return [*(self._shared_out(lanes, most) if self.parts else ()), *self.others]
+
+    def _shared_out(self, lanes: int, most: int) -> Iterator[str]:
+        """Files of about the same length."""
+        head = f"#define MBOCP_LANES {lanes}\n{_header_text()}"
+        declarations = "".join(f"{_HIDDEN}{part.partition(' {')[0]};\n" for part in self.parts)
+        lengths = [part.count("\n") for part in self.parts]
+        count = max(1, min(most, sum(lengths) // _LEAST))
+        share, length, file = sum(lengths) / count, 0, 0
+        shares: list[list[str]] = [[] for _ in range(count)]
+        for part, own in zip(self.parts, lengths, strict=True):
+            if length > share * (file + 1) and file + 1 < count:
+                file += 1
+            shares[file].append(part)
+            length += own
+        for i, written in enumerate(shares):
+            yield "".join((head, declarations, *written, *(self.entries if i == 0 else ())))
 
 
 @cache
@@ -67,10 +86,10 @@ def _header_text() -> str:
     return "#include <math.h>\n" + "".join(path.read_text(encoding="ascii") for path in HEADERS)
 
 
-def _by_casadi(functions: Sequence[ca.Function]) -> list[str]:
+def _by_casadi(functions: Sequence[ca.Function]) -> tuple[str, ...]:
     if not functions:
-        return []
+        return ()
     generator = ca.CodeGenerator("stage.c")
     for function in functions:
         generator.add(function)
-    return [str(generator.dump())]
+    return (str(generator.dump()),)

@@ -53,7 +53,10 @@ typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
 #if !defined(__FMA__)
 #define mbocp_multiply_add(x, y, z) ((x) * (y) + (z))
 #elif defined(__clang__)
-#define mbocp_multiply_add(x, y, z) __builtin_elementwise_fma(x, y, z)
+static inline __attribute__((unused)) mbocp_lanes mbocp_multiply_add(mbocp_lanes x, mbocp_lanes y, mbocp_lanes z) {
+#pragma clang fp contract(on)
+  return x * y + z;
+}
 #elif MBOCP_LANES == 4
 #define mbocp_multiply_add(x, y, z) ((mbocp_lanes)__builtin_ia32_vfmaddpd256(x, y, z))
 #elif defined(__AVX512F__)

@@ -9,9 +9,10 @@ import os
 import platform
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
@@ -31,6 +32,9 @@ from mbocp.programme.keys import key_of, remember
 from mbocp.programme.native import kernel
 from mbocp.programme.processor import instruction_flags, number_of_lanes
 from mbocp.programme.tapes import count_operations
+
+if TYPE_CHECKING:
+    from mbocp.programme.c_files import CText
 
 # Without contraction: products within sums are said to be such, and round alike in tapes.
 _FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
@@ -93,12 +97,10 @@ def make_library(
     CompilationTimeout
         If the deadline passes before the library is there.
     """
-    most = _LARGE_END if of_end else _LARGE
-    from mbocp.programme.c_files import write_files  # what is compiled already needs none of it
+    from mbocp.programme.c_files import CText  # what is compiled already needs none of it
 
-    # One file where this process is a worker among others.
-    files = write_files(functions.values(), number_of_lanes(), min(available_threads(), _MOST_FILES))
-    unit = _Unit(cc, _flags_for(cc, functions.values(), most), tuple(files))
+    flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE)
+    unit = _Unit(cc, flags, number_of_lanes(), CText.of(functions.values()))
     check_deadline(deadline, "the functions were written in C")
     library = find_entry(unit.name)
     is_new = library is None
@@ -151,12 +153,19 @@ class _Unit:
 
     cc: tuple[str, ...]
     flags: tuple[str, ...]
-    files: tuple[str, ...]
+    lanes: int
+    text: CText
 
     @property
     def name(self) -> str:
         """Of the library."""
-        return f"{key_of(*self.files, *_translation(self.cc, self.flags))}.so"
+        written = (str(self.lanes), *self.text.texts)
+        return f"{key_of(*written, *_translation(self.cc, self.flags))}.so"
+
+    @cached_property
+    def files(self) -> list[str]:
+        """Of the source, for the cores that there are; one where this process is a worker among others."""
+        return self.text.files(self.lanes, min(available_threads(), _MOST_FILES))
 
 
 def _compile_into_folder(unit: _Unit, deadline: float) -> Path:

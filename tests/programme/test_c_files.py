@@ -158,7 +158,7 @@ def test_calls_have_the_numbers_of_what_is_written_out(lanes: str, monkeypatch: 
 
 
 def test_what_is_called_is_written_once() -> None:
-    text = "".join(c_files.write_files([calling()], 4, 1))
+    text = "".join(c_files.CText.of([calling()]).files(4, 1))
     assert text.count("=mbocp_sin(v") + text.count("=mbocp_sin(x") == 2  # both angles of the inner one
     assert text.count("void f_f0_0(") == 2  # declared and defined
 
@@ -259,7 +259,7 @@ def drawn_out() -> ca.Function:
     return ca.Function("drawn_out", [x, y], [ca.vertcat(*values[-4:])])
 
 
-def test_files_of_any_number_have_the_same_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_any_number_have_the_same_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(c_files, "_LEAST", 100)
     seen: list[int] = []
     run = library.run_compiler
@@ -272,8 +272,10 @@ def test_files_of_any_number_have_the_same_numbers(monkeypatch: pytest.MonkeyPat
     inputs, found = [a.ravel() for a in at_random(drawn_out())], []
     for count in (1, 3):
         monkeypatch.setattr(library, "available_threads", lambda count=count: count)
+        monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path / str(count)))
         made = load_functions(f"in {count} files", lambda: {"drawn_out": drawn_out()})
         found.append(made.stage_function("drawn_out").evaluate(inputs, COUNT, True))
+        load_functions("again, in one", lambda: {"drawn_out": drawn_out()})  # the same library
     assert seen == [0, 3]
     assert_same(*found)
 
