@@ -104,7 +104,12 @@ static inline __attribute__((unused)) int mbocp_agree(mbocp_lanes x) {
     return x;                                                                                   \
   }
 
-#if MBOCP_LANES == 4
+#ifndef __has_builtin
+#define __has_builtin(x) 0
+#endif
+#if __has_builtin(__builtin_elementwise_sqrt) /* newer versions of Clang have no other one */
+#define mbocp_sqrt(x) __builtin_elementwise_sqrt(x)
+#elif MBOCP_LANES == 4
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd256(x))
 #elif defined(__AVX512F__) && !defined(__clang__)
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd512_mask(x, x, -1, 4))

@@ -1,14 +1,14 @@
 """Columns of tables that numbers choose while a function is called.
 
 CasADi writes no operations on numbers for them. So they are functions of their own, which stay calls wherever
-others are written out, and whose names say what they do: the kernel's tapes do it themselves.
+others are written out, and whose names say what they do: tapes do it themselves, and so does the kernel's C.
 """
 
 from __future__ import annotations
 
 import casadi as ca
 
-# Words with which the names begin; `mbocp/_native/kernel/interpreted.cpp` has them, too.
+# Their names; `mbocp/_native/kernel/graph.cpp` has them, too.
 CHOOSE, ADD_CHOSEN = "choose_columns", "add_chosen_columns"
 STAYS_A_CALL = {"never_inline": True}  # where a function is written out that calls it
 

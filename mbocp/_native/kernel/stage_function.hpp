@@ -50,7 +50,7 @@ public:
     int num_inputs = 0;
     bool is_for_threads = true;
 
-    // A function `name` of the shared library at `path`, as CasADi's code generator writes it.
+    // A function `name` of the shared library at `path`, made of what `c_source.hpp` or CasADi's code generator writes.
     static std::shared_ptr<StageFunction> from_library(const std::string& path, const std::string& name);
     // A serialised casadi::Function, as a tape; by CasADi's virtual machine where it calls others or has loops.
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
