@@ -1,6 +1,6 @@
 /* Several stages at once: numbers of as many stages as a vector register holds, in its lanes.
 
-Included by generated functions, see lanes.py, which defines MBOCP_LANES. A condition is 1.0 or 0.0, as in C, and what it
+Included by the C of `c_files.py`, which defines MBOCP_LANES, and by the kernel's tapes. A condition is 1.0 or 0.0, as in C, and what it
 does not choose is 0: lanes never meet. Compilers and processors that are not known get one lane. */
 #if !(defined(__GNUC__) && defined(__AVX2__))
 #undef MBOCP_LANES
