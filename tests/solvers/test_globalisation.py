@@ -239,7 +239,7 @@ def test_the_first_shift_is_found_in_few_factorisations() -> None:
 
 
 def test_steps_far_astray_get_no_correction() -> None:
-    """On this Panda's motion half of the steps; with corrections of all it takes no fewer steps."""
+    """On this Panda's motion at most half of the steps do."""
     state = solved(PEERS / "F.toml")
     assert 1 <= state.corrections <= state.iteration / 2
 
