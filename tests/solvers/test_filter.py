@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -24,7 +25,7 @@ def test_a_trial_is_no_worse_than_a_corner_in_one_of_the_two(
     violation: float, cost: float, tried: float, lower: float
 ) -> None:
     before, after = trial(violation, cost), trial(tried, lower)
-    kept = kernel().Filter.start(1e3).with_corner(before)
+    kept = kernel().Filter.start(1e3, is_limited=False).with_corner(before)
     if kept.accepts(before, after, 0.0, 1.0).is_accepted:
         assert tried < violation or lower < cost
 
@@ -34,28 +35,29 @@ def test_less_violation_is_progress_whatever_the_cost(
     violation: float, cost: float, tried: float, other: float
 ) -> None:
     assume(tried < 0.999 * violation)
-    filter_ = kernel().Filter.start(violation)
+    filter_ = kernel().Filter.start(violation, is_limited=False)
     assert filter_.accepts(trial(violation, cost), trial(tried, other), 0.0, 1.0).is_accepted
     assert filter_.accepts_after_relaxation(trial(violation, cost), trial(tried, other))
 
 
-@given(st.floats(0.0, 1e6), VIOLATION, COST)
+@pytest.mark.parametrize(("is_limited", "farthest"), [(False, 1e3), (True, 10.0)])
+@given(first=st.floats(0.0, 1e6), violation=VIOLATION, cost=COST)
 def test_a_cleared_filter_has_the_bounds_of_the_first_violation(
-    first: float, violation: float, cost: float
+    is_limited: bool, farthest: float, first: float, violation: float, cost: float
 ) -> None:
     """What an old objective forbade is gone; the violation may not rise again and again."""
-    filter_ = kernel().Filter.start(first)
+    filter_ = kernel().Filter.start(first, is_limited)
     grown = filter_.with_corner(trial(violation, cost))
     assert (filter_.num_corners, grown.num_corners) == (0, 1)
     cleared = grown.without_corners()
     assert cleared.num_corners == 0
-    assert cleared.most_violation == filter_.most_violation == 1e3 * max(1.0, first)
+    assert cleared.most_violation == filter_.most_violation == farthest * max(1.0, first)
 
 
 @given(COST, st.floats(1e-3, 1e3), st.floats(0.0, 1.0))
 def test_a_descent_of_a_feasible_motion_has_to_pay(cost: float, slope: float, part: float) -> None:
     """It is accepted for its cost exactly where that falls by a part of what was foreseen."""
-    before, filter_ = trial(0.0, cost), kernel().Filter.start(0.0)
+    before, filter_ = trial(0.0, cost), kernel().Filter.start(0.0, is_limited=False)
     verdict = filter_.accepts(before, trial(1e-12, cost - part * slope), -slope, 1.0)
     assert verdict.by_cost
     assume(abs(part - 1e-4) * slope > 1e-9)

@@ -9,16 +9,18 @@ namespace {
 
 // Relative decrease of the violation, or of the cost against the violation, that counts as progress.
 constexpr double margin = 1e-5;
-constexpr double armijo = 1e-4;                             // fraction of the predicted decrease of the cost
-constexpr double slope_power = 2.3, violation_power = 1.1;  // switching condition
-constexpr double round_off = 1e-13;                         // of the cost's own sum
+constexpr double armijo = 1e-4;                                  // fraction of the predicted decrease of the cost
+constexpr double slope_power = 2.3, violation_power = 1.1;       // switching condition
+constexpr double round_off = 1e-13;                              // of the cost's own sum
+constexpr double farthest = 1e3, farthest_within_limits = 10.0;  // violation, by the first iterate's or one
 
 }  // namespace
 
-Filter Filter::start(double violation) {
+Filter Filter::start(double violation, bool is_limited) {
     Filter filter;
     const double scale = std::max(1.0, violation);
-    filter.most_violation_ = 1e3 * scale, filter.least_violation_ = 1e-4 * scale;
+    filter.most_violation_ = (is_limited ? farthest_within_limits : farthest) * scale;
+    filter.least_violation_ = 1e-4 * scale;
     return filter;
 }
 

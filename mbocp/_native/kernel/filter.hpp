@@ -16,8 +16,9 @@ struct Verdict {
 class Filter {
 public:
     Filter() = default;
-    // For a first iterate of the given violation.
-    static Filter start(double violation);
+    // For a first iterate of the given violation. Motions within limits stay nearer to it: a barrier leads astray what
+    // far iterates tell of the limits, while equations alone lead back in a few steps.
+    static Filter start(double violation, bool is_limited);
 
     // `slope`: directional derivative of the objective, the cost with limits and their barrier.
     Verdict accepts(const Trial& before, const Trial& trial, double slope, double length) const;

@@ -227,7 +227,7 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_ro("by_cost", &Verdict::by_cost);
 
     nb::class_<Filter>(module, "Filter")
-        .def_static("start", &Filter::start, nb::arg("violation"))
+        .def_static("start", &Filter::start, nb::arg("violation"), nb::arg("is_limited"))
         .def("accepts", &Filter::accepts, nb::arg("before"), nb::arg("trial"), nb::arg("slope"), nb::arg("length"))
         .def("accepts_after_relaxation", &Filter::accepts_after_relaxation, nb::arg("reference"), nb::arg("trial"))
         .def("with_corner", &Filter::with_corner, nb::arg("before"))

@@ -67,7 +67,7 @@ void take_barrier(NewtonState& state, const Evaluation& e, const Filter& filter)
 
 void weigh(NewtonState& state, double barrier) {
     const Evaluation e = state.programme->weigh(barrier);
-    take_barrier(state, e, Filter::start(e.violation));
+    take_barrier(state, e, start_filter(*state.programme, e));
 }
 
 }  // namespace
@@ -97,7 +97,7 @@ NewtonState Newton::resume(std::shared_ptr<Programme> programme, double augmenta
     NewtonState state;
     state.programme = std::move(programme);
     state.evaluation = state.programme->evaluate(1.0);
-    state.filter = Filter::start(state.evaluation.violation);
+    state.filter = start_filter(*state.programme, state.evaluation);
     state.augmentation = augmentation;
     if (!state.evaluation.finite) state.failure = Status::diverged;
     state.barrier = barrier;
@@ -312,7 +312,7 @@ void Newton::restart_multipliers(NewtonState& state) const {
     if (!programme.barrier.slack.empty()) programme.barrier.start(programme.iterate, state.barrier, 1e-2);
     state.evaluation = programme.evaluate(1.0);
     state.shift = 0.0;
-    state.filter = Filter::start(state.evaluation.violation);
+    state.filter = start_filter(*state.programme, state.evaluation);
     ++state.restarts;
 }
 
@@ -398,7 +398,8 @@ void Newton::update_barrier(NewtonState& state) const {
     if (state.centring && !state.reference && recentre(state)) return;
     const bool is_slow = state.iteration - state.barrier_since > slow;
     const Evaluation e = lower_barrier(*state.programme, state.evaluation, least_of(state), is_slow);
-    if (state.programme->barrier.parameter() != state.barrier) take_barrier(state, e, Filter::start(e.violation));
+    if (state.programme->barrier.parameter() != state.barrier)
+        take_barrier(state, e, start_filter(*state.programme, e));
 }
 
 // Barrier parameters free or fixed, as the last step suggests; a free one may be the last. Whether they are free now.

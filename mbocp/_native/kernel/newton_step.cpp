@@ -44,6 +44,10 @@ Factorisation factorise_well(Programme& programme, double shift, double augmenta
     }
 }
 
+Filter start_filter(const Programme& programme, const Trial& first) {
+    return Filter::start(first.violation, !programme.barrier.empty());
+}
+
 StepLength search(Programme& programme, const Filter& filter, const Trial& before, const CappedDirection& direction,
                   double shortest, bool may_stop) {
     const double longest = direction.longest;

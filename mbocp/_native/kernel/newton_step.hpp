@@ -36,6 +36,9 @@ struct StepLength {
     Trial trial;                // what the step leaves
 };
 
+// For the programme's iterate, of which `first` is told.
+Filter start_filter(const Programme& programme, const Trial& first);
+
 // Halves the step down to the shortest; a full step that is refused is given one second-order correction. A step with
 // which slacks stop has to lower the violation.
 StepLength search(Programme& programme, const Filter& filter, const Trial& before, const CappedDirection& direction,

@@ -182,7 +182,7 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
                 had_direction = true;
                 const CappedDirection capped = CappedDirection::of(d, false);
                 const StepLength found =
-                    search(programme_, Filter::start(before.violation), before, capped, care.min_step, false);
+                    search(programme_, start_filter(programme_, before), before, capped, care.min_step, false);
                 if (found.length > 0.0) {
                     copy_gains();
                     status.length = found.length * capped.longest, status.increment = d.increment;

@@ -84,7 +84,7 @@ def new_state(programme: StagewiseProgramme, native: KernelProgramme, evaluation
     return PlainState(
         native,
         evaluation,
-        kernel().Filter.start(evaluation.violation),
+        kernel().Filter.start(evaluation.violation, is_limited=False),
         augmentation=first_augmentation(programme),
         failure=None if evaluation.finite else Status.DIVERGED,
     )
