@@ -17,7 +17,7 @@ from mbocp.clearing import ClearOfObstacles, OtherWays, after
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
-from mbocp.problem.between_nodes import can_hold_within
+from mbocp.problem.between_nodes import can_hold_within, letter_of
 from mbocp.solution import Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
@@ -49,7 +49,7 @@ class OneSolve:
 
 @dataclass(frozen=True)
 class WithinSteps:
-    """Solve; where a speed leaves its limit between nodes by far, solve again with limits that hold there.
+    """Solve; where a speed or an acceleration leaves its limit between nodes by far, solve within it there.
 
     Attributes
     ----------
@@ -60,20 +60,23 @@ class WithinSteps:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve once, or twice; a motion that keeps its limits already begins with them."""
-        held = replace(job.problem, has_limits_within=True)
-        if isinstance(job.start, Solution) and job.start.iterate is not None and job.start.iterate.is_within:
-            return self.once.run(replace(job, problem=held))
-        solution = self.once.run(job)
-        is_asked_for = solution.status is Status.UNDER_RESOLVED and solution.limit_excess_of.startswith(
-            "speed"
-        )
-        if not is_asked_for or job.rough or job.is_late:
-            return solution
-        again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=solution))
-        if not (again.is_stationary and again.limit_excess < solution.limit_excess):
-            return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
-        return after(solution, again, "limits at nodes alone")
+        """Solve up to three times; a motion that keeps its limits already begins with them."""
+        can = can_hold_within(job.problem)
+        begun = job.start.iterate if isinstance(job.start, Solution) else None
+        within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
+        solution = self.once.run(replace(job, problem=replace(job.problem, limits_within=within)))
+        while not (job.rough or job.is_late):
+            letter = letter_of(solution.limit_excess_of)
+            is_asked_for = solution.status is Status.UNDER_RESOLVED and letter and letter in can
+            if not is_asked_for or letter in within:
+                break
+            within = "".join(sorted(within + letter))
+            held = replace(job.problem, limits_within=within)
+            again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=solution))
+            if not (again.is_stationary and again.limit_excess < solution.limit_excess):
+                return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+            solution = after(solution, again, "limits at nodes alone")
+        return solution
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.bounds import sides_of_path
 from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
-from mbocp.formulation.features.speeds_within import SPEEDS_WITHIN, names_within
+from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
@@ -109,8 +109,8 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     own = bounds.us[:, : formulation.layout.num_own]
     lam_us = formulation.pieces.signature.control_values.sum_up(own)
     of_path = [bounds.path * slopes]
-    if problem.has_limits_within:
-        of_path.append(bounds.xs[1:, formulation.layout.states[SPEEDS_WITHIN]])
+    states = formulation.layout.states
+    of_path += [bounds.xs[1:, states[block_within(letter)]] for letter in problem.limits_within]
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 

@@ -25,7 +25,7 @@ def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     carried = Carried.of(iterate, formulation.programme)
     problem, meaning = formulation.problem, _meaning(formulation)
     room = frozen_array(room_of(problem))
-    return replace(carried, meaning=meaning, room=room, is_within=problem.has_limits_within)
+    return replace(carried, meaning=meaning, room=room, limits_within=problem.limits_within)
 
 
 def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:

@@ -29,9 +29,8 @@ from mbocp.terms import RATE_TERMS
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
 )
-_GROSS_ACCELERATION = (
-    0.5  # limits hold for the mean of a step: beyond, it varies within the step by as much as its limit
-)
+# Of accelerations whose limit holds for the mean of a step: beyond, they vary within the step by as much.
+_GROSS_MEAN = 0.5
 _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
 _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
@@ -56,6 +55,8 @@ class LimitExcess:
     ratio : float
         Of the excess to the size of the limit: the range of a position, the larger side of all others.
     unit : str
+    most : float
+        Of the ratio that is put up with.
     """
 
     kind: str
@@ -65,11 +66,12 @@ class LimitExcess:
     time: float
     ratio: float
     unit: str
+    most: float = GROSS_EXCESS
 
     @property
     def is_gross(self) -> bool:
         """Whether it is more than drives put up with for a moment."""
-        return self.ratio > (_GROSS_ACCELERATION if self.kind == "acceleration" else GROSS_EXCESS)
+        return self.ratio > self.most
 
     @property
     def of(self) -> str:
@@ -90,18 +92,18 @@ def is_followed(problem: Problem) -> bool:
     return SCHEMES[problem.scheme].order > 1
 
 
-def can_hold_within(problem: Problem) -> bool:
-    """Whether limits of speeds can be had within steps, too: the motion is that of cubics, as far as it goes.
+def can_hold_within(problem: Problem) -> str:
+    """Letters of the limits that can be had within steps, too, where the motion is that of cubics.
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
     """
-    has_limits = bool(problem.widest_limits.finite("v").any())
-    return (
-        has_limits
-        and problem.scheme in PAIRS
-        and SCHEMES[problem.scheme].order > 2
-        and not problem.robot.drives
-    )
+    is_cubic = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2 and not problem.robot.drives
+    return "".join(letter for letter in "av" if is_cubic and letter in problem.widest_limits.letters)
+
+
+def letter_of(excess: str) -> str:
+    """Letter of the limit that is left, by `LimitExcess.of`; "" where it cannot be had within steps."""
+    return {"speed": "v", "acceleration": "a"}.get(excess.partition(" ")[0], "")
 
 
 def largest_excess(
@@ -131,7 +133,7 @@ def largest_excess(
     looks = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
     is_coarse = any(one.kind == "speed" and one.ratio > _COARSE for one in found)
-    if "v" in limits and (is_coarse or problem.has_limits_within) and _is_open(problem):
+    if "v" in limits and (is_coarse or problem.limits_within) and _is_open(problem):
         followed = motion.speeds_followed(widest_within(limits["v"], steps))
         found += [one for look in followed for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
@@ -146,6 +148,7 @@ class _Look:
     times: Array
     sides: Sides
     labels: tuple[Label, ...]
+    most: float = GROSS_EXCESS
 
     def ratios(self) -> Iterator[tuple[Array, Array]]:
         """Of either side bounds, and by which part of a limit they are left; below 0 where they are not."""
@@ -164,7 +167,7 @@ class _Look:
                 numbers = (self.values[n, k], bound[n, k], self.times[n, k], ratios[n, k])
                 label = self.labels[k]
                 value, limit, time, ratio = map(float, numbers)
-                yield LimitExcess(self.kind, label.name, value, limit, time, ratio, label.unit)
+                yield LimitExcess(self.kind, label.name, value, limit, time, ratio, label.unit, self.most)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +230,11 @@ class _Steps:
     def _accelerations(self, sides: Sides) -> Iterator[_Look]:
         rates = RATE_TERMS["acceleration"]
         labels = tuple(Label(label.name, rates.unit(label.unit)) for label in self.problem.robot.v_labels)
+        most = GROSS_EXCESS if "a" in can_hold_within(self.problem) else _GROSS_MEAN
         for s in (0.0, 1.0):
             values = self.cubics.accelerations(s)
-            yield _Look("acceleration", values, self.cubics.times(np.full(values.shape, s)), sides, labels)
+            times = self.cubics.times(np.full(values.shape, s))
+            yield _Look("acceleration", values, times, sides, labels, most)
 
     def _efforts(self, sides: Sides) -> Iterator[_Look]:
         for s in np.linspace(0.0, 1.0, _PLACES) if self.shares else ():

@@ -135,8 +135,9 @@ class ProblemData:
         The problem file.
     name : str
         What the problem is called in output; the stem of the file.
-    has_limits_within : bool
-        Whether limits of speeds are to hold within steps, too: solves ask for it where they would not.
+    limits_within : str
+        Letters of the limits that are to hold within steps, too, "v" for speeds and "a" for accelerations:
+        solves ask for it where they would not.
 
     Raises
     ------
@@ -180,7 +181,7 @@ class ProblemData:
     solver: SolverOptions
     source: Path | None
     name: str
-    has_limits_within: bool = False
+    limits_within: str = ""
 
     @property
     def duration(self) -> float:

@@ -22,7 +22,7 @@ from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
 _FIELDS = [
-    field.name for field in fields(ProblemData) if field.name not in ("source", "name", "has_limits_within")
+    field.name for field in fields(ProblemData) if field.name not in ("source", "name", "limits_within")
 ]
 
 

@@ -27,15 +27,15 @@ class Carried:
         Digest of what its unknowns and multipliers are, but for those of path constraints; "": nobody says.
     room : ndarray, shape (num_pairs,)
         Of each pair of things that keep apart what its row keeps beyond the margin [m]; -1: it has no row.
-    is_within : bool
-        Whether limits of speeds hold within steps, too.
+    limits_within : str
+        Letters of the limits that hold within steps, too.
     """
 
     iterate: Iterate
     names: tuple[str, ...]
     meaning: str = ""
     room: Array = field(default_factory=lambda: np.zeros(0))
-    is_within: bool = False
+    limits_within: str = ""
 
     @classmethod
     def of(cls, iterate: Iterate, programme: StagewiseProgramme) -> Carried:

@@ -15,6 +15,7 @@ from mbocp.storage.content import FileContent
 
 MEANING = "iterate_meaning"  # among the texts of a result file
 _PART = "iterate_"  # how names of its arrays begin
+_LETTERS = "va"  # of limits that may hold within steps; files of before tell the first alone
 _STATES, _CONTROLS, _PATH, _GUARD, _ROOM, _WITHIN = (
     f"{_PART}{name}" for name in ("lam_xs", "lam_us", "lam_path", "lam_guard", "room", "within")
 )
@@ -37,7 +38,8 @@ def arrays_of(carried: Carried | None, trajectories: Mapping[str, Array]) -> dic
     if bounds is not None:
         found |= {_STATES: bounds.xs, _CONTROLS: bounds.us, _PATH: bounds.path, _GUARD: bounds.guard}
     found |= {_ROOM: carried.room} if carried.room.size else {}
-    found |= {_WITHIN: np.ones(1)} if carried.is_within else {}
+    held = [float(letter in carried.limits_within) for letter in _LETTERS]
+    found |= {_WITHIN: np.array(held)} if any(held) else {}
     for name, array in _in_trajectories(trajectories).items():
         if name in found and np.array_equal(found[name], array):
             del found[name]
@@ -109,7 +111,8 @@ def iterate_in(content: FileContent) -> Carried | None:
     iterate = Iterate(**{name: own[name] for name in shapes}, eta=arrays["eta"], bounds=bounds)
     names = tuple(name for name, _ in content.columns.get(_PATH, ()))
     room = frozen_array(own.get("room", np.zeros(0)))
-    return Carried(iterate, names, content.texts.get(MEANING, ""), room, "within" in own)
+    within = "".join(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)
+    return Carried(iterate, names, content.texts.get(MEANING, ""), room, within)
 
 
 def _width(own: Mapping[str, Array], name: str) -> int:

@@ -146,14 +146,24 @@ def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
 def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, str, float, float, str]]:
     """Kind, name, bounds and unit of limited rates, and of speeds within steps, by the name of their row."""
     found = {
-        name_within(column.name): ("velocity", f"{column.name} within steps", low, high, column.unit)
+        name_within("velocity", column.name, "within steps"): (
+            "velocity",
+            f"{column.name} within steps",
+            low,
+            high,
+            column.unit,
+        )
         for column, low, high in zip(solution.labels.v, *solution.limits_v, strict=True)
     }
     for key, (lower, upper) in facts.rates.items():
         term = RATE_TERMS[key]
         columns = solution.labels.v if term.over == "v" else solution.labels.u
         for column, low, high in zip(columns, lower, upper, strict=True):
-            found[term.row_name(column.name)] = (key, column.name, low, high, term.unit(column.unit))
+            unit = term.unit(column.unit)
+            found[term.row_name(column.name)] = (key, column.name, low, high, unit)
+            for place in ("at begins of steps", "at ends of steps"):  # of those that have values there
+                name = name_within(key, column.name, place)
+                found[name] = (key, f"{column.name} {place}", low, high, unit)
     return found
 
 

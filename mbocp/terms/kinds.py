@@ -13,6 +13,7 @@ from mbocp.terms.time import Time
 from mbocp.terms.end import ExactGoal, TerminalCost
 from mbocp.terms.path import PATH_TERMS
 from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position, Speed
+from mbocp.terms.braking import Braking
 from mbocp.terms.kept import Line, OrientationKept
 from mbocp.terms.follow import Follow
 from mbocp.terms.contact import ContactKeys, ContactTerm
@@ -22,6 +23,7 @@ __all__ = [
     "PATH_KEYS",
     "PATH_TERMS",
     "AngularSpeed",
+    "Braking",
     "ControlRate",
     "Distance",
     "Effort",

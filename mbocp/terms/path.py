@@ -77,6 +77,8 @@ class PathTerm(ABC):
         Names of what a state remembers for it of the step before a node.
     leads : bool
         Whether it says where the frame is all the way, so that a guess can follow.
+    of_joint : bool
+        Whether it is about a joint with one angle, by whose frame that is named.
     frame : int
         Index of the frame.
     """
@@ -89,6 +91,7 @@ class PathTerm(ABC):
     has_velocity: ClassVar[bool] = False
     remembers: ClassVar[tuple[str, ...]] = ()
     leads: ClassVar[bool] = False
+    of_joint: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 
-def name_within(name: str) -> str:
-    """What the limit of a velocity within steps is called, beside path constraints."""
-    return f"velocity of {name} within steps"
+def name_within(quantity: str, name: str, place: str) -> str:
+    """What the limit of a velocity or acceleration within steps is called, beside path constraints."""
+    return f"{quantity} of {name} {place}"
 
 
 @dataclass(frozen=True)

@@ -132,10 +132,10 @@ def ways_of(s: mbocp.Solution) -> np.ndarray:
 
 def test_states_remember_the_middle_of_a_step() -> None:
     """3 m - v0 - v1, as the motion has it."""
-    problem = replace(swing("stages"), has_limits_within=True)
+    problem = replace(swing("stages"), limits_within="v")
     s, formulation = mbocp.solve(problem, check=True), formulate(problem)
     iterate = formulation.iterate_of(motion_of(s), s.lams)
-    remembered = iterate.xs[1:, formulation.layout.states["speeds_within"]]
+    remembered = iterate.xs[1:, formulation.layout.states["velocity_within"]]
     np.testing.assert_allclose(remembered, 3.0 * ways_of(s) - s.vs[:-1] - s.vs[1:], atol=1e-12)
     assert formulation.programme.describe_row(0, 4).startswith("speed within the step of joint1")
 
@@ -143,7 +143,7 @@ def test_states_remember_the_middle_of_a_step() -> None:
 @pytest.mark.parametrize("duration", [1.2, {"min": 0.5, "max": 3.0, "guess": 1.2}])
 def test_limits_within_steps_have_exact_derivatives(duration: object) -> None:
     problem = swing("stages", 6).with_(duration=duration)
-    check_derivatives(formulate(replace(problem, has_limits_within=True)), 2, [0, 3, 4])
+    check_derivatives(formulate(replace(problem, limits_within="v")), 2, [0, 3, 4])
 
 
 def test_a_drone_keeps_limits_of_its_attitude_and_place_within_steps() -> None:
@@ -161,7 +161,7 @@ def test_a_drone_keeps_limits_of_its_attitude_and_place_within_steps() -> None:
         scheme="gauss2",
         controls="stages",
     )
-    held = mbocp.solve(replace(problem, has_limits_within=True), check=True)
+    held = mbocp.solve(replace(problem, limits_within="v"), check=True)
     assert true_excess(problem, held, 1000.0) < 0.01
     assert solve_at_nodes(problem).limit_excess > held.limit_excess
 
@@ -233,12 +233,59 @@ def test_accelerations_are_looked_at_where_they_are_extreme() -> None:
     assert found.ratio == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("limits", [{"power": 0.1}, {"acceleration": 8.0}])
-def test_motions_that_leave_other_limits_have_not_converged(limits: dict[str, float]) -> None:
-    s = mbocp.solve(swing("constant", **limits))
+def accelerations_of(s: mbocp.Solution) -> np.ndarray:
+    """Of the cubics at both ends of each step, shape (2 N, nv)."""
+    cubic = StepCubics(s.t[:-1, None], np.diff(s.t)[:, None], s.vs[:-1], s.vs[1:], ways_of(s))
+    return np.vstack([cubic.accelerations(0.0), cubic.accelerations(1.0)])
+
+
+@pytest.mark.parametrize("controls", ["constant", "linear"])
+def test_where_accelerations_would_leave_them_it_is_solved_again(controls: str) -> None:
+    """Within steps, and not for their means alone; what touches them there is told."""
+    problem = swing(controls, acceleration=8.0)
+    alone, s = solve_at_nodes(problem), mbocp.solve(problem, check=True)
+    assert np.abs(np.diff(alone.vs, axis=0)).max() <= 8.0 * problem.dt * (1.0 + 1e-6)
+    assert np.abs(accelerations_of(alone)).max() > (1.0 + GROSS_EXCESS) * 8.0
+    assert np.abs(accelerations_of(s)).max() <= 8.0 * (1.0 + 1e-6)
+    assert s.limit_excess < 1e-6
+    assert s.phases[0].name == "limits at nodes alone"
+    touched = {limit.name for limit in s.active_limits if limit.kind == "acceleration"}
+    assert touched & {
+        f"{joint} at {end} of steps" for joint in ("joint1", "joint2") for end in ("begins", "ends")
+    }
+
+
+def test_states_remember_the_accelerations_of_a_step() -> None:
+    problem = replace(swing("linear", acceleration=8.0), limits_within="a")
+    s, formulation = mbocp.solve(problem, check=True), formulate(problem)
+    iterate = formulation.iterate_of(motion_of(s), s.lams)
+    remembered = iterate.xs[1:, formulation.layout.states["acceleration_within"]]
+    np.testing.assert_allclose(np.vstack(np.split(remembered, 2, axis=1)), accelerations_of(s), atol=1e-10)
+    check_derivatives(formulation, 2, [0, 3, 4])
+
+
+def test_a_result_remembers_which_limits_held_within_steps(tmp_path: Path) -> None:
+    s = mbocp.solve(swing("linear", acceleration=8.0), check=True)
+    read = mbocp.Solution.load(s.save(tmp_path / "swing.h5"))
+    assert read.iterate is not None
+    assert read.iterate.limits_within == "a"
+    assert mbocp.solve(swing("linear", acceleration=8.0), warm_start=read, check=True).iterations <= 1
+
+
+def test_means_of_accelerations_are_held_where_steps_are_not_cubics() -> None:
+    """What a scheme of order two leaves of them within steps is told."""
+    s = mbocp.solve(swing("constant", 40, "midpoint", acceleration=8.0))
+    assert s.phases[0].name != "limits at nodes alone"
+    assert s.limit_violation <= 1e-6
+    assert s.limit_excess_of.startswith("acceleration")
+    assert s.status is Status.UNDER_RESOLVED
+
+
+def test_motions_that_leave_other_limits_have_not_converged() -> None:
+    s = mbocp.solve(swing("constant", power=0.1))
     assert s.limit_violation <= 1e-6
     assert s.limit_excess > GROSS_EXCESS
-    assert s.limit_excess_of.startswith(next(iter(limits)))
+    assert s.limit_excess_of.startswith("power")
     assert s.status is Status.UNDER_RESOLVED
     assert "% or more beyond" in s.advice
     assert "take more steps; the optimality conditions hold" in s.advice

@@ -69,7 +69,7 @@ def test_each_step_takes_what_is_there_before_it() -> None:
         assert not set(step.takes) - known, step.work
         assert not set(step.gives) & known, step.work
         known |= set(step.gives)
-    of_solves = {"has_limits_within"}  # what a solve finds it needs
+    of_solves = {"limits_within"}  # what a solve finds it needs
     assert {*ProblemData.__dataclass_fields__} - {"source", "name"} - of_solves <= known
 
 

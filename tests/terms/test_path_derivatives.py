@@ -22,6 +22,17 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
     "speed": [{"kind": "speed", "max": 9.0}],
     "angular_speed": [{"kind": "angular_speed", "max": 9.0}],
     "orientation": [{"kind": "orientation", "axis": [0, 1, 1], "max": 3.0}],
+    "braking": [
+        {
+            "kind": "braking",
+            "frame": "elbow_joint",
+            "deceleration": 3.0,
+            "reserve": 0.2,
+            "min": -3.0,
+            "max": 3.0,
+        },
+        {"kind": "braking", "frame": "wrist_1_joint", "deceleration": 0.5, "max": 3.0},
+    ],
     "line": [{"kind": "line"}],
     "line with tolerance": [{"kind": "line", "tolerance": 0.02}],
     "segment": [{"kind": "line", "segment": True}],

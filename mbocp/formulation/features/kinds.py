@@ -11,10 +11,10 @@ from mbocp.formulation.features.moment import Moment
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.progress import Progress
 from mbocp.formulation.features.reactions import Reactions
-from mbocp.formulation.features.speeds_within import SpeedsWithin
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches
 from mbocp.formulation.features.varying_weights import VaryingWeights
+from mbocp.formulation.features.within_steps import WithinSteps
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -26,7 +26,7 @@ _KINDS: tuple[type[Feature], ...] = (
     VaryingWeights,
     ControlValues,
     Memory,
-    SpeedsWithin,
+    WithinSteps,
     Progress,
     Reactions,
     MovedStart,

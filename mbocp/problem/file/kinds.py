@@ -69,6 +69,12 @@ def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     raise ValueError(f"got {show(value)}, expected true, a list of [lower, upper] or a table of them by name")
 
 
+def _profile(value: Any) -> bool | str | None:
+    if value is None or isinstance(value, bool | str):
+        return value
+    raise ValueError(f"got {show(value)}, expected true, a name or a path")
+
+
 def _duration(value: Any) -> float | dict[str, float] | None:
     if value is None:
         return None
@@ -113,6 +119,7 @@ RateOrFree = Annotated[
 Limits = Annotated[
     Any, Kind("true, number, list, table", _limits, bool | float | list[Limit] | dict[str, Limit])
 ]
+Profiled = Annotated[Any, Kind("true, string", _profile, bool | str)]
 Ranges = Annotated[
     Any, Kind("true, list or table of pairs", _ranges, bool | list[Vector] | dict[str, Vector])
 ]

@@ -10,9 +10,10 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.kinds import Limits, Ranges
+from mbocp.problem.file.kinds import Limits, Profiled, Ranges
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
+from mbocp.problem.file.profile import Profile
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.terms import RATE_TERMS, RateTerm
@@ -24,6 +25,13 @@ _NUMBERS = Takes("number, list, table")  # robots have none of their own
 class LimitsTable(Table):
     """Bounds along the motion; components that are left out have none."""
 
+    profile: Annotated[
+        Profiled,
+        Key(
+            "[limits that a maker publishes](profiles.md), by name or file; `true`: by the robot's name. "
+            "Keys beside it take the place of its own"
+        ),
+    ] = None
     effort: Annotated[Limits, Key("[limits](#limits) of the controls; `true`: the robot's own", "N, N m")] = (
         None
     )
@@ -42,6 +50,18 @@ class LimitsTable(Table):
     power: Annotated[
         Limits, _NUMBERS, Key("of the powers of the controls; a pair's lower side is the regeneration", "W")
     ] = None
+
+
+def read_limits(robot: Robot, table: LimitsTable, profile: Profile | None = None) -> Bounds:
+    """Make the bounds of a table `[limits]`, and of the profile that it names.
+
+    Raises
+    ------
+    ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
+        If a value does not fit the robot.
+    """
+    own = {key: value for key, value in dict(table).items() if key != "profile" and value is not None}
+    return bounds_from(robot, **{**(profile.limits(robot) if profile is not None else {}), **own})
 
 
 def bounds_from(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._files import path_of
@@ -96,6 +97,10 @@ def _constraint(
         given |= read_points(folder / path_of(given.pop("file")), f"{key}.file")
     term = PATH_TERMS[kind]
     frame = robot.frame_id(table.frame)
+    if term.of_joint and not _has_angle(robot, frame):
+        raise ProblemError(
+            f'{key}.frame: {table.frame!r} is no joint with one angle; kind = "{kind}" is of one'
+        )
     start = robot.frame_placement(table.frame, q_start)
     values = term.read(term.complete(given, start, _goal_position(robot, table.frame, goal), key), robot, key)
     known = PathConstraint.__dataclass_fields__
@@ -107,6 +112,14 @@ def _constraint(
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
     )
+
+
+def _has_angle(robot: Robot, frame: int) -> bool:
+    """Whether a frame is that of a joint with one angle."""
+    found = robot.model.frames[frame]
+    joint = robot.model.joints[found.parentJoint]
+    is_angle = joint.nq == joint.nv == 1 and robot.v_labels[joint.idx_v].unit == "rad/s"
+    return bool(found.type == pin.FrameType.JOINT and is_angle)
 
 
 def _given(table: PathHead, kind: str, key: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from mbocp.problem._checks import choice, whole
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.file.cost_table import PhaseCostTable
 from mbocp.problem.file.kinds import RELEASED, SEVERAL, Duration
-from mbocp.problem.file.limits_table import LimitsTable, bounds_from, write_limits
+from mbocp.problem.file.limits_table import LimitsTable, read_limits, write_limits
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.timeline.hold import Hold
@@ -190,7 +190,9 @@ def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[Phase, ...]
     for table in tables:
         key = f"phase {table.name!r}"
         with in_phase(table.name):
-            limits = bounds_from(robot, **dict(table.limits))
+            if table.limits.profile:
+                raise ProblemError("limits.profile: phases have keys of their own; it belongs into [limits]")
+            limits = read_limits(robot, table.limits)
         duration = duration_from(table.duration, key=f"{key}: duration")
         with in_phase(table.name):
             holds = tuple(_hold(robot, held) for held in table.hold)

@@ -18,13 +18,13 @@ from mbocp.problem.file.cost_table import make_cost_reader, read_cost
 from mbocp.problem.file.goal_table import read_goals
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
-from mbocp.problem.file.limits_table import LimitsTable, bounds_from
+from mbocp.problem.file.limits_table import LimitsTable, read_limits
 from mbocp.problem.file.messages import locate, schema_error
 from mbocp.problem.file.obstacle_table import (
     obstacles_from,
     self_collision_from,
 )
-from mbocp.problem.file.path_table import path_from
+from mbocp.problem.file.path_table import PathTable, path_from
 from mbocp.problem.file.phase_table import (
     HorizonTable,
     PhaseTable,
@@ -34,6 +34,7 @@ from mbocp.problem.file.phase_table import (
     with_paths,
     with_via,
 )
+from mbocp.problem.file.profile import Profile, profile_of
 from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
@@ -85,8 +86,12 @@ def _horizon(
     return *ends, written.lengths, written.accuracy, written.controls
 
 
-def _limits(limits_table: LimitsTable, robot: Robot) -> Bounds:
-    return bounds_from(robot, **dict(limits_table))
+def _profile(limits_table: LimitsTable, robot: Robot, folder: Path) -> Profile | None:
+    return profile_of(limits_table.profile, robot, folder)
+
+
+def _limits(limits_table: LimitsTable, robot: Robot, profile: Profile | None) -> Bounds:
+    return read_limits(robot, limits_table, profile)
 
 
 def _via(
@@ -107,12 +112,15 @@ def _weights_of_phases(
 def _path(
     path_table: list[Any],
     phase_table: list[PhaseTable],
+    profile: Profile | None,
     robot: Robot,
     said_q_start: Array,
     said_goal: Goal,
     folder: Path,
 ) -> tuple[Any, ...]:
-    return path_from(robot, with_paths(path_table, phase_table), said_q_start, said_goal, folder)
+    of_profile = [PathTable(**table) for table in profile.paths(robot)] if profile is not None else []
+    tables = [*with_paths(path_table, phase_table), *of_profile]
+    return path_from(robot, tables, said_q_start, said_goal, folder)
 
 
 def _solver(solver_table: SolverTable) -> SolverOptions:
@@ -132,6 +140,7 @@ READ = (
     ),
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
     Step.of(read_goals, "said_goal", "goals"),
+    Step.of(_profile, "profile"),
     Step.of(_limits, "said_limits"),
     Step.of(_via, "said_via"),
     Step.of(make_cost_reader, "cost_reader"),

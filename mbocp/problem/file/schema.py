@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, create_model
 
@@ -44,6 +44,14 @@ def _named_robot(value: Any) -> Any:
     return value
 
 
+def _named_limits(value: Any) -> Any:
+    if value == "profile":
+        return {"profile": True}
+    if isinstance(value, str):
+        raise ValueError(f'got {show(value)}, expected "profile" or a table')
+    return value
+
+
 def _named_solver(value: Any) -> Any:
     return {SHORT["solver"]: value} if isinstance(value, str) else value
 
@@ -69,7 +77,11 @@ class ProblemTable(Table):
     start: Annotated[StartTable, Key("state at t = 0")] = StartTable.model_construct()
     goal: Annotated[GoalTable, Key("state at t = T")] = GoalTable.model_construct()
     cost: Annotated[CostTable, Key("what is minimised")] = CostTable.model_construct()  # type: ignore[valid-type]
-    limits: Annotated[LimitsTable, Key("bounds along the motion")] = LimitsTable.model_construct()
+    limits: Annotated[
+        LimitsTable,
+        Kind('`"profile"`, or table', _named_limits, Literal["profile"]),
+        Key('bounds along the motion; `"profile"` is `profile = true`'),
+    ] = LimitsTable.model_construct()
     via: Annotated[list[ViaTable], Key("[via points](#via-points)")] = Field(default_factory=list)
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]

@@ -1,0 +1,251 @@
+"""Published limits of robots: `limits.profile`, from the files of `mbocp/profiles`, or one's own.
+
+A profile speaks of joints by name. Those of a robot may have a prefix, or several: `panda_`, `left/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from mbocp._files import is_file, path_of, read_toml
+from mbocp._keys import Kind, Table
+from mbocp._text import show
+from mbocp.exceptions import ProblemError, Unreadable, suggest
+from mbocp.problem.file.messages import schema_error
+from mbocp.problem.limits import is_plain
+from mbocp.robot import Robot
+from mbocp.terms.written import range_of, read_side
+
+_FOLDER = Path(__file__).parents[2] / "profiles"
+_OF_CONTROLS = ("effort", "effort_rate", "power")
+_OF_ANGLES = ("position", "velocity", "acceleration", "jerk")
+_LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
+
+_Numbers: TypeAlias = float | list[float]
+_WRITTEN = "number, list with an entry for each joint, or table of `payload` and `values`"
+
+
+def _numbers(value: Any) -> _Numbers | dict[str, Any]:
+    if isinstance(value, Mapping):
+        if set(value) != {"payload", "values"}:
+            raise ValueError(f"got keys {', '.join(map(show, value))}, expected payload and values")
+        rows = [_one(entry, f" in values[{i}]") for i, entry in enumerate(value["values"])]
+        masses = [read_side(mass, " in payload") for mass in value["payload"]]
+        if len(rows) != len(masses) or not masses or any(np.diff(masses) <= 0.0):
+            raise ValueError("expected masses that rise in payload, and a number or list for each in values")
+        return {"payload": masses, "values": rows}
+    return _one(value)
+
+
+def _one(value: Any, where: str = "") -> _Numbers:
+    if isinstance(value, list):
+        return [read_side(entry, f"{where} at index {i}") for i, entry in enumerate(value)]
+    return read_side(value, where)
+
+
+def _pairs(value: Any) -> list[list[float]]:
+    if not isinstance(value, list):
+        raise ValueError(f"got {show(value)}, expected [lower, upper] for each joint")
+    return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
+
+
+_PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
+_Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
+
+
+class _BrakingTable(Table):
+    """Velocities that fall towards the limits of position, see `mbocp.terms.braking`."""
+
+    deceleration: _Plain
+    reserve: _Plain = 0.0
+
+
+class ProfileTable(Table):
+    """The file of a profile."""
+
+    source: list[str]
+    joints: list[str]
+    robots: list[str] = Field(default_factory=list)
+    degrees: bool = False  # and not radians, for all that is an angle
+    position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any)] = None
+    velocity: _PerJoint = None
+    acceleration: _PerJoint = None
+    jerk: _PerJoint = None
+    effort: _PerJoint = None
+    effort_rate: _PerJoint = None
+    power: _PerJoint = None
+    braking: _BrakingTable | None = None
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Limits of a kind of robot.
+
+    Attributes
+    ----------
+    name : str
+    table : ProfileTable
+        What its file says.
+    """
+
+    name: str
+    table: ProfileTable
+
+    def limits(self, robot: Robot) -> dict[str, dict[str, Any]]:
+        """Return the tables of `[limits]` for a robot, by key.
+
+        Positions of continuous joints are left out, and controls that are not those of a joint.
+
+        Raises
+        ------
+        ProblemError
+            If it is not that robot's profile, or the robot carries what the profile does not speak of.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        names, controls = self._joints(robot), {label.name for label in robot.u_labels}
+        for key in (*_OF_ANGLES, *_OF_CONTROLS):
+            values = self._values(key, robot)
+            if values is None:
+                continue
+            entries = {name: values[i] for name, i in names.items() if self._has(key, name, robot, controls)}
+            finite = {name: value for name, value in entries.items() if np.isfinite(value).any()}
+            found |= {key: finite} if finite else {}
+        return found
+
+    def paths(self, robot: Robot) -> list[dict[str, Any]]:
+        """Return the tables of `[[path]]` for a robot."""
+        braking = self.table.braking
+        if braking is None or self.table.position is None:
+            return []
+        positions = np.array(self._values("position", robot))
+        numbers = {
+            key: self._scaled("braking", self._for_all(getattr(braking, key), f"braking.{key}"))
+            for key in ("deceleration", "reserve")
+        }
+        return [
+            {
+                "name": f"braking of {name}",
+                "kind": "braking",
+                "frame": name,
+                **{key: float(values[i]) for key, values in numbers.items()},
+                **{
+                    key: float(x)
+                    for key, x in zip(("min", "max"), positions[i], strict=True)
+                    if np.isfinite(x)
+                },
+            }
+            for name, i in self._joints(robot).items()
+            if np.isfinite(positions[i]).any()
+        ]
+
+    def _joints(self, robot: Robot) -> dict[str, int]:
+        """Places in the profile of the robot's joints, by their names."""
+        joints, slots = self.table.joints, ((n, robot.velocity_indices(n)) for n in robot.joint_names)
+        names = [name for name, slot in slots if slot.stop - slot.start == 1]
+        prefixes = {name.removesuffix(joint) for name in names for joint in joints if name.endswith(joint)}
+        found: dict[str, int] = {}
+        for prefix in sorted(prefixes):
+            own = {prefix + joint: i for i, joint in enumerate(joints) if prefix + joint in names}
+            found |= own if len(own) >= _LEAST_SHARE * len(joints) else {}
+        if not found:
+            raise ProblemError(
+                f"limits.profile: {show(self.name)} is about the joints {', '.join(joints)}, which robot "
+                f"{robot.name!r} does not have: it has {', '.join(names)}"
+            )
+        return found
+
+    def _has(self, key: str, name: str, robot: Robot, controls: set[str]) -> bool:
+        """Whether a robot has what a key limits, for one of the joints."""
+        if key in _OF_CONTROLS:
+            return name in controls
+        return key != "position" or bool(is_plain(robot)[robot.configuration_indices(name)].all())
+
+    def _values(self, key: str, robot: Robot) -> Any:
+        """Values for each joint, in radians; None where there are none."""
+        written = getattr(self.table, key)
+        if written is None:
+            return None
+        if isinstance(written, Mapping):
+            written = self._at_payload(key, written, sum(payload.mass for payload in robot.payloads))
+        return self._scaled(key, self._for_all(written, key)).tolist()
+
+    def _at_payload(self, key: str, written: Mapping[str, Any], mass: float) -> list[float]:
+        masses, rows = written["payload"], [self._for_all(row, key) for row in written["values"]]
+        if not masses[0] <= mass <= masses[-1]:
+            raise ProblemError(
+                f"limits.profile: {show(self.name)} says {key} for payloads of {masses[0]:g} to "
+                f"{masses[-1]:g} kg, and the robot carries {mass:g} kg"
+            )
+        return [float(np.interp(mass, masses, column)) for column in zip(*rows, strict=True)]
+
+    def _for_all(self, written: Any, key: str) -> list[Any]:
+        """An entry for each joint."""
+        count = len(self.table.joints)
+        values = written if isinstance(written, Sequence) else [written] * count
+        if len(values) != count:
+            raise ProblemError(
+                f"limits.profile: {show(self.name)} has {len(values)} entries in {key} for {count} joints"
+            )
+        return list(values)
+
+    def _scaled(self, key: str, values: Any) -> np.ndarray:
+        in_degrees = self.table.degrees and key not in _OF_CONTROLS
+        return np.asarray(values, dtype=np.float64) * (np.pi / 180.0 if in_degrees else 1.0)
+
+
+def profile_names() -> list[str]:
+    """Return the names of the profiles that come with mbocp."""
+    return sorted(file.stem for file in _FOLDER.glob("*.toml"))
+
+
+def profile_of(written: Any, robot: Robot, folder: Path) -> Profile | None:
+    """Return the profile that `limits.profile` names; `True` is that of the robot's name.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such profile, or its file is wrong.
+    """
+    if not written:
+        return None
+    if written is True:
+        for profile in _all():
+            if robot.name in profile.table.robots:
+                return profile
+        raise ProblemError(
+            f"limits.profile: no profile is for a robot of the name {robot.name!r}; name one of "
+            f"{', '.join(profile_names())}, or a file of your own"
+        )
+    if written in profile_names():
+        return _published(written)
+    file = folder / path_of(written)
+    if not is_file(file):
+        raise ProblemError(
+            f"limits.profile: no profile and no file {show(written)}: {suggest(written, profile_names(), 20)}"
+        )
+    return _load(file)
+
+
+def _all() -> Iterator[Profile]:
+    return (_published(name) for name in profile_names())
+
+
+@lru_cache(maxsize=64)
+def _published(name: str) -> Profile:
+    return _load(_FOLDER / f"{name}.toml")
+
+
+def _load(file: Path) -> Profile:
+    try:
+        return Profile(file.stem, ProfileTable.model_validate(read_toml(file)))
+    except Unreadable as error:
+        raise ProblemError(f"limits.profile: {file} {error.reason}") from error
+    except ValidationError as error:
+        raise schema_error(str(file), ProfileTable, error) from error

@@ -1,0 +1,194 @@
+"""Limits that makers publish, by name and from files of one's own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
+from mbocp.problem.file.profile import profile_names, profile_of
+from mbocp.robot import Payload, Robot, load_parts
+
+DOCS = Path(__file__).parents[3] / "docs" / "profiles.md"
+TURN = np.pi / 180.0
+OWN = """
+source = ["measured"]
+joints = ["joint1", "joint2"]
+velocity = [2.0, 3.0]
+acceleration = { payload = [0, 2], values = [[8.0, 16.0], [4.0, 8.0]] }
+"""
+
+
+def problem(robot: Robot | str, limits: Any, **words: Any) -> Problem:
+    return Problem.create(robot, 2.0, 20, limits=limits, goal={"v": 0}, **words)
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Path:
+    file = tmp_path / "own.toml"
+    file.write_text(OWN)
+    return file
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return mbocp.load_robot("panda")
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_every_profile_is_whole(name: str) -> None:
+    """It says where its numbers are from, which joints they are of, and is listed in the documentation."""
+    profile = profile_of(name, mbocp.load_robot("ur5"), Path())
+    assert profile is not None
+    table, joints = profile.table, len(profile.table.joints)
+    said = {key: value for key, value in dict(table).items() if value is not None}
+    sources = " ".join(table.source)
+    for key in ("position", "velocity", "acceleration", "effort"):
+        assert key not in said or len(np.atleast_1d(said[key])) in (1, joints)
+        assert key not in said or key in sources or len(table.source) == 1
+    lower, upper = np.array(table.position).T
+    assert (lower < upper).all()
+    assert name in table.robots
+    assert re.search(rf"^\| `{name}` \|", DOCS.read_text(), re.MULTILINE)
+
+
+def test_a_robot_finds_its_profile_by_its_name() -> None:
+    for limits in ("profile", {"profile": True}, {"profile": "ur5"}):
+        bounds = problem("ur5", limits).limits
+        np.testing.assert_array_equal(bounds.v_upper, np.full(6, 180.0 * TURN))
+        np.testing.assert_array_equal(bounds.u_lower, [-150, -150, -150, -28, -28, -28])
+        np.testing.assert_allclose(bounds.q_upper, TURN * np.array([360, 360, 180, 360, 360, 360]))
+        assert not bounds.finite("a").any()
+
+
+def test_joints_may_have_a_prefix_and_companions(panda: Robot) -> None:
+    """The fingers are not the maker's seven joints, although their names end alike."""
+    bounds = problem(panda, "profile").limits
+    np.testing.assert_array_equal(bounds.j_upper[:7], [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    assert bounds.finite("v").tolist() == [True] * 7 + [False] * 2
+
+
+def test_two_arms_have_the_limits_of_each() -> None:
+    arms = [{"name": "left", "robot": "ur5"}, {"name": "right", "robot": "ur5", "position": [0.0, 1.0, 0.0]}]
+    bounds = problem(load_parts(arms), {"profile": "ur5"}).limits
+    np.testing.assert_array_equal(bounds.v_upper, np.full(12, 180.0 * TURN))
+
+
+def test_keys_beside_it_take_the_place_of_its_own(panda: Robot) -> None:
+    bounds = problem(panda, {"profile": True, "velocity": 0.5, "jerk": {"panda_joint2": 100.0}}).limits
+    np.testing.assert_array_equal(bounds.v_upper, np.full(9, 0.5))
+    assert bounds.finite("j").sum() == 1
+    assert bounds.finite("a").sum() == 7
+
+
+def test_velocities_of_an_fr3_fall_towards_its_limits(panda: Robot) -> None:
+    """The maker's formula, at random states."""
+    path = problem(panda, {"profile": "fr3"}, start={"q": [0, 0, 0, -2, 0, 2, 0, 0, 0]}).path
+    assert [constraint.kind for constraint in path] == ["braking"] * 7
+    table = profile_of("fr3", panda, Path()).table  # type: ignore[union-attr]
+    low, high = np.array(table.position).T
+    reserve, deceleration = np.array(table.braking.reserve), np.array(table.braking.deceleration)
+    rng, seen = np.random.default_rng(4), set()
+    for _ in range(200):
+        q, v = rng.uniform(low, high), rng.uniform(-3.0, 3.0, 7)
+        most = np.maximum(np.sqrt(2.0 * deceleration * (high - q)) - reserve, 0.0)
+        least = np.minimum(reserve - np.sqrt(2.0 * deceleration * (q - low)), 0.0)
+        state = np.append(q, [0.0, 0.0]), np.append(v, [0.0, 0.0])
+        for i, constraint in enumerate(path):
+            values = constraint.values(panda, *state)
+            is_kept = bool((values <= constraint.upper).all() and (values >= constraint.lower).all())
+            if abs(v[i]) > reserve[i]:  # nearer to rest the row asks for the reserve, too
+                assert is_kept == (least[i] <= v[i] <= most[i])
+                seen.add(is_kept)
+    assert seen == {False, True}
+
+
+def test_one_of_ones_own(own: Path) -> None:
+    robot = mbocp.load_robot("double_pendulum")
+    bounds = problem(robot, {"profile": str(own)}).limits
+    np.testing.assert_array_equal(bounds.v_upper, [2.0, 3.0])
+    np.testing.assert_array_equal(bounds.a_upper, [8.0, 16.0])
+
+
+def test_limits_follow_the_payload(own: Path) -> None:
+    robot = mbocp.load_robot("double_pendulum")
+    frame = robot.frame_names[-1]
+    carrying = robot.with_payload(Payload(frame=frame, mass=0.5))
+    np.testing.assert_array_equal(problem(carrying, {"profile": str(own)}).limits.a_upper, [7.0, 14.0])
+    with pytest.raises(ProblemError, match="payloads of 0 to 2 kg, and the robot carries 3 kg"):
+        problem(robot.with_payload(Payload(frame=frame, mass=3.0)), {"profile": str(own)})
+
+
+def test_a_file_is_relative_to_the_problem(own: Path) -> None:
+    file = own.parent / "swing.toml"
+    lines = ["[horizon]", "duration = 1", "steps = 10", "[goal]", "v = 0", "[limits]", 'profile = "own.toml"']
+    file.write_text("\n".join(['robot = "double_pendulum"', *lines]))
+    np.testing.assert_array_equal(load_problem(file).limits.v_upper, [2.0, 3.0])
+
+
+def test_a_result_says_numbers(panda: Robot) -> None:
+    """What was solved does not change with the profile."""
+    one = problem(panda, {"profile": "fr3"}, start={"q": [0, 0, 0, -2, 0, 2, 0, 0, 0]})
+    text = problem_to_toml(one)
+    assert "profile" not in text
+    again = parse_problem(text)
+    np.testing.assert_array_equal(again.limits.a_upper, one.limits.a_upper)
+    assert [path.name for path in again.path] == [path.name for path in one.path]
+    other = one.with_(limits={"profile": "panda"})
+    assert other.limits.a_upper[0] == 15.0
+    assert not other.path
+
+
+@pytest.mark.parametrize(
+    ("robot", "limits", "words"),
+    [
+        (
+            "double_pendulum",
+            "profile",
+            "no profile is for a robot of the name 'double_pendulum'; name one of",
+        ),
+        ("ur5", {"profile": "ur5f"}, "did you mean 'ur5' or 'ur5e'"),
+        ("ur5", {"profile": "panda"}, "is about the joints joint1, .* which robot 'ur5' does not have"),
+        ("ur5", "fast", 'expected "profile" or a table'),
+        ("ur5", {"profile": 3}, "expected true, a name or a path"),
+    ],
+)
+def test_what_is_refused(robot: str, limits: Any, words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        problem(robot, limits)
+
+
+def test_phases_have_none() -> None:
+    phases = [{"name": "a", "duration": 1.0, "steps": 5, "limits": {"profile": True}}]
+    with pytest.raises(ProblemError, match="belongs into"):
+        Problem.create("ur5", phase=phases)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("joints = []", "source: this key is missing"),
+        (
+            'source = ["x"]\njoints = ["joint1", "joint2"]\nvelocity = [1.0]',
+            "1 entries in velocity for 2 joints",
+        ),
+        ('source = ["x"]\njoints = ["joint1"]\nspeed = 1.0', "speed"),
+        ('source = ["x"]\njoints = ["joint1"]\nvelocity = "fast"', "velocity"),
+        (
+            'source = ["x"]\njoints = ["joint1"]\njerk = { payload = [1, 0], values = [1, 2] }',
+            "masses that rise",
+        ),
+        ('source = ["x"]\njoints = ["joint1"]\njerk = { mass = [1], values = [1] }', "payload and values"),
+        ("source =", "TOML"),
+    ],
+)
+def test_files_that_are_wrong(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(text)
+    with pytest.raises(ProblemError, match=words):
+        problem("double_pendulum", {"profile": str(tmp_path / "own.toml")})

@@ -1,0 +1,96 @@
+"""Joints that can always stop before their limits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem, parse_problem, problem_to_toml
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+DECELERATION, RESERVE, LIMIT = 1.5, 0.2, 1.0
+BRAKING: dict[str, Any] = {
+    "kind": "braking",
+    "frame": "joint1",
+    "deceleration": DECELERATION,
+    "reserve": RESERVE,
+    "max": LIMIT,
+    "min": -2.0,
+}
+
+
+def swing(*path: dict[str, Any], **words: Any) -> Problem:
+    robot = mbocp.load_robot("double_pendulum", damping=False)
+    return Problem.create(robot, 1.6, 30, goal={"q": [0.95, -0.4], "v": 0}, cost={}, path=path, **words)
+
+
+@given(q=st.floats(-2.0, 1.0), v=st.floats(-3.0, 3.0))
+@settings(deadline=None)
+def test_it_says_what_a_limit_of_the_velocity_says(q: float, v: float) -> None:
+    """-sqrt(2 a (q - q_min)) + v_0 <= v <= sqrt(2 a (q_max - q)) - v_0, as far as v is not in the reserve."""
+    (constraint,) = swing(BRAKING).path
+    highest, lowest = constraint.values(
+        mbocp.load_robot("double_pendulum"), np.array([q, 0.3]), np.array([v, 1.0])
+    )
+    is_kept = highest <= LIMIT and lowest >= -2.0
+    above = v <= -RESERVE or v + RESERVE <= np.sqrt(2.0 * DECELERATION * (LIMIT - q))
+    below = v >= RESERVE or RESERVE - v <= np.sqrt(2.0 * DECELERATION * (q + 2.0))
+    assert is_kept == (above and below) or abs(highest - LIMIT) < 1e-9 or abs(lowest + 2.0) < 1e-9
+
+
+def test_a_motion_keeps_it_and_would_not_do_so_by_itself() -> None:
+    bound = {"velocity": 4.0}
+    alone = mbocp.solve(swing(limits=bound), check=True)
+    s = mbocp.solve(swing(BRAKING, limits=bound), check=True)
+
+    def left_over(s: mbocp.Solution) -> float:
+        q, v = s.qs[:, 0], s.vs[:, 0]
+        return float((v + RESERVE - np.sqrt(2.0 * DECELERATION * np.maximum(LIMIT - q, 0.0))).max())
+
+    assert left_over(alone) > 0.3
+    assert left_over(s) < 1e-6
+    assert s.cost > alone.cost
+    assert list(s.path_names) == ["braking of joint1.max", "braking of joint1.min"]
+
+
+@pytest.mark.parametrize("sides", [{"max": 1.0}, {"min": -1.0}, {"min": -1.0, "max": 1.0}])
+def test_it_reads_back(sides: dict[str, float]) -> None:
+    keys = {**{key: value for key, value in BRAKING.items() if key not in ("min", "max")}, **sides}
+    problem = swing(keys)
+    again = parse_problem(problem_to_toml(problem))
+    for one, other in zip(problem.path, again.path, strict=True):
+        np.testing.assert_array_equal(one.lower, other.lower)
+        np.testing.assert_array_equal(one.upper, other.upper)
+        assert one.term == other.term
+        assert one.numbers == other.numbers
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"frame": "link1"}, "no joint with one angle"),
+        ({"deceleration": 0.0}, "above 0"),
+        ({"reserve": -1.0}, "0 or above"),
+        ({"deceleration": None}, "deceleration: this key is missing"),
+        ({"min": None, "max": None}, "give min or max"),
+        ({"max": 0.9}, "at the goal braking of joint1.max"),
+    ],
+)
+def test_what_it_cannot_be(changes: dict[str, Any], words: str) -> None:
+    table = {key: value for key, value in {**BRAKING, **changes}.items() if value is not None}
+    with pytest.raises(ProblemError, match=words):
+        swing(table)
+
+
+def test_a_joint_that_slides_is_refused() -> None:
+    robot = mbocp.load_robot("cart_pendulum_elastic")
+    name = next(label.name for label in robot.v_labels if label.unit == "m/s")
+    with pytest.raises(ProblemError, match="no joint with one angle"):
+        Problem.create(robot, 1.0, 10, path=[{**BRAKING, "frame": name}])
