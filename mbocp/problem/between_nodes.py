@@ -34,7 +34,9 @@ _GROSS_MEAN = 0.5
 _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
 _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
-_FOLLOWED, _PARTS = 8, 16  # steps that are followed, in so many parts
+_FOLLOWED = 8  # steps
+_LEAST_PARTS, _MOST_PARTS = 16, 1024  # that a step is followed in
+_RESOLVED = 1.0  # part of a step by the time constant of what decays fastest
 
 Sides = tuple[Array, Array]
 
@@ -199,10 +201,14 @@ class _Steps:
         chosen = np.argsort(-self._nearest(sides))[:_FOLLOWED]
         qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
         lengths, within = cubics.lengths[chosen], (sides[0][chosen], sides[1][chosen])
-        controls = [self._controls(k / (2 * _PARTS))[chosen] for k in range(2 * _PARTS + 1)]
-        for k in range(_PARTS):
-            qs, vs = _runge_kutta(robot, qs, vs, controls[2 * k : 2 * k + 3], lengths / _PARTS)
-            times = np.broadcast_to(begins + lengths * (k + 1) / _PARTS, vs.shape)
+        fastest = float(lengths.max()) * _fastest_decay(robot, qs, vs, self._controls(0.0)[chosen])
+        parts = max(_LEAST_PARTS, int(np.ceil(min(fastest, 2.0 * _MOST_PARTS) / _RESOLVED)))
+        if parts > _MOST_PARTS:  # what decays so fast follows the cubic
+            return
+        controls = [self._controls(k / (2 * parts))[chosen] for k in range(2 * parts + 1)]
+        for k in range(parts):
+            qs, vs = _runge_kutta(robot, qs, vs, controls[2 * k : 2 * k + 3], lengths / parts)
+            times = np.broadcast_to(begins + lengths * (k + 1) / parts, vs.shape)
             yield _Look("speed", vs, times, within, robot.v_labels)
 
     def _nearest(self, sides: Sides) -> Array:
@@ -261,6 +267,14 @@ class _Steps:
 def _is_open(problem: Problem) -> bool:
     """Whether accelerations follow from forces alone."""
     return not (problem.robot.nc or problem.robot.drives or problem.timeline.switches)
+
+
+def _fastest_decay(robot: Robot, qs: Array, vs: Array, us: Array) -> float:
+    """Largest rate of what damping decays with, over all rows [1/s]; an estimate that resolves steps."""
+    change, rest = 1e-4, accelerations(robot, qs, vs, us)
+    columns = [(accelerations(robot, qs, vs + change * e, us) - rest) / change for e in np.eye(robot.nv)]
+    slopes = np.stack(columns, axis=-1)
+    return float(np.abs(np.linalg.eigvals(slopes)).max()) if np.isfinite(slopes).all() else np.inf
 
 
 def _runge_kutta(robot: Robot, qs: Array, vs: Array, us: Sequence[Array], h: Array) -> tuple[Array, Array]:

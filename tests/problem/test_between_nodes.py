@@ -313,3 +313,25 @@ def test_random_motions_do_not_leave_limits_farther_than_is_told(seed: int) -> N
     row = row_of(seed)
     assert row["status"] in ("converged", "under_resolved")
     assert not row["is_beyond"], row
+
+
+WRIST = """<robot name="wrist"><link name="base"/>
+<link name="flange"><inertial><mass value="0.2"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="wrist" type="revolute"><parent link="base"/><child link="flange"/><axis xyz="0 0 1"/>
+<limit lower="-6" upper="6" effort="20" velocity="2"/><dynamics damping="{}"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("damping", [0.01, 0.3, 10.0, 1e4])
+def test_a_wrist_that_damping_stops_at_once_is_followed(damping: float, tmp_path: Path) -> None:
+    """Its time constant is half a step, or a millionth of one; what is told are numbers."""
+    file = tmp_path / "wrist.urdf"
+    file.write_text(WRIST.format(damping))
+    problem = Problem.create(file, 0.02, 1, goal={"v": 0}, limits={"velocity": LIMIT}, scheme="gauss2")
+    t, qs, vs = np.array([0.0, 0.02]), np.array([[0.0], [0.019]]), np.array([[0.0], [1.9]])
+    held = replace(problem, limits_within="v")
+    found = largest_excess(held, t, qs, vs, np.array([[4.0 * damping]]))
+    assert found is None or np.isfinite([found.value, found.ratio, found.time]).all()
+    if damping == 0.3:  # it runs at the speed that the torque holds
+        assert found is not None
+        assert found.value == pytest.approx(4.0, rel=0.01)
