@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from mbocp.robot import load_robot as load_robot
     from mbocp.solution import Solution as Solution
     from mbocp.solving import solve as solve
+    from mbocp.stopping import stop as stop
     from mbocp.view.of_solution import replay_solution as replay_solution
     from mbocp.view.plots import plot_solution as plot_solution
 
@@ -46,6 +47,7 @@ _HOME = {
     "replay_solution": "mbocp.view.of_solution",
     "solve": "mbocp.solving",
     "solve_many": "mbocp.many",
+    "stop": "mbocp.stopping",
 }
 
 __all__ = [
@@ -64,6 +66,7 @@ __all__ = [
     "replay_solution",
     "solve",
     "solve_many",
+    "stop",
 ]
 
 

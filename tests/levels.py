@@ -21,7 +21,7 @@ _PLACES = {
     """,
     # Problems formulated and solved, each feature on a small robot; results, commands, files.
     "solve": """
-        damping explaining guesses holds mimic pairs phases solution strangers study cli/check cli/end
+        damping explaining guesses holds mimic pairs phases solution stop strangers study cli/check cli/end
         cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
         formulation/memory formulation/moved_start formulation/operations formulation/sources
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
@@ -29,7 +29,7 @@ _PLACES = {
         problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances problem/place_causes
         problem/via programme/c_files programme/keys programme/later receding/horizon robot/large_robots
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
-        terms/acceleration terms/contact terms/distances terms/end_acceleration terms/hulls terms/kept
+        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls terms/kept
         view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.

@@ -52,6 +52,7 @@ LAYERS = (
     "clearing",
     "strategies",
     "solving",
+    "stopping",
     "many",
     "receding",
     "interactive",
