@@ -394,15 +394,27 @@ def export(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
     ] = None,
+    interpolation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="cubic or quintic, between the nodes. [default: quintic for ros2, else cubic]",
+        ),
+    ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 when a limit is exceeded; the file is written.")
-    ] = False,
+        bool,
+        typer.Option(
+            "--check/--no-check",
+            help="Exit with 1 when a limit is exceeded as it is sent; the file is written.",
+        ),
+    ] = True,
     quiet: Quiet = False,
 ) -> None:
     """Write a motion for controllers and other tools, at any rate."""
     from mbocp.cli.export import export_result
 
-    if not export_result(result, output, kind, rate, check=check, quiet=quiet):
+    is_good = export_result(result, output, kind, rate, interpolation, quiet=quiet)
+    if check and not is_good:
         raise typer.Exit(1)
 
 

@@ -17,7 +17,7 @@ from mbocp._text import printable
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
-from mbocp.solution.sampled import Sampled, sample
+from mbocp.solution.sampled import INTERPOLATIONS, Sampled, sample
 
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
@@ -52,8 +52,21 @@ def rate_of(name: str, rate: float | None) -> float | None:
     return _UR_RATE if name == "urscript" and rate is None else rate
 
 
+def interpolation_of(name: str, interpolation: str | None) -> str:
+    """What is between the nodes: as is asked for, or as who reads the format does it.
+
+    Controllers of ROS 2 put quintics through points with accelerations.
+    """
+    return interpolation or ("quintic" if name == "ros2" else INTERPOLATIONS[0])
+
+
 def export_motion(
-    solution: SolutionData, path: str | Path, *, kind: str | None = None, rate: float | None = None
+    solution: SolutionData,
+    path: str | Path,
+    *,
+    kind: str | None = None,
+    rate: float | None = None,
+    interpolation: str | None = None,
 ) -> Path:
     """Write the motion of the joints that slide or turn about an axis.
 
@@ -66,6 +79,8 @@ def export_motion(
         By default what the suffix says: .csv, .yaml, .script, .npz, .parquet.
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
+    interpolation : {"cubic", "quintic"}, optional
+        Between the nodes. Default: quintics for ROS 2, else cubics.
 
     Raises
     ------
@@ -76,7 +91,7 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
-    motion = sample(solution, rate_of(name, rate))
+    motion = sample(solution, rate_of(name, rate), interpolation_of(name, interpolation))
     try:
         return replace_file(path, FORMATS[name](motion, solution))
     except InvalidValue as error:

@@ -1,4 +1,16 @@
-"""A motion at any rate: cubics between the nodes, through their positions with their velocities."""
+r"""A motion at any rate: cubics or quintics between the nodes, through their positions with their velocities.
+
+Cubics leap in their accelerations from step to step. Quintics have those accelerations a_n at the nodes that
+leave the jerk continuous, and so its square smallest; with d_n what leads from node n - 1 to node n in a step
+of length h_n, at every node within the motion
+
+.. math::
+    -\frac{3 a_{n-1}}{h_n} + 9 \Bigl(\frac{1}{h_n} + \frac{1}{h_{n+1}}\Bigr) a_n - \frac{3 a_{n+1}}{h_{n+1}}
+    = \frac{60 d_{n+1}}{h_{n+1}^3} - \frac{36 v_n + 24 v_{n+1}}{h_{n+1}^2}
+    - \frac{60 d_n}{h_n^3} + \frac{24 v_{n-1} + 36 v_n}{h_n^2}
+
+Where a joint with limited jerk begins or ends at rest its acceleration is zero there, else its jerk is.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +20,19 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.linalg import solve_banded
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.data import SolutionData
 from mbocp.terms import RATE_TERMS
 
+INTERPOLATIONS = ("cubic", "quintic")
 _LARGEST_RATE = 1e5  # [1/s]
 _MOST_SAMPLES = 2_000_000
 _BETWEEN = 10  # places between two nodes at which limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
+_AT_REST = 1e-9  # [rad/s, m/s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +66,9 @@ class Sampled:
     left_out: tuple[str, ...]
 
 
-def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
+def sample(
+    solution: SolutionData, rate: float | None = None, interpolation: str = INTERPOLATIONS[0]
+) -> Sampled:
     """Sample a motion.
 
     Parameters
@@ -59,6 +76,7 @@ def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
     solution : Solution
     rate : float, optional
         Samples a second [1/s], and the end; the nodes by default.
+    interpolation : {"cubic", "quintic"}
 
     Raises
     ------
@@ -80,8 +98,6 @@ def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
     columns = dict(_columns(solution))
     if not columns:
         raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
-    q = np.column_stack([positions for positions, _ in columns.values()])
-    v = solution.vs[:, [place for _, place in columns.values()]]
     controls = {column.name: k for k, column in enumerate(solution.labels.u)}
     step = _steps_of(nodes, times)
     applied = solution.us[step]
@@ -96,7 +112,7 @@ def sample(solution: SolutionData, rate: float | None = None) -> Sampled:
         times,
         tuple(columns),
         tuple(solution.labels.v[place].unit.removesuffix("/s") for _, place in columns.values()),
-        *_cubics(nodes, q, v, step, times),
+        *_curves(solution, columns, interpolation).at(step, times)[:3],
         efforts,
         tuple(sorted(names - {name.partition(".")[0] for name in columns})),
     )
@@ -137,29 +153,34 @@ class Excess:
         )
 
 
-def excesses(solution: SolutionData, rate: float | None = None) -> tuple[Excess, ...]:
+def excesses(
+    solution: SolutionData, rate: float | None = None, interpolation: str = INTERPOLATIONS[0]
+) -> tuple[Excess, ...]:
     """Limits of joints that the motion exceeds, the worst by its ratio first.
 
-    Positions and speeds are those of the cubics, between nodes, too. Accelerations and jerks are differences
-    of the sampled velocities, as a controller sees them.
+    Positions and speeds are those between nodes, too, and of quintics accelerations and jerks are. Those of
+    cubics are differences of the sampled velocities, as a controller sees them.
 
     Parameters
     ----------
     solution : Solution
     rate : float, optional
         Samples a second [1/s]; the nodes by default.
+    interpolation : {"cubic", "quintic"}
     """
     columns = dict(_columns(solution))
     if not columns:
         return ()
     nodes = solution.t - solution.t[0]
     fine = np.unique(np.concatenate([np.linspace(a, b, _BETWEEN + 1) for a, b in pairwise(nodes)]))
-    q = np.column_stack([positions for positions, _ in columns.values()])
     places = [place for _, place in columns.values()]
-    positions, velocities, _ = _cubics(nodes, q, solution.vs[:, places], _steps_of(nodes, fine), fine)
-    samples = sample(solution, rate)
-    accelerations, at_accelerations = _differences(samples.velocities, samples.t)
-    jerks, at_jerks = _differences(accelerations, at_accelerations)
+    curves = _curves(solution, columns, interpolation)
+    positions, velocities, accelerations, jerks = curves.at(_steps_of(nodes, fine), fine)
+    at_accelerations = at_jerks = fine
+    if curves.accelerations is None:
+        samples = sample(solution, rate)
+        accelerations, at_accelerations = _differences(samples.velocities, samples.t)
+        jerks, at_jerks = _differences(accelerations, at_accelerations)
     facts = solution.facts
     q_places = {column.name: k for k, column in enumerate(solution.labels.q)}
     found: list[Excess] = []
@@ -218,18 +239,80 @@ def _steps_of(nodes: Array, times: Array) -> Array:
     return found
 
 
-def _cubics(nodes: Array, q: Array, v: Array, step: Array, times: Array) -> tuple[Array, Array, Array]:
-    """Hermite's cubics and their first two derivatives."""
-    h = np.diff(nodes)[step][:, None]
-    h = np.where(h > 0.0, h, 1.0)
-    s = (times - nodes[step])[:, None] / h
-    q0, q1, v0, v1 = q[step], q[step + 1], v[step], v[step + 1]
-    position = (
-        (2 * s**3 - 3 * s**2 + 1) * q0
-        + (s**3 - 2 * s**2 + s) * h * v0
-        + (3 * s**2 - 2 * s**3) * q1
-        + (s**3 - s**2) * h * v1
-    )
-    velocity = 6 * (s - s**2) * (q1 - q0) / h + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
-    acceleration = 6 * (1 - 2 * s) * (q1 - q0) / h**2 + ((6 * s - 4) * v0 + (6 * s - 2) * v1) / h
-    return position, velocity, acceleration
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """Polynomials between nodes: cubics, or quintics where accelerations at the nodes are given."""
+
+    nodes: Array
+    q: Array
+    v: Array
+    accelerations: Array | None
+
+    def at(self, step: Array, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Positions and their first three derivatives."""
+        h = np.diff(self.nodes)[step][:, None]
+        h = np.where(h > 0.0, h, 1.0)
+        s = (times - self.nodes[step])[:, None] / h
+        q0, v0, v1 = self.q[step], h * self.v[step], h * self.v[step + 1]
+        d = self.q[step + 1] - q0
+        if self.accelerations is None:
+            c: tuple[Array, ...] = (v0, 3 * d - 2 * v0 - v1, v0 + v1 - 2 * d)
+        else:
+            a0, a1 = h**2 * self.accelerations[step], h**2 * self.accelerations[step + 1]
+            c = (
+                v0,
+                a0 / 2,
+                10 * d - 6 * v0 - 4 * v1 - (3 * a0 - a1) / 2,
+                -15 * d + 8 * v0 + 7 * v1 + (3 * a0 - 2 * a1) / 2,
+                6 * d - 3 * v0 - 3 * v1 - (a0 - a1) / 2,
+            )
+        powers = range(1, len(c) + 1)
+        position = q0 + sum(c[k - 1] * s**k for k in powers)
+        velocity = sum(k * c[k - 1] * s ** (k - 1) for k in powers) / h
+        acceleration = sum(k * (k - 1) * c[k - 1] * s ** max(k - 2, 0) for k in powers) / h**2
+        jerk = sum(k * (k - 1) * (k - 2) * c[k - 1] * s ** max(k - 3, 0) for k in powers) / h**3
+        return position, velocity, acceleration, jerk
+
+
+def _curves(solution: SolutionData, columns: dict[str, tuple[Array, int]], interpolation: str) -> _Curves:
+    if interpolation not in INTERPOLATIONS:
+        raise InvalidValue.of_choice("interpolation", interpolation, INTERPOLATIONS)
+    nodes, places = solution.t - solution.t[0], [place for _, place in columns.values()]
+    q, v = np.column_stack([positions for positions, _ in columns.values()]), solution.vs[:, places]
+    if interpolation == "cubic":
+        return _Curves(nodes, q, v, None)
+    has_jerk: BoolArray = np.zeros(len(places), dtype=np.bool_)
+    if "jerk" in solution.facts.rates:
+        has_jerk |= np.isfinite(solution.facts.bounds_of_rate("jerk")[:, places]).any(axis=0)
+    accelerations = np.zeros_like(v)
+    leaps = [0, *(int(n) + 1 for n in np.flatnonzero(np.diff(nodes) == 0.0)), len(nodes)]
+    for first, last in pairwise(leaps):  # an impact has another velocity on each side
+        part = slice(first, last)
+        accelerations[part] = _smoothest(nodes[part], q[part], v[part], has_jerk)
+    return _Curves(nodes, q, v, accelerations)
+
+
+def _smoothest(t: Array, q: Array, v: Array, has_jerk: BoolArray) -> Array:
+    """Accelerations at the nodes whose quintics have continuous jerks, shape (n, joints)."""
+    if len(t) < 2:
+        return np.zeros_like(v)
+    h = np.diff(t)[:, None]
+    d = np.diff(q, axis=0)
+    begins = 60 * d / h**3 - (36 * v[:-1] + 24 * v[1:]) / h**2  # jerks of the steps but for accelerations
+    ends = 60 * d / h**3 - (24 * v[:-1] + 36 * v[1:]) / h**2
+    right = np.zeros_like(v)
+    right[:-1] += begins
+    right[1:] -= ends
+    bands = np.zeros((3, len(t)))
+    bands[1, :-1] += 9 / h[:, 0]
+    bands[1, 1:] += 9 / h[:, 0]
+    bands[0, 1:] = bands[2, :-1] = -3 / h[:, 0]
+    found = np.empty_like(v)
+    for k in range(v.shape[1]):
+        own, b = bands.copy(), right[:, k].copy()
+        if has_jerk[k] and abs(v[0, k]) < _AT_REST:
+            own[1, 0], own[0, 1], b[0] = 1.0, 0.0, 0.0
+        if has_jerk[k] and abs(v[-1, k]) < _AT_REST:
+            own[1, -1], own[2, -2], b[-1] = 1.0, 0.0, 0.0
+        found[:, k] = solve_banded((1, 1), own, b)
+    return found

@@ -207,11 +207,18 @@ class Solution(SolutionData):
 
         return write_csv(self, path)
 
-    def export(self, path: str | Path, *, kind: str | None = None, rate: float | None = None) -> Path:
+    def export(
+        self,
+        path: str | Path,
+        *,
+        kind: str | None = None,
+        rate: float | None = None,
+        interpolation: str | None = None,
+    ) -> Path:
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
         from mbocp.solution.formats import export_motion
 
-        return export_motion(self, path, kind=kind, rate=rate)
+        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""

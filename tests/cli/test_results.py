@@ -186,19 +186,31 @@ def test_a_motion_is_exported(run, tmp_path, result):
     assert run("export", str(result), "-o", str(tmp_path / "motion.xls")).exit_code == 2
 
 
-def test_export_checks_limits_where_it_is_asked_to(run, tmp_path, result):
+def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
     solution = Solution.load(result)
     slower = np.abs(solution.vs).max(axis=0) * np.array([[-0.5], [0.5]])
     fast = dataclasses.replace(solution, limits_v=slower).save(tmp_path / "fast.h5")
     target = tmp_path / "motion.csv"
-    assert run("export", str(result), "-o", str(target), "--check").exit_code == 0
-    assert run("export", str(fast), "-o", str(target)).exit_code == 0
+    assert run("export", str(result), "-o", str(target)).exit_code == 0
+    assert run("export", str(fast), "-o", str(target), "--no-check").exit_code == 0
     target.unlink()
-    done = run("export", str(fast), "-o", str(target), "--check")
+    done = run("export", str(fast), "-o", str(target))
     assert done.exit_code == 1
     assert target.exists()
     told = [line for line in done.stderr.splitlines() if "leaves its limits: speed" in line]
     assert len(told) == solution.nv
+
+
+@pytest.mark.parametrize(("suffix", "default"), [("yaml", "quintics"), ("csv", "cubics")])
+def test_export_says_what_is_between_the_nodes(run, tmp_path, result, suffix, default):
+    target = tmp_path / f"motion.{suffix}"
+    done = run("export", str(result), "-o", str(target))
+    assert f"{default}, accelerations at its ends" in " ".join(done.stdout.split())
+    other = {"quintics": "cubic", "cubics": "quintic"}[default]
+    before = target.read_text()
+    assert run("export", str(result), "-o", str(target), "--interpolation", other).exit_code == 0
+    assert target.read_text() != before
+    assert run("export", str(result), "-o", str(target), "--interpolation", "septic").exit_code == 2
 
 
 def test_brackets_and_colons_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution import Column, Solution
 from mbocp.solution.facts import Facts
-from mbocp.solution.sampled import excesses, sample
+from mbocp.solution.sampled import _columns, _curves, excesses, sample
 
 from .fabricated import fabricate
 
@@ -40,6 +42,71 @@ def test_cubics_go_through_the_nodes_with_their_velocities():
     np.testing.assert_allclose(slopes[2:-2], fine.velocities[2:-2, 5], atol=1e-3)
     bends = np.gradient(fine.velocities[:, 0], fine.t)
     assert np.median(np.abs(bends - fine.accelerations[:, 0])) < 1e-3
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(deadline=None, max_examples=30)
+def test_quintics_have_continuous_accelerations_and_jerks(seed):
+    """Through the positions and velocities of any motion, with steps of any lengths."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum([0.0, *rng.uniform(0.02, 0.1, 20)])
+    solution = replace(arm(2), t=t, qs=rng.normal(size=(21, 2)), vs=rng.normal(size=(21, 2)))
+    nodes = sample(solution, None, "quintic")
+    np.testing.assert_allclose(nodes.positions, solution.qs, atol=1e-12)
+    np.testing.assert_allclose(nodes.velocities, solution.vs, atol=1e-10)
+    curves = _curves(solution, dict(_columns(solution)), "quintic")
+    inner, steps = t[1:-1], np.arange(20)
+    before, after = curves.at(steps[:-1], inner), curves.at(steps[1:], inner)
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-8 * np.abs(one).max())
+    ends = [curves.at(steps[k : k + 1], t[n : n + 1])[3] for k, n in ((0, 0), (-1, 20)) if k == 0]
+    assert np.abs(ends[0]).max() < 1e-6 * np.abs(before[3]).max()
+
+
+def test_quintics_are_of_order_four_and_more():
+    """Between the nodes of a sine; cubics are of order four."""
+    errors = {"cubic": [], "quintic": []}
+    for steps in (20, 40):
+        t = np.linspace(0.0, 1.5, steps + 1)
+        column = [Column("j", "rad")], [Column("j", "rad/s")], [Column("j", "N m")]
+        made = fabricate(*column, num_steps=steps)
+        solution = replace(made, t=t, qs=np.sin(3 * t)[:, None], vs=3 * np.cos(3 * t)[:, None])
+        for name, found in errors.items():
+            fine = sample(solution, 1000.0, name)
+            inside = (fine.t > 0.3) & (fine.t < 1.2)
+            found.append(np.abs(fine.positions[:, 0] - np.sin(3 * fine.t))[inside].max())
+    assert errors["quintic"][0] < errors["cubic"][0]
+    assert errors["quintic"][0] / errors["quintic"][1] > 14.0
+
+
+def test_where_jerks_are_limited_rest_has_no_acceleration():
+    """At both ends; of a joint without such a limit the jerk is zero there."""
+    t = np.linspace(0.0, 1.5, 21)
+    s, rate = t / 1.5, 1.5
+    q, v = s**2 * (3 - 2 * s), 6 * s * (1 - s) / rate
+    rates = {"jerk": ((-np.inf, -90.0), (np.inf, 90.0))}
+    solution = replace(
+        arm(2),
+        t=t,
+        qs=np.column_stack([q, q]),
+        vs=np.column_stack([v, v]),
+        facts_kept=Facts(rates=rates),
+    )
+    nodes = sample(solution, None, "quintic")
+    np.testing.assert_allclose(nodes.accelerations[[0, -1], 1], 0.0, atol=1e-12)
+    assert np.abs(nodes.accelerations[[0, -1], 0]).min() > 1.0
+    found = {(e.kind, e.name) for e in excesses(solution, None, "quintic")}
+    assert found <= {("jerk", "j1")}
+
+
+def test_an_impact_parts_quintics():
+    t = np.array([0.0, 0.5, 0.5, 1.0])
+    column = [Column("j", "rad")], [Column("j", "rad/s")], [Column("j", "N m")]
+    made = fabricate(*column, num_steps=3)
+    qs, vs = np.array([0.0, 0.5, 0.5, 0.0])[:, None], np.array([1.0, 1.0, -1.0, -1.0])[:, None]
+    found = sample(replace(made, t=t, qs=qs, vs=vs), 100.0, "quintic")
+    np.testing.assert_allclose(found.positions[:, 0], 0.5 - np.abs(found.t - 0.5), atol=1e-12)
+    np.testing.assert_allclose(found.accelerations, 0.0, atol=1e-9)
 
 
 def test_controls_are_constant_over_their_steps():
