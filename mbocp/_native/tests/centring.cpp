@@ -12,7 +12,7 @@ namespace {
 constexpr int many = 200;
 
 Centring after(const std::vector<double>& residuals) {
-    Centring centring(1.0, Filter::start(0.0));
+    Centring centring(1.0, Filter::start(0.0, false));
     for (const double residual : residuals) centring.update(residual, 1e-3 * residual, false);
     return centring;
 }
