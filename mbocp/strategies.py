@@ -23,6 +23,9 @@ from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
 
 
+_NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
+
+
 def strategy_for(job: Job) -> Strategy:
     """Choose how a job is done."""
     problem = job.problem
@@ -72,7 +75,8 @@ class WithinSteps:
                 break
             within = "".join(sorted(within + letter))
             held = replace(job.problem, limits_within=within)
-            again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=solution))
+            start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
+            again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=start))
             if not (again.is_stationary and again.limit_excess < solution.limit_excess):
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
