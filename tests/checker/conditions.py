@@ -12,7 +12,7 @@ from tests.checker.costs import end_cost, rate_cost, running_cost
 from tests.checker.explicit import ExplicitStep
 from tests.checker.following import follow_bounds, follow_equations, follow_missed
 from tests.checker.frames import bound_values
-from tests.checker.further import WITHIN, Bound, equations, further_bounds, length_slopes, points_missed
+from tests.checker.further import ENDS, WITHIN, Bound, equations, further_bounds, length_slopes, points_missed
 from tests.checker.gauss import GAUSS, GaussStep
 from tests.checker.implicit import TAU, ImplicitStep
 from tests.checker.natural import NaturalSteps
@@ -321,7 +321,7 @@ def _bounds(system: System, task: Task, motion: Motion, layout: Layout, xs: Arra
                         "q", n, task.q_limits[:, i : i + 1], motion.qs[n, i : i + 1], offset + k, claimed
                     )
         at = 0
-        own = [k for k, name in enumerate(motion.path_names) if not name.endswith(WITHIN)]
+        own = [k for k, name in enumerate(motion.path_names) if not name.endswith((WITHIN, *ENDS))]
         of_paths = motion.lam_path[:, own] if motion.lam_path.ndim == 2 else motion.lam_path
         claims = of_paths if _are_of_paths(task, of_paths) else np.zeros(0)
         for bound in task.path:

@@ -21,7 +21,16 @@ if TYPE_CHECKING:
 __all__ = ["Bound", "equations", "further_bounds", "length_slopes", "points_missed"]
 
 
-WITHIN = " within steps"  # how names of limits of speeds end that hold there, too
+WITHIN, *ENDS = (
+    " within steps",
+    " at begins of steps",
+    " at ends of steps",
+)  # of names of limits that hold there
+_WHERE = {
+    "middle": ("velocity of ", WITHIN),
+    "begin": ("acceleration of ", ENDS[0]),
+    "end": ("acceleration of ", ENDS[1]),
+}
 _SHORTEST = 1e-3  # of the mean length of steps, at the least duration: those of a run are no shorter
 
 
@@ -163,31 +172,68 @@ def _rates(system: System, task: Task, motion: Motion, layout: Layout) -> Iterat
 
 
 def _within(system: System, task: Task, motion: Motion, layout: Layout) -> Iterator[Bound]:
-    """Speeds that are claimed to keep their limits within steps: the middle coefficient of each cubic."""
-    columns_of = [k for k, name in enumerate(motion.path_names) if name.endswith(WITHIN)]
-    entries = np.flatnonzero(np.isfinite(task.v_limits).any(axis=0)) if columns_of else np.zeros(0, int)
-    model, nv, phases = system.model, system.nv, task.phases
-    for n in range(1, task.num_steps + 1) if columns_of else ():
+    """Limits that are claimed to hold within steps: of speeds and accelerations of their cubics."""
+    told = {
+        where: [k for k, name in enumerate(motion.path_names) if name.startswith(of) and name.endswith(end)]
+        for where, (of, end) in _WHERE.items()
+    }
+    model, nv = system.model, system.nv
+    for n in range(1, task.num_steps + 1) if any(told.values()) else ():
         before, after, dt = motion.qs[n - 1], motion.qs[n], float(motion.dts[n - 1])
-        way = pin.difference(model, before, after)
         by_before, by_after = pin.dDifference(model, before, after)
-        values = 3.0 * way / dt - motion.vs[n - 1] - motion.vs[n]
-        slopes = [3.0 * by_after / dt, -np.eye(nv)]
-        columns = [layout.x(n).start + np.arange(2 * nv)]
-        if n > 1:
-            slopes += [3.0 * by_before / dt, -np.eye(nv)]
-            columns.append(layout.x(n - 1).start + np.arange(2 * nv))
-        for k, phase in enumerate(phases):
-            if n in phase:
-                length = float(motion.dts[phase.start - 1 : phase.stop - 1].sum())
-                slopes.append(-3.0 * way[:, None] / dt / length)
-                columns.append(np.array([layout.size - len(phases) + k]))
-        joined, places = np.hstack(slopes), np.concatenate(columns)
-        for column, i in zip(columns_of, entries, strict=True):
-            claimed = float(motion.lam_path[n - 1, column])
-            yield from _two_sided(
-                f"{WITHIN}[{n}]", task.v_limits[:, i], values[i], places, joined[i], claimed
+        way, v0, v1 = pin.difference(model, before, after), motion.vs[n - 1], motion.vs[n]
+        still, one = np.zeros((nv, nv)), np.eye(nv)
+        # By the state after the step, by that before it, and by a length of the step.
+        of_way = np.hstack([by_after, still, by_before, still, np.zeros((nv, 1))])
+        of_v0, of_v1, of_dt = (
+            np.hstack([*blocks, np.zeros((nv, 1))])
+            for blocks in (
+                (still, still, still, one),
+                (still, one, still, still),
+                (still, still, still, still),
             )
+        )
+        of_dt[:, -1] = 1.0
+        b, of_b = (
+            3.0 * way / dt - v0 - v1,
+            3.0 * of_way / dt - of_v0 - of_v1 - 3.0 * way[:, None] / dt**2 * of_dt,
+        )
+        values = {"middle": (b, of_b)}
+        for name, change, slope in (("begin", b - v0, of_b - of_v0), ("end", v1 - b, of_v1 - of_b)):
+            values[name] = 2.0 * change / dt, 2.0 * slope / dt - 2.0 * change[:, None] / dt**2 * of_dt
+        yield from _bounds_within(task, motion, layout, n, values, told)
+
+
+def _bounds_within(
+    task: Task,
+    motion: Motion,
+    layout: Layout,
+    n: int,
+    values: dict[str, tuple[Array, Array]],
+    told: dict[str, list[int]],
+) -> Iterator[Bound]:
+    """Bounds in the step to node n, whose columns come in the order of the limits."""
+    size = 2 * len(motion.vs[0])
+    columns, keep, factors = [layout.x(n).start + np.arange(size)], [np.arange(size)], [np.ones(size)]
+    if n > 1:
+        columns.append(layout.x(n - 1).start + np.arange(size))
+        keep.append(size + np.arange(size))
+        factors.append(np.ones(size))
+    for k, phase in enumerate(task.phases):
+        if n in phase:
+            length = float(motion.dts[phase.start - 1 : phase.stop - 1].sum())
+            columns.append(np.array([layout.size - len(task.phases) + k]))
+            keep.append(np.array([2 * size]))
+            factors.append(np.array([float(motion.dts[n - 1]) / length]))
+    places, chosen, weights = (np.concatenate(parts) for parts in (columns, keep, factors))
+    for where, (value, slope) in values.items():
+        limits = task.v_limits if where == "middle" else task.acceleration
+        if not told[where] or limits is None:
+            continue
+        for column, i in zip(told[where], np.flatnonzero(np.isfinite(limits).any(axis=0)), strict=True):
+            claimed = float(motion.lam_path[n - 1, column])
+            gradient = slope[i, chosen] * weights
+            yield from _two_sided(f"{WITHIN}[{n}]", limits[:, i], value[i], places, gradient, claimed)
 
 
 def _names(system: System) -> tuple[list[str], list[str]]:
