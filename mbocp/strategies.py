@@ -22,7 +22,6 @@ from mbocp.solution import Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
 
-
 _NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
 
 
