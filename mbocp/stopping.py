@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
+from mbocp.problem._checks import check_finite
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import written_tables
 from mbocp.solution import Solution
@@ -20,7 +21,7 @@ from mbocp.solving import solve
 _LEADING = ("follow", "line")  # paths that say where a frame goes, and so where it would have to stop
 _SPREAD = 20.0  # how much shorter or longer than estimated a stop may be
 _RESTING = 1e-9  # [rad/s, m/s]
-_SMALL = 1e-6  # of the cost of time: what controls cost that nothing limits, at the size that stops the robot
+_SMALL = 1e-4  # part of the cost of time that controls cost: enough to tell them apart where they are free
 
 
 def stop(
@@ -63,17 +64,21 @@ def stop(
     ProblemError
         If the robot is at rest already, has phases or constraints that come and go, or if nothing limits how
         fast it may stop.
-    InvalidValue
-        If `at` is no time of the motion.
+    InvalidValue, DimensionMismatch
+        If `at` is no time of the motion, or a state does not fit the robot.
     """
     problem = problem_from(motion.problem if isinstance(motion, Solution) else motion)
-    begin = _state(motion, at, {"q": q, "v": v, "a": a})
+    robot, given = problem.robot, {"q": q, "v": v, "a": a}
+    sizes = {"q": robot.nq, "v": robot.nv, "a": robot.nv}
+    said = {k: frozen_array(x, shape=(sizes[k],), name=k) for k, x in given.items() if x is not None}
+    for name, value in said.items():
+        check_finite(name, value)
+    begin = _state(motion, at, said)
     return solve(_stopping(problem, begin, steps), time_limit=time_limit)
 
 
-def _state(motion: Any, at: float | None, given: dict[str, Any]) -> dict[str, Array]:
-    """Configuration, velocity and acceleration where the stop begins, as far as they are said."""
-    said = {key: np.asarray(value, dtype=np.float64) for key, value in given.items() if value is not None}
+def _state(motion: Any, at: float | None, said: dict[str, Array]) -> dict[str, Array]:
+    """Configuration, velocity and acceleration where the stop begins."""
     if at is None:
         if "q" not in said or "v" not in said:
             raise ProblemError("stop: say where it begins: `at` with a solution, or `q` and `v`")
@@ -93,7 +98,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     """The problem of a stop."""
     if problem.phase:
         raise ProblemError("stop: motions with phases stop where their contacts allow it; solve that problem")
-    longest = _time(problem, begin)
+    longest, force = _estimate(problem, begin)
     has_jerks = bool(problem.widest_limits.finite("j").any())
     tables = written_tables(problem)
     for key in ("via", "guess", "terms", "cost", "goal"):
@@ -107,7 +112,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
             "horizon": {**tables["horizon"], "duration": duration, "steps": steps},
             "start": start,
             "goal": {"v": 0.0},
-            "cost": {"time": 1.0, "effort": _SMALL * longest},
+            "cost": {"time": 1.0, "effort": _SMALL / force**2},
             **({"path": paths} if paths else {}),
         },
         robot=problem.robot,
@@ -115,8 +120,8 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     )
 
 
-def _time(problem: Problem, begin: dict[str, Array]) -> float:
-    """About how long it takes [s]: momenta by forces, velocities by accelerations."""
+def _estimate(problem: Problem, begin: dict[str, Array]) -> tuple[float, float]:
+    """About how long it takes [s], momenta by forces and velocities by accelerations, and which force."""
     robot, limits, v = problem.robot, problem.widest_limits, np.abs(begin["v"])
     if v.max(initial=0.0) < _RESTING:
         raise ProblemError("stop: the robot is at rest already")
@@ -135,4 +140,5 @@ def _time(problem: Problem, begin: dict[str, Array]) -> float:
             "stop: nothing limits how fast the robot may stop; give limits.effort, limits.acceleration or "
             "limits.jerk"
         )
-    return longest
+    used = np.linalg.norm([*forces[np.isfinite(forces)], momenta.max() / longest])
+    return longest, float(used)

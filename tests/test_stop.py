@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem import Problem
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -92,6 +92,13 @@ def test_a_joint_that_could_stop_before_its_limit_does_so() -> None:
         ({"q": [0.0], "v": [0.0]}, ProblemError, "at rest already"),
         ({"at": 0.5}, ProblemError, "is a time of a solution"),
         ({"q": [0.0], "v": [1.0], "limits": {"velocity": 3.0}}, ProblemError, "nothing limits how fast"),
+        ({"q": [0.0, 1.0], "v": [1.0]}, DimensionMismatch, "q"),
+        ({"q": [0.0], "v": [np.nan]}, InvalidValue, "v"),
+        (
+            {"q": [0.0], "v": [9.0], "limits": {"effort": True, "velocity": 3.0}},
+            ProblemError,
+            "above its limit",
+        ),
     ],
 )
 def test_what_is_refused(

@@ -16,8 +16,8 @@ struct Verdict {
 class Filter {
 public:
     Filter() = default;
-    // For a first iterate of the given violation. Motions within limits stay nearer to it: a barrier leads astray what
-    // far iterates tell of the limits, while equations alone lead back in a few steps.
+    // For a first iterate of the given violation. Without limits later ones may violate much more, for equations alone
+    // lead back in a few steps; steps that a barrier keeps short do not.
     static Filter start(double violation, bool is_limited);
 
     // `slope`: directional derivative of the objective, the cost with limits and their barrier.

@@ -36,6 +36,8 @@ def _numbers(value: Any) -> _Numbers | dict[str, Any]:
     if isinstance(value, Mapping):
         if set(value) != {"payload", "values"}:
             raise ValueError(f"got keys {', '.join(map(show, value))}, expected payload and values")
+        if not all(isinstance(part, list) for part in value.values()):
+            raise ValueError("expected lists in payload and values")
         rows = [_one(entry, f" in values[{i}]") for i, entry in enumerate(value["values"])]
         masses = [read_side(mass, " in payload") for mass in value["payload"]]
         if len(rows) != len(masses) or not masses or any(np.diff(masses) <= 0.0):

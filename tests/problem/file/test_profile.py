@@ -185,6 +185,8 @@ def test_phases_have_none() -> None:
             "masses that rise",
         ),
         ('source = ["x"]\njoints = ["joint1"]\njerk = { mass = [1], values = [1] }', "payload and values"),
+        ('source = ["x"]\njoints = ["joint1"]\njerk = { payload = 1, values = [1] }', "expected lists"),
+        ('source = ["x"]\njoints = ["joint1"]\nposition = [[1.0, -1.0]]', "position"),
         ("source =", "TOML"),
     ],
 )
