@@ -66,20 +66,23 @@ class WithinSteps:
         can = can_hold_within(job.problem)
         begun = job.start.iterate if isinstance(job.start, Solution) else None
         within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
-        solution = self.once.run(replace(job, problem=replace(job.problem, limits_within=within)))
-        while not (job.rough or job.is_late):
+        solution = self.once.run(_held(job, within) if within else job)
+        while solution.status is Status.UNDER_RESOLVED and not (job.rough or job.is_late):
             letter = letter_of(solution.limit_excess_of)
-            is_asked_for = solution.status is Status.UNDER_RESOLVED and letter and letter in can
-            if not is_asked_for or letter in within:
+            if letter not in set(can) - set(within):
                 break
             within = "".join(sorted(within + letter))
-            held = replace(job.problem, limits_within=within)
             start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
-            again = WarmStart(self.once, self.once).run(replace(job, problem=held, start=start))
+            again = WarmStart(self.once, self.once).run(replace(_held(job, within), start=start))
             if not (again.is_stationary and again.limit_excess < solution.limit_excess):
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution
+
+
+def _held(job: Job, within: str) -> Job:
+    """The job with limits that hold within steps, by their letters."""
+    return replace(job, problem=replace(job.problem, limits_within=within))
 
 
 @dataclass(frozen=True)

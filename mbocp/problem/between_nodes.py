@@ -9,6 +9,7 @@ controls are differences of steps by their definition, and have no value between
 Where cubics leave a limit of speed by more than they are exact, or are kept within it, steps are followed
 along the flow of the robot itself, as far as it is an open chain: those that may come nearest to a limit by
 their cubics, and by what these are wrong by, a fourth of the step times their accelerations' errors at most.
+What decays within a thousandth of a step is not followed.
 """
 
 from __future__ import annotations
@@ -203,7 +204,7 @@ class _Steps:
         lengths, within = cubics.lengths[chosen], (sides[0][chosen], sides[1][chosen])
         fastest = float(lengths.max()) * _fastest_decay(robot, qs, vs, self._controls(0.0)[chosen])
         parts = max(_LEAST_PARTS, int(np.ceil(min(fastest, 2.0 * _MOST_PARTS) / _RESOLVED)))
-        if parts > _MOST_PARTS:  # what decays so fast follows the cubic
+        if parts > _MOST_PARTS:  # too stiff to be followed: cubics alone tell of it
             return
         controls = [self._controls(k / (2 * parts))[chosen] for k in range(2 * parts + 1)]
         for k in range(parts):

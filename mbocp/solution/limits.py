@@ -14,7 +14,7 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
-from mbocp.terms.rates import name_within
+from mbocp.terms.rates import PLACES_WITHIN, name_within
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
 _OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions
@@ -145,26 +145,27 @@ def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
 
 def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, str, float, float, str]]:
     """Kind, name, bounds and unit of limited rates, and of speeds within steps, by the name of their row."""
-    found = {
-        name_within("velocity", column.name, "within steps"): (
-            "velocity",
-            f"{column.name} within steps",
-            low,
-            high,
-            column.unit,
-        )
-        for column, low, high in zip(solution.labels.v, *solution.limits_v, strict=True)
-    }
+    found: dict[str, tuple[str, str, float, float, str]] = {}
+    for column, low, high in zip(solution.labels.v, *solution.limits_v, strict=True):
+        found |= _bounds_within("velocity", column.name, low, high, column.unit)
     for key, (lower, upper) in facts.rates.items():
         term = RATE_TERMS[key]
         columns = solution.labels.v if term.over == "v" else solution.labels.u
         for column, low, high in zip(columns, lower, upper, strict=True):
             unit = term.unit(column.unit)
             found[term.row_name(column.name)] = (key, column.name, low, high, unit)
-            for place in ("at begins of steps", "at ends of steps"):  # of those that have values there
-                name = name_within(key, column.name, place)
-                found[name] = (key, f"{column.name} {place}", low, high, unit)
+            found |= _bounds_within(key, column.name, low, high, unit)
     return found
+
+
+def _bounds_within(
+    key: str, name: str, low: float, high: float, unit: str
+) -> dict[str, tuple[str, str, float, float, str]]:
+    """What limits of a velocity or acceleration say where they hold within steps."""
+    return {
+        name_within(key, name, place): (key, f"{name} {place}", low, high, unit)
+        for place in PLACES_WITHIN.get(key, ())
+    }
 
 
 def _pull(row: tuple[str, str, float, float, str], multipliers: Array, pulls: float) -> Iterator[ActiveLimit]:

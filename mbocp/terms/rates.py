@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 
+PLACES_WITHIN = {  # where limits may hold within steps, by key
+    "velocity": ("within steps",),
+    "acceleration": ("at begins of steps", "at ends of steps"),
+}
+
+
 def name_within(quantity: str, name: str, place: str) -> str:
     """What the limit of a velocity or acceleration within steps is called, beside path constraints."""
     return f"{quantity} of {name} {place}"

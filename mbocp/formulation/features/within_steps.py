@@ -28,13 +28,12 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
 from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
-from mbocp.terms.rates import name_within
+from mbocp.terms.rates import PLACES_WITHIN, name_within
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
 _WORDS = {"v": "speed within the step of", "a": "acceleration within the step of"}
-_PLACES = {"v": ("within steps",), "a": ("at begins of steps", "at ends of steps")}
 _KEYS = {"v": "velocity", "a": "acceleration"}
 
 
@@ -51,7 +50,7 @@ class WithinSteps(Feature):
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One entry for each, and place."""
-        return tuple(Block(block_within(key), len(_PLACES[key]) * len(own)) for key, own in self.entries)
+        return tuple(Block(block_within(key), len(_places(key)) * len(own)) for key, own in self.entries)
 
     @property
     def state_key(self) -> Mapping[str, Any]:
@@ -61,10 +60,9 @@ class WithinSteps(Feature):
     def following(self, name: str, step: Passage) -> Any:
         """The coefficients b [m/s, rad/s], or a_0 and a_1 [m/s^2, rad/s^2]."""
         b = 3.0 * step.way() / step.dt - step.s0 - step.s1
-        is_numbers = isinstance(b, np.ndarray)
         key, own = next((key, list(own)) for key, own in self.entries if block_within(key) == name)
         values = [b] if key == "v" else [2.0 * (b - step.s0) / step.dt, 2.0 * (step.s1 - b) / step.dt]
-        if is_numbers:
+        if isinstance(b, np.ndarray):
             return np.hstack([value[:, own] for value in values])
         return ca.vertcat(*[value[own] for value in values])
 
@@ -73,7 +71,7 @@ class WithinSteps(Feature):
         moves = np.flatnonzero(~problem.timeline.is_impact)
         found = {}
         for key, own in self.entries:
-            places = len(_PLACES[key])
+            places = len(_places(key))
             lower, upper = unbounded(problem.num_steps, places * len(own))
             sides = widest_within(problem.limits_along()[key], moves)
             for side, limits in zip((lower, upper), sides, strict=True):
@@ -84,7 +82,7 @@ class WithinSteps(Feature):
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Of which velocity."""
         return [
-            f"{_WORDS[key]} {speeds[i].name}" for key, own in self.entries for _ in _PLACES[key] for i in own
+            f"{_WORDS[key]} {speeds[i].name}" for key, own in self.entries for _ in _places(key) for i in own
         ]
 
     def state_words(self, problem: Problem) -> Mapping[str, str]:
@@ -103,9 +101,13 @@ def names_within(problem: Problem) -> tuple[str, ...]:
     return tuple(
         name_within(_KEYS[key], labels[i].name, place)
         for key, own in _entries(problem)
-        for place in _PLACES[key]
+        for place in _places(key)
         for i in own
     )
+
+
+def _places(letter: str) -> tuple[str, ...]:
+    return PLACES_WITHIN[_KEYS[letter]]
 
 
 def _entries(problem: Problem) -> tuple[tuple[str, tuple[int, ...]], ...]:

@@ -119,7 +119,7 @@ RateOrFree = Annotated[
 Limits = Annotated[
     Any, Kind("true, number, list, table", _limits, bool | float | list[Limit] | dict[str, Limit])
 ]
-Profiled = Annotated[Any, Kind("true, string", _profile, bool | str)]
+ProfileName = Annotated[Any, Kind("true, string", _profile, bool | str)]
 Ranges = Annotated[
     Any, Kind("true, list or table of pairs", _ranges, bool | list[Vector] | dict[str, Vector])
 ]

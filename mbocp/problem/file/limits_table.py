@@ -10,7 +10,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.kinds import Limits, Profiled, Ranges
+from mbocp.problem.file.kinds import Limits, ProfileName, Ranges
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
@@ -26,7 +26,7 @@ class LimitsTable(Table):
     """Bounds along the motion; components that are left out have none."""
 
     profile: Annotated[
-        Profiled,
+        ProfileName,
         Key(
             "[limits that a maker publishes](profiles.md), by name or file; `true`: by the robot's name. "
             "Keys beside it take the place of its own"
@@ -52,7 +52,7 @@ class LimitsTable(Table):
     ] = None
 
 
-def read_limits(robot: Robot, table: LimitsTable, profile: Profile | None = None) -> Bounds:
+def read_limits(robot: Robot, limits_table: LimitsTable, profile: Profile | None = None) -> Bounds:
     """Make the bounds of a table `[limits]`, and of the profile that it names.
 
     Raises
@@ -60,7 +60,7 @@ def read_limits(robot: Robot, table: LimitsTable, profile: Profile | None = None
     ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
         If a value does not fit the robot.
     """
-    own = {key: value for key, value in dict(table).items() if key != "profile" and value is not None}
+    own = {key: value for key, value in dict(limits_table).items() if key != "profile" and value is not None}
     return bounds_from(robot, **{**(profile.limits(robot) if profile is not None else {}), **own})
 
 

@@ -128,7 +128,7 @@ class Profile:
             return []
         positions = np.array(self._values("position", robot))
         numbers = {
-            key: self._scaled("braking", self._for_all(getattr(braking, key), f"braking.{key}"))
+            key: self._to_radians("braking", self._for_all(getattr(braking, key), f"braking.{key}"))
             for key in ("deceleration", "reserve")
         }
         return [
@@ -161,6 +161,14 @@ class Profile:
                 f"limits.profile: {show(self.name)} is about the joints {', '.join(joints)}, which robot "
                 f"{robot.name!r} does not have: it has {', '.join(names)}"
             )
+        sliding = [
+            name for name in found if robot.v_labels[robot.velocity_indices(name).start].unit != "rad/s"
+        ]
+        if self.table.degrees and sliding:
+            raise ProblemError(
+                f"limits.profile: {show(self.name)} is in degrees, but {sliding[0]!r} slides; "
+                "leave degrees out, and give radians and metres"
+            )
         return found
 
     def _has(self, key: str, name: str, robot: Robot, controls: set[str]) -> bool:
@@ -176,7 +184,7 @@ class Profile:
             return None
         if isinstance(written, Mapping):
             written = self._at_payload(key, written, sum(payload.mass for payload in robot.payloads))
-        return self._scaled(key, self._for_all(written, key)).tolist()
+        return self._to_radians(key, self._for_all(written, key)).tolist()
 
     def _at_payload(self, key: str, written: Mapping[str, Any], mass: float) -> list[float]:
         masses, rows = written["payload"], [self._for_all(row, key) for row in written["values"]]
@@ -197,7 +205,7 @@ class Profile:
             )
         return list(values)
 
-    def _scaled(self, key: str, values: Any) -> np.ndarray:
+    def _to_radians(self, key: str, values: Any) -> np.ndarray:
         in_degrees = self.table.degrees and key not in _OF_CONTROLS
         return np.asarray(values, dtype=np.float64) * (np.pi / 180.0 if in_degrees else 1.0)
 
@@ -226,25 +234,25 @@ def profile_of(written: Any, robot: Robot, folder: Path) -> Profile | None:
             f"{', '.join(profile_names())}, or a file of your own"
         )
     if written in profile_names():
-        return _published(written)
+        return _load_profile(written)
     file = folder / path_of(written)
     if not is_file(file):
         raise ProblemError(
             f"limits.profile: no profile and no file {show(written)}: {suggest(written, profile_names(), 20)}"
         )
-    return _load(file)
+    return _read(file)
 
 
 def _all() -> Iterator[Profile]:
-    return (_published(name) for name in profile_names())
+    return (_load_profile(name) for name in profile_names())
 
 
 @lru_cache(maxsize=64)
-def _published(name: str) -> Profile:
-    return _load(_FOLDER / f"{name}.toml")
+def _load_profile(name: str) -> Profile:
+    return _read(_FOLDER / f"{name}.toml")
 
 
-def _load(file: Path) -> Profile:
+def _read(file: Path) -> Profile:
     try:
         return Profile(file.stem, ProfileTable.model_validate(read_toml(file)))
     except Unreadable as error:

@@ -40,7 +40,6 @@ from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.limits import Bounds
 from mbocp.problem.memory import check_horizon
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions, SolverTable
@@ -90,10 +89,6 @@ def _profile(limits_table: LimitsTable, robot: Robot, folder: Path) -> Profile |
     return profile_of(limits_table.profile, robot, folder)
 
 
-def _limits(limits_table: LimitsTable, robot: Robot, profile: Profile | None) -> Bounds:
-    return read_limits(robot, limits_table, profile)
-
-
 def _via(
     via_table: list[ViaTable], phase_table: list[PhaseTable], robot: Robot, said_q_start: Array
 ) -> tuple[ViaPoint, ...]:
@@ -141,7 +136,7 @@ READ = (
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
     Step.of(read_goals, "said_goal", "goals"),
     Step.of(_profile, "profile"),
-    Step.of(_limits, "said_limits"),
+    Step.of(read_limits, "said_limits"),
     Step.of(_via, "said_via"),
     Step.of(make_cost_reader, "cost_reader"),
     Step.of(read_cost, "said_cost"),

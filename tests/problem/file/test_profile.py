@@ -164,6 +164,14 @@ def test_what_is_refused(robot: str, limits: Any, words: str) -> None:
         problem(robot, limits)
 
 
+def test_degrees_are_of_joints_that_turn(tmp_path: Path) -> None:
+    robot = mbocp.load_robot("cart_pendulum_elastic")
+    name = next(label.name for label in robot.v_labels if label.unit == "m/s")
+    (tmp_path / "cart.toml").write_text(f'source = ["x"]\njoints = ["{name}"]\ndegrees = true\nvelocity = 90')
+    with pytest.raises(ProblemError, match=f"is in degrees, but '{name}' slides"):
+        problem(robot, {"profile": str(tmp_path / "cart.toml")})
+
+
 def test_phases_have_none() -> None:
     phases = [{"name": "a", "duration": 1.0, "steps": 5, "limits": {"profile": True}}]
     with pytest.raises(ProblemError, match="belongs into"):
