@@ -82,8 +82,8 @@ class Job:
         Whether the solution has the feedback of the optimum.
     rough : float
         Residual that will do; 0: solve to the end.
-    is_brief : bool
-        Whether few iterations have to do.
+    brief : int
+        Iterations of the monolithic solver that have to do; 0: as the problem's solver asks.
     """
 
     asked: Problem
@@ -94,7 +94,7 @@ class Job:
     callback: Callback | None = None
     has_gains: bool = False
     rough: float = 0.0
-    is_brief: bool = False
+    brief: int = 0
 
     @classmethod
     def of(
@@ -120,8 +120,12 @@ class Job:
 
     def with_steps_of(self, problem: Problem, start: Warm) -> Job:
         """Return the job of the same problem with steps that were found; its patience begins anew."""
-        asked, patience = problem.with_(accuracy=self.problem.accuracy), _patience(problem, self.deadline)
-        return replace(self, asked=asked, problem=problem, start=start, patience=patience)
+        asked = problem.with_(accuracy=self.problem.accuracy)
+        return replace(self, asked=asked, problem=problem, start=start).anew()
+
+    def anew(self) -> Job:
+        """Return the job with all its patience."""
+        return replace(self, patience=_patience(self.problem, self.deadline))
 
     @property
     def is_late(self) -> bool:

@@ -23,6 +23,8 @@ from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
 
 _NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
+_FROM_START = 40  # iterations from a warm start, before other guesses: most take less than half of them
+_WITHIN = 250  # iterations with limits within steps, before without: most take less than a fifth of them
 
 
 def strategy_for(job: Job) -> Strategy:
@@ -51,7 +53,10 @@ class OneSolve:
 
 @dataclass(frozen=True)
 class WithinSteps:
-    """Solve; where a speed or an acceleration leaves its limit between nodes by far, solve within it there.
+    """Solve so that speeds and accelerations keep their limits between nodes, too.
+
+    Limits of accelerations hold there from the first; those of speeds alone, or where that comes to nothing,
+    only if the motion leaves them by far.
 
     Attributes
     ----------
@@ -62,7 +67,16 @@ class WithinSteps:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to three times; a motion that keeps its limits already begins with them."""
+        """Solve up to four times."""
+        if "a" not in can_hold_within(job.problem) or job.rough:
+            return self._solve_in_turn(job)
+        solution = self.once.run(replace(_held(job, can_hold_within(job.problem)), brief=job.brief or _WITHIN))
+        if solution.is_stationary or solution.status.is_stopped or job.is_late:
+            return solution
+        return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
+
+    def _solve_in_turn(self, job: Job) -> Solution:
+        """Up to three times; a motion that keeps its limits already begins with them."""
         can = can_hold_within(job.problem)
         begun = job.start.iterate if isinstance(job.start, Solution) else None
         within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
@@ -112,7 +126,7 @@ class WarmStart:
             return self.from_guess.run(job)
         if not _has_a_guess_left(job.problem):
             return self.from_start.run(job)
-        solution = self.from_start.run(replace(job, is_brief=True))
+        solution = self.from_start.run(replace(job, brief=_FROM_START))
         if _is_final(solution, job):
             return solution
         again = self.from_guess.run(replace(job, start=None))

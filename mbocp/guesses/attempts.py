@@ -36,7 +36,7 @@ def attempt(job: Job) -> Attempt:
     if not job.rough:
 
         def solve_again(moved: Formulation, start: Carried) -> Outcome:
-            return solve_from_guesses(replace(job, start=start, is_brief=False), moved, phases)[0]
+            return solve_from_guesses(replace(job, start=start, brief=0), moved, phases)[0]
 
         formulation, outcome = with_rates_at_end(formulation, outcome, solve_again)
     return Attempt(formulation, outcome, tuple(phases), guess_used, left_out, begun, starts)

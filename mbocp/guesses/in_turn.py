@@ -18,8 +18,6 @@ from mbocp.solvers.deadline import time_until
 from mbocp.solvers.newton_method.polish import can_be_polished
 from mbocp.solvers.records import time_phase
 
-_BRIEF = 40  # iterations from a warm start, before other guesses: most take less than half of them
-
 
 def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) -> tuple[Outcome, str]:
     """Run the solver from the guess; where the guess was left to mbocp, from the next one if that fails.
@@ -71,8 +69,8 @@ def _settings(job: Job, formulation: Formulation) -> SolverSettings:
     problem, programme = formulation.problem, formulation.programme
     threads, is_bounded = problem.solver.num_threads, problem.is_bounded
     settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
-    if job.is_brief and settings.options.method == "auto" and can_be_polished(programme):
-        brief = replace(settings.options, method="monolithic", max_iterations=_BRIEF)
+    if job.brief and settings.options.method == "auto" and can_be_polished(programme):
+        brief = replace(settings.options, method="monolithic", max_iterations=job.brief)
         settings = replace(settings, options=brief)
     return replace(settings, rough=job.rough)
 
