@@ -398,9 +398,16 @@ def export(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="cubic or quintic, between the nodes. [default: quintic for ros2, else cubic]",
+            help="cubic or quintic, between the nodes. [default: for ros2 quintic if it keeps limits, else cubic]",
         ),
     ] = None,
+    fit: Annotated[
+        bool,
+        typer.Option(
+            "--fit/--no-fit",
+            help="Fit a motion from rest to rest into its limits as it is sent: smoother, slower by little.",
+        ),
+    ] = True,
     check: Annotated[
         bool,
         typer.Option(
@@ -413,7 +420,7 @@ def export(
     """Write a motion for controllers and other tools, at any rate."""
     from mbocp.cli.export import export_result
 
-    is_good = export_result(result, output, kind, rate, interpolation, quiet=quiet)
+    is_good = export_result(result, output, kind, rate, interpolation, fit=fit, quiet=quiet)
     if check and not is_good:
         raise typer.Exit(1)
 

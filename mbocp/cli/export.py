@@ -20,6 +20,7 @@ def export_result(
     rate: float | None,
     interpolation: str | None,
     *,
+    fit: bool,
     quiet: bool,
 ) -> bool:
     """Write the motion, and warn of joints that leave their limits, the worst first, or are left out.
@@ -35,8 +36,8 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import format_of, interpolation_of, rate_of
-    from mbocp.solution.sampled import excesses, sample
+    from mbocp.solution.formats import export_motion, format_of
+    from mbocp.solution.sampled import sample
 
     name = format_of(output, kind)
     if is_folder(output) or not is_folder(output.parent):
@@ -44,22 +45,22 @@ def export_result(
             output, f"-o: there is no folder {show(str(output.parent))}, or it is one itself"
         )
     solution = Solution.load(result)
-    solution.export(output, kind=name, rate=rate, interpolation=interpolation)
-    between = interpolation_of(name, interpolation)
-    nodes = sample(solution, None, between)
-    if nodes.left_out:
-        warnings.warn(f"left out, no joints of one velocity: {', '.join(nodes.left_out)}", stacklevel=1)
-    found = excesses(solution, rate_of(name, rate), between)
+    sent = export_motion(solution, output, kind=name, rate=rate, interpolation=interpolation, fit=fit)[1]
+    motion = sample(sent)
+    if motion.left_out:
+        warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
-    for excess in found:
+    for excess in sent.excesses:
         of_joints.setdefault(excess.name, []).append(excess.words)
     for joint, words in of_joints.items():
         warnings.warn(f"{joint} leaves its limits: {'; '.join(words)}", stacklevel=1)
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if not quiet:
-        first, last = (np.abs(nodes.accelerations[n]).max() for n in (0, -1))
+        first, last = (np.abs(motion.accelerations[n]).max() for n in (0, -1))
+        fitted = f" ({sent.words})" if sent.words else ""
         typer.echo(
-            f"{name}: {output}; {between}s, accelerations at its ends up to {first:.3g} and {last:.3g}"
+            f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "
+            f"its ends up to {first:.3g} and {last:.3g}"
         )
-    return not found
+    return not sent.excesses

@@ -17,7 +17,8 @@ from mbocp._text import printable
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
-from mbocp.solution.sampled import INTERPOLATIONS, Sampled, sample
+from mbocp.solution.sampled import Sampled, sample
+from mbocp.solution.sent import Sent, motion_as_sent
 
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
@@ -47,19 +48,6 @@ def format_of(path: Path, name: str | None = None) -> str:
     return chosen
 
 
-def rate_of(name: str, rate: float | None) -> float | None:
-    """Samples a second of a format [1/s]; None: the nodes."""
-    return _UR_RATE if name == "urscript" and rate is None else rate
-
-
-def interpolation_of(name: str, interpolation: str | None) -> str:
-    """What is between the nodes: as is asked for, or as who reads the format does it.
-
-    Controllers of ROS 2 put quintics through points with accelerations.
-    """
-    return interpolation or ("quintic" if name == "ros2" else INTERPOLATIONS[0])
-
-
 def export_motion(
     solution: SolutionData,
     path: str | Path,
@@ -67,7 +55,8 @@ def export_motion(
     kind: str | None = None,
     rate: float | None = None,
     interpolation: str | None = None,
-) -> Path:
+    fit: bool = True,
+) -> tuple[Path, Sent]:
     """Write the motion of the joints that slide or turn about an axis.
 
     Parameters
@@ -80,7 +69,16 @@ def export_motion(
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
     interpolation : {"cubic", "quintic"}, optional
-        Between the nodes. Default: quintics for ROS 2, else cubics.
+        Between the nodes. Default: cubics; for ROS 2, whose controllers put the same between points, quintics,
+        or cubics where jerks are free and quintics leave limits that cubics keep.
+    fit : bool
+        Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
+
+    Returns
+    -------
+    path : Path
+    sent : Sent
+        What was written.
 
     Raises
     ------
@@ -91,9 +89,10 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
-    motion = sample(solution, rate_of(name, rate), interpolation_of(name, interpolation))
+    rate = _UR_RATE if name == "urscript" and rate is None else rate
+    sent = motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
     try:
-        return replace_file(path, FORMATS[name](motion, solution))
+        return replace_file(path, FORMATS[name](sample(sent), solution)), sent
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
 
@@ -135,8 +134,9 @@ def _ros2(motion: Sampled, solution: SolutionData) -> bytes:
         lines += [
             f"- positions: {_list(motion.positions[k])}",
             f"  velocities: {_list(motion.velocities[k])}",
-            f"  accelerations: {_list(motion.accelerations[k])}",
         ]
+        if motion.interpolation == "quintic":  # controllers put cubics between points without
+            lines.append(f"  accelerations: {_list(motion.accelerations[k])}")
         if has_efforts:
             lines.append(f"  effort: {_list(motion.efforts[k])}")
         lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}")

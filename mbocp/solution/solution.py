@@ -214,11 +214,12 @@ class Solution(SolutionData):
         kind: str | None = None,
         rate: float | None = None,
         interpolation: str | None = None,
+        fit: bool = True,
     ) -> Path:
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
         from mbocp.solution.formats import export_motion
 
-        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation)
+        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation, fit=fit)[0]
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""

@@ -205,7 +205,7 @@ def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
 def test_export_says_what_is_between_the_nodes(run, tmp_path, result, suffix, default):
     target = tmp_path / f"motion.{suffix}"
     done = run("export", str(result), "-o", str(target))
-    assert f"{default}, accelerations at its ends" in " ".join(done.stdout.split())
+    assert f"{default} over 1 s, accelerations at its ends" in " ".join(done.stdout.split())
     other = {"quintics": "cubic", "cubics": "quintic"}[default]
     before = target.read_text()
     assert run("export", str(result), "-o", str(target), "--interpolation", other).exit_code == 0

@@ -14,9 +14,22 @@ from hypothesis import strategies as st
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution import Column, Solution
 from mbocp.solution.facts import Facts
-from mbocp.solution.sampled import _columns, _curves, excesses, sample
+from mbocp.solution.curves import Curves
+from mbocp.solution.sampled import Sampled
+from mbocp.solution.sampled import sample as sample_sent
+from mbocp.solution.sent import Excess, motion_as_sent
 
 from .fabricated import fabricate
+
+
+def sample(solution: Solution, rate: float | None = None, interpolation: str | None = None) -> Sampled:
+    return sample_sent(motion_as_sent(solution, rate, interpolation))
+
+
+def excesses(
+    solution: Solution, rate: float | None = None, interpolation: str | None = None
+) -> tuple[Excess, ...]:
+    return motion_as_sent(solution, rate, interpolation).excesses
 
 
 def arm(joints: int = 6, **others) -> Solution:
@@ -54,13 +67,11 @@ def test_quintics_have_continuous_accelerations_and_jerks(seed):
     nodes = sample(solution, None, "quintic")
     np.testing.assert_allclose(nodes.positions, solution.qs, atol=1e-12)
     np.testing.assert_allclose(nodes.velocities, solution.vs, atol=1e-10)
-    curves = _curves(solution, dict(_columns(solution)), "quintic")
-    inner, steps = t[1:-1], np.arange(20)
-    before, after = curves.at(steps[:-1], inner), curves.at(steps[1:], inner)
-    for one, other in zip(before, after, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-8 * np.abs(one).max())
-    ends = [curves.at(steps[k : k + 1], t[n : n + 1])[3] for k, n in ((0, 0), (-1, 20)) if k == 0]
-    assert np.abs(ends[0]).max() < 1e-6 * np.abs(before[3]).max()
+    curves = Curves(t, solution.qs, solution.vs).smooth(np.zeros(2, dtype=bool))
+    values = [one.reshape(20, 2, 2) for one in curves.places(1)[1]]  # step, begin or end, joint
+    for one in values:
+        np.testing.assert_allclose(one[:-1, 1], one[1:, 0], rtol=1e-6, atol=1e-8 * np.abs(one).max())
+    assert np.abs(values[3][0, 0]).max() < 1e-6 * np.abs(values[3]).max()
 
 
 def test_quintics_are_of_order_four_and_more():
@@ -171,8 +182,11 @@ def test_files_say_the_motion(tmp_path):
         assert data["joints"].tolist() == list(motion.joints)
     ros = solution.export(tmp_path / "m.yaml", rate=50.0).read_text()
     assert ros.startswith('joint_names: ["j0", "j1", "j2", "j3", "j4", "j5"]\npoints:\n- positions: [')
-    assert ros.count("time_from_start") == len(motion.t)
+    assert ros.count("time_from_start") >= len(motion.t)  # the nodes are among them
     assert "time_from_start: {sec: 1, nanosec: 500000000}" in ros
+    assert ros.count("accelerations") == ros.count("positions")
+    cubics = solution.export(tmp_path / "m.yaml", rate=50.0, interpolation="cubic").read_text()
+    assert "accelerations" not in cubics
     script = solution.export(tmp_path / "m.script").read_text()
     assert script.count("servoj(") == len(sample(solution, 125.0).t) - 1
     assert script.rstrip().endswith(")")

@@ -1,0 +1,331 @@
+"""A motion as it is sent to a controller: sampled, joined again, and fitted into the limits of joints.
+
+A motion within its limits at nodes, or all along its cubics, may leave them as it is sent: by quintics that
+swing over, and by accelerations that leap, which no limit of jerk allows. Where it leads from rest to rest
+it is fitted: jerks by a moving mean over the least time that keeps their limits, see `mbocp.solution.curves`;
+what is left by more time, which lowers all speeds, accelerations and jerks. The way stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.exceptions import InvalidValue
+from mbocp.solution.curves import Curves
+from mbocp.solution.data import SolutionData
+from mbocp.terms import RATE_TERMS
+
+INTERPOLATIONS = ("cubic", "quintic")
+_LARGEST_RATE = 1e5  # [1/s]
+_MOST_SAMPLES = 2_000_000
+_PARTS = 10  # of a step at whose ends limits are looked at
+_TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
+_MOST = 0.1  # of the duration, that a motion is made longer by to fit it
+_PART = 0.1  # of the longest mean that may be asked for: it begins with
+_SAME = 1e-9  # [s]
+_NEAREST = 0.1  # of the time between samples, that they are apart from nodes
+_PLACES = 8  # of a moving mean of controls
+_POWERS = {"speed": 1, "acceleration": 2, "jerk": 3}  # of the duration, that they fall with
+
+
+@dataclass(frozen=True)
+class Excess:
+    """The largest excess of a motion beyond a limit.
+
+    Attributes
+    ----------
+    kind : {"position", "speed", "acceleration", "jerk"}
+    name : str
+        Of the joint.
+    value, bound : float
+        Where it is largest, and the limit [unit].
+    time : float
+        From the start of the motion [s].
+    ratio : float
+        Of the excess to the size of the limits, the larger one of both sides: 0.1 is a tenth too much.
+    unit : str
+    """
+
+    kind: str
+    name: str
+    value: float
+    bound: float
+    time: float
+    ratio: float
+    unit: str
+
+    @property
+    def words(self) -> str:
+        """The excess without the joint's name."""
+        return (
+            f"{self.kind} {self.value:.4g} {self.unit} at {self.time:.4g} s, "
+            f"{100.0 * self.ratio:.1f} % beyond {self.bound:.4g}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """A motion as it is sent.
+
+    Attributes
+    ----------
+    solution : Solution
+    joints : tuple of str
+        Those of one velocity; others (floating bases, balls) are not among them.
+    units : tuple of str
+        Of their positions.
+    curves : Curves
+        Of these, from the start of the motion; continuous joints count their turns.
+    times : ndarray
+        Of the samples, from the start [s].
+    mean : float
+        Time of the moving mean [s]; 0 without.
+    slower : float
+        Factor of the duration, after the mean.
+    excesses : tuple of Excess
+        Limits that it leaves all the same, the worst by its ratio first.
+    """
+
+    solution: SolutionData
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    curves: Curves
+    times: Array
+    mean: float
+    slower: float
+    excesses: tuple[Excess, ...]
+
+    @property
+    def words(self) -> str:
+        """How it was fitted; "" if it was not."""
+        mean = f"moving mean over {1e3 * self.mean:.3g} ms" if self.mean else ""
+        slower = f"slower by {100.0 * (self.slower - 1.0):.2g} %" if self.slower > 1.0 else ""
+        return ", ".join(word for word in (mean, slower) if word)
+
+    def controls(self, times: Array) -> Array:
+        """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
+        middle = self.solution.t[0] + times / self.slower - self.mean / 2.0
+        offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
+        found: Array = np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
+        return found
+
+
+def motion_as_sent(
+    solution: SolutionData,
+    rate: float | None = None,
+    interpolation: str | None = None,
+    *,
+    is_joined: bool = False,
+    fit: bool = False,
+) -> Sent:
+    """Say what is sent of a motion.
+
+    Parameters
+    ----------
+    solution : Solution
+    rate : float, optional
+        Samples a second [1/s]; the nodes by default. Where the controller joins them nodes are among them, else
+        a motion that is fitted takes a whole number of them.
+    interpolation : {"cubic", "quintic"}, optional
+        Between the nodes. Default: cubics; where the controller joins samples quintics, or cubics where jerks
+        are free and quintics leave limits that cubics keep.
+    is_joined : bool
+        Whether the controller puts the same polynomials between samples.
+    fit : bool
+        Whether the motion is fitted into the limits of its joints, if it leads from rest to rest: made longer
+        by up to a tenth. Without a rate only what is joined is, since nothing else says what is sent.
+
+    Raises
+    ------
+    InvalidValue
+        If the rate cannot be right, or no joint has one velocity.
+    """
+    if interpolation not in (*INTERPOLATIONS, None):
+        raise InvalidValue.of_choice("interpolation", str(interpolation), INTERPOLATIONS)
+    joints, cubics = _read(solution)
+    _check_rate(rate, cubics)
+    fitting = _Fitting(joints, cubics, rate, interpolation, is_joined)
+    curves, mean, slower = fitting.as_asked(), 0.0, 1.0
+    can_fit = (rate is not None or is_joined) and cubics.is_from_rest_to_rest and not cubics.has_impacts
+    if fit and can_fit:
+        curves, mean, slower = fitting.fit(curves)
+    excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
+    units = tuple(joints.unit("position", k) for k in range(len(joints.names)))
+    times = _times(curves, rate)
+    if is_joined:
+        times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
+        times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
+    return Sent(solution, joints.names, units, curves, times, mean, slower, tuple(excesses))
+
+
+@dataclass(frozen=True, eq=False)
+class _Joints:
+    """Joints of one velocity: names, units of their velocities, limits.
+
+    Limits are lower and upper ones by kind, shape (2, joints), infinite where there are none.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    bounds: Mapping[str, Array]
+
+    def unit(self, kind: str, k: int) -> str:
+        """Of a joint's values of a kind."""
+        if kind in RATE_TERMS:
+            return RATE_TERMS[kind].unit(self.units[k])
+        return self.units[k] if kind == "speed" else self.units[k].removesuffix("/s")
+
+    def excesses(self, curves: Curves, rate: float | None) -> tuple[Excess, ...]:
+        """The largest of each limit along curves; accelerations and jerks of cubics are those of samples."""
+        t, (positions, velocities, accelerations, jerks) = curves.places(_PARTS)
+        at_accelerations = at_jerks = t
+        if curves.accelerations is None:
+            times = _times(curves, rate)
+            accelerations, at_accelerations = _differences(curves.at(times)[1], times)
+            jerks, at_jerks = _differences(accelerations, at_accelerations)
+        rows = {
+            "position": (positions, t),
+            "speed": (velocities, t),
+            "acceleration": (accelerations, at_accelerations),
+            "jerk": (jerks, at_jerks),
+        }
+        return tuple(
+            excess
+            for kind, (values, times) in rows.items()
+            if kind in self.bounds
+            for k, name in enumerate(self.names)
+            for excess in _over(kind, name, values[:, k], self.bounds[kind][:, k], times, self.unit(kind, k))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitting:
+    """From the cubics of a solution to the curves that are sent."""
+
+    joints: _Joints
+    cubics: Curves
+    rate: float | None
+    interpolation: str | None
+    is_joined: bool
+
+    @property
+    def has_jerk(self) -> BoolArray:
+        """Which joints have a limit of jerk."""
+        bounds = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
+        found: BoolArray = np.isfinite(bounds).any(axis=0)
+        return found
+
+    def as_asked(self) -> Curves:
+        """Curves that are not fitted."""
+        cubics, quintics = self.cubics, self.cubics.smooth(self.has_jerk)
+        if self.interpolation is None:
+            is_better = self._has_excess(quintics) and not self._has_excess(cubics)
+            return cubics if not self.is_joined or (is_better and not self.has_jerk.any()) else quintics
+        return cubics if self.interpolation == "cubic" else quintics
+
+    def fit(self, asked: Curves) -> tuple[Curves, float, float]:
+        """Curves, the time of their moving mean [s], and the factor of their duration; as asked at worst."""
+        curves, mean, slower = asked, 0.0, 1.0
+        has_no_means = self.is_joined and self.interpolation == "cubic"
+        if self.has_jerk.any() and self._has_excess(asked) and not has_no_means:
+            curves, mean = self._mean()
+        while slower * curves.nodes[-1] <= (1.0 + _MOST) * self.cubics.nodes[-1]:
+            slower = _whole(slower, curves.nodes[-1], None if self.is_joined else self.rate)
+            sent = curves.slow(slower)
+            over = [e for e in self.joints.excesses(sent, self.rate) if e.kind in _POWERS]
+            if not over:
+                return sent, mean, slower
+            most = max((1.0 + e.ratio) ** (1.0 / _POWERS[e.kind]) for e in over)
+            slower *= (1.0 + _TOLERANCE) * most
+        return asked, 0.0, 1.0
+
+    def _mean(self) -> tuple[Curves, float]:
+        """The moving mean over the least time [s] that keeps the limits of jerks; over the longest at worst."""
+        sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
+        largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
+        width, most = _PART * float((largest / sides).max()), _MOST * self.cubics.nodes[-1]
+        while True:
+            mean = self.cubics.mean(width)
+            over = [e.ratio for e in self.joints.excesses(mean, None) if e.kind == "jerk"]
+            if not over or width >= most:
+                return mean, width
+            width = min((1.0 + _TOLERANCE) * (1.0 + max(over)) * width, most)
+
+    def _has_excess(self, curves: Curves) -> bool:
+        return bool(self.joints.excesses(curves, self.rate))
+
+
+def _read(solution: SolutionData) -> tuple[_Joints, Curves]:
+    columns = list(_columns(solution))
+    if not columns:
+        raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
+    names, positions, at_v = (list(one) for one in zip(*columns, strict=True))
+    places = {column.name: k for k, column in enumerate(solution.labels.q)}
+    free = np.array([[-np.inf], [np.inf]])  # continuous joints
+    of_q = [solution.limits_q[:, places[name], None] if name in places else free for name in names]
+    bounds = {"position": np.hstack(of_q), "speed": solution.limits_v[:, at_v]}
+    rates = [kind for kind in ("acceleration", "jerk") if kind in solution.facts.rates]
+    bounds |= {kind: solution.facts.bounds_of_rate(kind)[:, at_v] for kind in rates}
+    units = tuple(solution.labels.v[place].unit for place in at_v)
+    curves = Curves(solution.t - solution.t[0], np.column_stack(positions), solution.vs[:, at_v])
+    return _Joints(tuple(names), units, bounds), curves
+
+
+def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:
+    """Name, positions at the nodes, and place in v, of each joint of one velocity."""
+    places = {column.name: k for k, column in enumerate(solution.labels.q)}
+    for place, column in enumerate(solution.labels.v):
+        name = column.name
+        if name in places:
+            yield name, solution.qs[:, places[name]], place
+        elif f"{name}.cos" in places and f"{name}.sin" in places:
+            angle = np.arctan2(solution.qs[:, places[f"{name}.sin"]], solution.qs[:, places[f"{name}.cos"]])
+            yield name, np.unwrap(angle), place
+
+
+def _check_rate(rate: float | None, curves: Curves) -> None:
+    if rate is None:
+        return
+    if not (math.isfinite(rate) and 0.0 < rate <= _LARGEST_RATE):
+        raise InvalidValue("rate", rate, f"samples a second, above 0 and up to {_LARGEST_RATE:g}")
+    if curves.nodes[-1] * rate > _MOST_SAMPLES:
+        words = f"at most {_MOST_SAMPLES} samples of a motion of {curves.nodes[-1]:g} s"
+        raise InvalidValue("rate", rate, words)
+
+
+def _times(curves: Curves, rate: float | None) -> Array:
+    """Of samples, and of the end [s]."""
+    if rate is None:
+        return curves.nodes
+    times = np.arange(0.0, curves.nodes[-1], 1.0 / rate)
+    return np.append(times[curves.nodes[-1] - times > _SAME], curves.nodes[-1])
+
+
+def _whole(slower: float, duration: float, rate: float | None) -> float:
+    """The factor with which a duration [s] is a whole number of samples."""
+    if rate is None:
+        return slower
+    return max(math.ceil((slower * duration - _SAME) * rate) / (rate * duration), 1.0)
+
+
+def _over(kind: str, name: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[Excess]:
+    size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), 1e-9)
+    for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
+        if math.isfinite(bound) and over.size:
+            worst = int(np.argmax(over))
+            ratio = float(over[worst]) / size
+            if ratio > _TOLERANCE:
+                yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
+
+
+def _differences(values: Array, t: Array) -> tuple[Array, Array]:
+    """Slopes between samples, and the times between these; none across an impact, which takes no time."""
+    lengths = np.diff(t)
+    takes_time = lengths > 0.0
+    slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]
+    return slopes, (0.5 * (t[1:] + t[:-1]))[takes_time]

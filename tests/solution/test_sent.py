@@ -1,0 +1,125 @@
+"""Motions as they are sent: moving means, and more time, until limits are kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from mbocp.solution import Column, Solution
+from mbocp.solution.curves import Curves
+from mbocp.solution.facts import Facts
+from mbocp.solution.sampled import sample
+from mbocp.solution.sent import motion_as_sent
+
+from .fabricated import fabricate
+
+JERK = 100.0
+
+
+def swing(jerk: float | None = JERK, most: float = 4.0, steps: int = 20) -> Solution:
+    """A joint that goes up with one acceleration and down with the other, 1 rad in 1 s."""
+    t = np.linspace(0.0, 1.0, steps + 1)
+    early = t <= 0.5
+    q = np.where(early, 2.0 * t**2, 1.0 - 2.0 * (1.0 - t) ** 2)
+    v = np.where(early, 4.0 * t, 4.0 * (1.0 - t))
+    column = [Column("j", "rad")], [Column("j", "rad/s")], [Column("j", "N m")]
+    rates = {"acceleration": ((-most,), (most,))}
+    rates |= {} if jerk is None else {"jerk": ((-jerk,), (jerk,))}
+    made = fabricate(*column, num_steps=steps)
+    us = np.where(t[:-1] < 0.5, 4.0, -4.0)[:, None]
+    return replace(made, t=t, qs=q[:, None], vs=v[:, None], us=us, facts_kept=Facts(rates=rates))
+
+
+@given(seed=st.integers(0, 10_000), width=st.floats(0.003, 0.4))
+@settings(deadline=None, max_examples=30)
+def test_the_mean_of_cubics_is_their_mean(seed: int, width: float) -> None:
+    """With an integral of its own; it is exact, however nodes of both ends lie."""
+    rng = np.random.default_rng(seed)
+    t = np.cumsum([0.0, *rng.uniform(0.02, 0.1, 8)])
+    q, v = rng.normal(size=(9, 1)), rng.normal(size=(9, 1))
+    v[[0, -1]] = 0.0
+    cubics = Curves(t, q, v)
+    mean = cubics.mean(width)
+    assert mean.nodes[-1] == pytest.approx(t[-1] + width)
+
+    def at(time: float) -> float:
+        return float(cubics.at(np.clip([time], 0.0, t[-1]))[0][0, 0])
+
+    for time in rng.uniform(0.0, mean.nodes[-1], 5):
+        begin, end = time - width, time  # the mean begins half its time earlier
+        points = [p for p in (*t,) if begin < p < end]
+        exact = quad(at, begin, end, points=points or None, epsabs=1e-12, limit=200)[0] / width
+        found = mean.at(np.array([time]))
+        assert found[0][0, 0] == pytest.approx(exact, abs=1e-9 + 1e-6 * np.abs(q).max())
+        assert found[1][0, 0] == pytest.approx((at(end) - at(begin)) / width, abs=1e-5)
+
+
+@given(seed=st.integers(0, 10_000), width=st.floats(0.003, 0.4))
+@settings(deadline=None, max_examples=30)
+def test_the_mean_keeps_what_the_cubics_keep(seed: int, width: float) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.cumsum([0.0, *rng.uniform(0.02, 0.1, 8)])
+    q, v = rng.normal(size=(9, 2)), rng.normal(size=(9, 2))
+    v[[0, -1]] = 0.0
+    cubics = Curves(t, q, v)
+    before, after = cubics.places(40)[1], cubics.mean(width).places(40)[1]
+    for one, other in zip(before[:3], after[:3], strict=True):
+        room = 1e-3 * np.abs(one).max()
+        assert (other <= np.maximum(one.max(axis=0), 0.0 if one is not before[0] else -np.inf) + room).all()
+        assert (other >= np.minimum(one.min(axis=0), 0.0 if one is not before[0] else np.inf) - room).all()
+
+
+def test_a_limit_of_jerk_takes_the_least_mean() -> None:
+    """The acceleration leaps by 4 at both ends and by 8 within: 80 ms at 100 rad/s^3, exactly."""
+    sent = motion_as_sent(swing(), 1000.0, fit=True)
+    assert sent.excesses == ()
+    assert sent.mean == pytest.approx(8.0 / JERK, rel=1e-3)
+    assert sent.curves.nodes[-1] == pytest.approx(1.0 + 8.0 / JERK, abs=1e-3)
+    assert sent.words.startswith("moving mean over 80 ms")
+    motion = sample(sent)
+    assert motion.positions[[0, -1], 0] == pytest.approx([0.0, 1.0], abs=1e-9)
+    assert motion.accelerations[[0, -1], 0] == pytest.approx([0.0, 0.0], abs=1e-6)
+    by_hand = np.diff(motion.positions[:, 0], 3) * 1000.0**3
+    assert np.abs(by_hand).max() <= JERK * (1 + 1e-3)
+    assert motion.efforts[[0, 20, -1], 0] == pytest.approx([4.0, 4.0, -4.0])
+    assert motion.efforts[len(motion.t) // 2, 0] == pytest.approx(0.0, abs=1.1)
+
+
+def test_more_time_lowers_what_is_left() -> None:
+    """Accelerations of 4 within 3.5: longer by the root of 4 / 3.5, and whole samples."""
+    solution = swing(jerk=None, most=3.5)
+    sent = motion_as_sent(solution, 125.0, fit=True)
+    assert sent.excesses == ()
+    assert sent.mean == 0.0
+    least = np.sqrt(4.0 / 3.5)
+    assert least <= sent.slower <= least + 1.0 / 125.0 + 1e-3
+    assert sent.curves.nodes[-1] * 125.0 == pytest.approx(round(sent.curves.nodes[-1] * 125.0), abs=1e-6)
+    (excess,) = {excess.kind for excess in motion_as_sent(solution, 125.0).excesses}
+    assert excess == "acceleration"
+
+
+def test_what_is_too_much_is_left_and_told() -> None:
+    """Longer by a tenth at most; a motion that does not begin and end at rest stays as it is."""
+    far = motion_as_sent(swing(jerk=None, most=2.0), 125.0, fit=True)
+    assert (far.mean, far.slower) == (0.0, 1.0)
+    assert far.excesses[0].ratio == pytest.approx(1.0, rel=1e-3)
+    solution = swing(jerk=None, most=3.5)
+    moving = replace(solution, vs=solution.vs + 1e-3)
+    assert motion_as_sent(moving, 125.0, fit=True).words == ""
+
+
+def test_controllers_that_join_samples_get_the_nodes() -> None:
+    """So that what is between the samples is the motion itself, whatever the rate; without leaps of jerk."""
+    for rate in (None, 30.0, 125.0):
+        sent = motion_as_sent(swing(), rate, is_joined=True, fit=True)
+        assert sent.excesses == ()
+        assert set(sent.curves.nodes.round(9)) <= set(sent.times)
+        assert np.diff(sent.times).min() > 1e-4
+    free = motion_as_sent(swing(jerk=None), None, is_joined=True)
+    assert (free.curves.interpolation, free.excesses) == ("cubic", ())  # quintics would swing over
+    assert motion_as_sent(swing(jerk=None), None, "quintic", is_joined=True).excesses
