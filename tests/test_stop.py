@@ -47,7 +47,8 @@ def test_with_a_limit_of_jerk_it_takes_as_long_as_that_asks_for(rotor: mbocp.Rob
     s = mbocp.stop(swing(rotor, jerk=10.0), q=[0.0], v=[SPEED], steps=60)
     assert s.converged
     assert s.duration == pytest.approx(2.0 * np.sqrt(SPEED / 10.0), rel=0.02)
-    assert s.accelerations[-1, 0] == pytest.approx(0.0, abs=1e-6)
+    half = s.duration / s.num_steps / 2.0
+    assert s.accelerations[-1, 0] == pytest.approx(-10.0 * half, rel=1e-4)  # and none after half a step
 
 
 def test_it_goes_on_with_the_acceleration_of_the_motion(rotor: mbocp.Robot) -> None:
@@ -55,7 +56,7 @@ def test_it_goes_on_with_the_acceleration_of_the_motion(rotor: mbocp.Robot) -> N
     s = mbocp.stop(plan, at=0.5)
     n = int(np.searchsorted(plan.t, 0.5, side="right")) - 1
     np.testing.assert_array_equal(s.qs[0], plan.qs[n])
-    np.testing.assert_allclose(s.problem.a_start, plan.accelerations[n - 1])
+    np.testing.assert_allclose(s.problem.a_start, plan.accelerations[[n - 1, n]].mean(axis=0))
     other = mbocp.stop(plan, at=0.5, a=[0.0])
     assert other.duration != pytest.approx(s.duration, rel=1e-3)
 
@@ -68,7 +69,8 @@ def test_an_arm_stops_within_all_its_limits(share: float) -> None:
     assert s.limit_violation <= 1e-6
     assert s.duration < plan.duration
     assert np.abs(s.vs[-1]).max() < 1e-9
-    assert np.abs(s.accelerations[-1]).max() < 1e-6
+    jerks = s.accelerations[-1] / (s.duration / s.num_steps / 2.0)  # with which none is left at the end
+    assert (np.abs(jerks) <= s.facts.bounds_of_rate("jerk")[1] * (1.0 + 1e-6)).all()
 
 
 def test_a_joint_that_could_stop_before_its_limit_does_so() -> None:

@@ -214,11 +214,10 @@ def goal_error(solution: Solution, problem: Problem) -> str:
         parts.append(f"momentum by {_worst(away, goal.rate_active, robot.p_labels)}")
     elif goal.rate_active.any():
         parts.append(f"velocity by {_worst(solution.vs[-1] - goal.value, goal.rate_active, of_v)}")
-    if goal.a_active.any():
-        why = ", 0 since jerk is limited," if goal.a_rule == "rest" else ""
+    if problem.sets_acceleration.any():
         of_a = [Label(label.name, f"{label.unit}^2") for label in of_v]
         away = solution.accelerations[-1] - goal.a
-        parts.append(f"acceleration{why} by {_worst(away, goal.a_active, of_a)}")
+        parts.append(f"acceleration by {_worst(away, problem.sets_acceleration, of_a)}")
     if goal.periodic is not None:
         parts.append(_cycle_error(solution, problem))
     return ", ".join([*parts, *_frames_off(robot, goal, solution.q_final)])

@@ -302,7 +302,7 @@ def signature_of(
 def _acceleration_end(problem: Problem) -> tuple[AccelerationEnd, ...]:
     """Accelerations that the goal asks for, where it does."""
     goal = problem.goal
-    if not goal.a_active.any():
+    if not problem.sets_acceleration.any():
         return ()
     D = acceleration_rows(problem)
     return (AccelerationEnd(len(D), D, goal.a / memory_units(problem)["acceleration"]),)

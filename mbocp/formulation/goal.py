@@ -131,7 +131,7 @@ def end_condition_rows(
 def acceleration_rows(problem: Problem) -> Array:
     """Independent rows on the accelerations that the goal asks for, shape (rows, nv)."""
     basis = problem.free_at_end(problem.goal.q)
-    return independent_rows(problem.goal.a_active, basis, basis)
+    return independent_rows(problem.sets_acceleration, basis, basis)
 
 
 def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:

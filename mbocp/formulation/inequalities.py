@@ -53,8 +53,9 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
     along_steps = partial(
         rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear, problem.a_start
     )
-    rates = [along_steps()[c.key][:, c.columns] for c in problem.rate_limits]
-    return np.hstack([np.zeros((len(us), 0)), *along, *rates])
+    limits = (*problem.rate_limits, *problem.end_limits)
+    rates = along_steps() if limits else {}
+    return np.hstack([np.zeros((len(us), 0)), *along, *(c.values_of(rates, motion.dts) for c in limits)])
 
 
 def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:

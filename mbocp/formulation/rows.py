@@ -146,7 +146,7 @@ def _row_words(
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
-    for row in acceleration_rows(problem) if problem.goal.a_active.any() else ():
+    for row in acceleration_rows(problem) if problem.sets_acceleration.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     of_end += _start_words(problem, space)
     is_free = bool(problem.timeline.num_lengths or problem.timeline.impacts)
@@ -191,7 +191,8 @@ def _limits(
     """What limits of the entries of a state, of the controls and of the path functions are called."""
     words = _state_limits(problem, space, features, at, speeds)
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
-    path += [f"limit of {label.name}" for limit in problem.rate_limits for label in limit.labels]
+    limits = (*problem.rate_limits, *problem.end_limits)
+    path += [f"limit of {label.name}" for limit in limits for label in limit.labels]
     of_controls = [word for feature in features for word in feature.control_words(problem)]
     return [*(words.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
 

@@ -38,15 +38,15 @@ def rates_along(
     linear : ndarray, shape (N, 2, nu), optional
         Controls at both ends of the steps, where they are linear between: their rates are those in the steps.
     a_start : ndarray, shape (nv,), optional
-        Acceleration before the start, zero by default [m/s^2, rad/s^2].
+        Acceleration at the start, zero by default [m/s^2, rad/s^2].
 
     Returns
     -------
     dict of str to ndarray
         ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 given, shape (N, nv);
         ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
-        shape (N, nu). Of jerks and rates of controls dt is `spacings`. Steps of no duration, impacts, repeat
-        what the step before them has.
+        shape (N, nu). Of jerks and rates of controls dt is `spacings`, of the first jerk half the step. Steps
+        of no duration, impacts, repeat what the step before them has.
     """
     timed = dts > 0.0
     steps = np.flatnonzero(timed)
@@ -56,7 +56,7 @@ def rates_along(
     before = np.zeros((1, vs.shape[1])) if a_start is None else a_start[None]
     rates = {
         "acceleration": accelerations,
-        "jerk": np.diff(accelerations, axis=0, prepend=before) / between,
+        "jerk": np.diff(accelerations, axis=0, prepend=before) / np.vstack([between[:1] / 2, between[1:]]),
         "effort_rate": np.diff(forces, axis=0, prepend=forces[:1]) / between,
     }
     rates = {key: values[places] for key, values in rates.items()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
@@ -23,7 +23,7 @@ from mbocp.problem.integration import (
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.rates import RateLimit, rate_limits
+from mbocp.problem.rates import RateLimit, end_jerk_limits, rate_limits
 from mbocp.problem.resolve import free_at_end
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
@@ -285,9 +285,22 @@ class ProblemData:
         return rate_limits(self.robot, self.widest_limits)
 
     @property
+    def end_limits(self) -> tuple[RateLimit, ...]:
+        """The limit of jerks with which accelerations become those at the end, where they are asked for."""
+        at_end, goal = self.limits_of_ends[1], self.goal
+        length = float(self.timeline.lengths()[~self.timeline.is_impact][-1])
+        return end_jerk_limits(self.robot, at_end, goal.a, goal.a_active, length)
+
+    @property
+    def sets_acceleration(self) -> BoolArray:
+        """Accelerations that the last step is to have as the goal says, shape (nv,): limits of jerk do more."""
+        found: BoolArray = self.goal.a_active & ~self.limits_of_ends[1].finite("j")
+        return found
+
+    @property
     def inequalities(self) -> tuple[Inequality, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
-        return (*self.path, *self.rate_limits)
+        return (*self.path, *self.rate_limits, *self.end_limits)
 
     @property
     def frame_constraints(self) -> tuple[PathConstraint, ...]:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS, BoundedTerm, RateTerm, SidesInSteps, Span
+from mbocp.terms import RATE_TERMS, BoundedTerm, JerkAtEnd, RateTerm, SidesInSteps, Span
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +77,82 @@ class RateLimit(BoundedTerm):
         """Derivatives of the expression in the values."""
         return np.full_like(values, 1.0 / self.scale)
 
+    def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
+        """Values in steps of these lengths [s], shape (N, rows), from `mbocp.mechanics.rates.rates_along`."""
+        return rates[self.key][:, self.columns]
+
+
+@dataclass(frozen=True, eq=False)
+class EndJerkLimit(RateLimit):
+    """Bounds on the jerk with which accelerations become those at the end, after the last step's middle.
+
+    Attributes
+    ----------
+    goal : ndarray, shape (rows,)
+        Accelerations at the end [m/s^2, rad/s^2].
+    length : float
+        Of the last step, or the guess of it [s].
+    """
+
+    goal: Array
+    length: float
+
+    @property
+    def numbers(self) -> dict[str, Array]:
+        """Parameters of the expression by name."""
+        return {**super().numbers, "length": np.array([self.length]), "goal": self.goal}
+
+    def nodes(self, num_steps: int, dt: float) -> BoolArray:
+        """The last one alone."""
+        return np.repeat((np.arange(num_steps) == num_steps - 1)[:, None], self.rows, axis=1)
+
+    def sides_in_steps(
+        self, num_steps: int, dt: float, limits: Mapping[str, tuple[Array, Array]] | None, *, is_inner: bool
+    ) -> SidesInSteps | None:
+        """None: they are those of the last phase."""
+        return None
+
+    def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
+        """Values as if each step were the last."""
+        lengths = np.where(dts > 0.0, dts, self.length)[:, None]
+        found: Array = (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
+        return found
+
 
 def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
     """The limits of rates among bounds, one for each key that limits something."""
     found = []
     for term in RATE_TERMS.values():
         if term.letter in bounds.letters:
-            found.append(_limit(robot, bounds, term, np.flatnonzero(bounds.finite(term.letter))))
+            columns = np.flatnonzero(bounds.finite(term.letter))
+            found.append(RateLimit(**_limit(robot, bounds, term, columns)))
     return tuple(found)
 
 
-def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> RateLimit:
+def end_jerk_limits(
+    robot: Robot, bounds: Bounds, goal: Array, asked: BoolArray, length: float
+) -> tuple[EndJerkLimit, ...]:
+    """The limit of jerks at the end, of the velocities whose accelerations are asked for there, if any is.
+
+    Parameters
+    ----------
+    robot : Robot
+    bounds : Bounds
+        Limits at the end.
+    goal : ndarray, shape (nv,)
+        Accelerations at the end [m/s^2, rad/s^2].
+    asked : ndarray of bool, shape (nv,)
+    length : float
+        Of the last step, or the guess of it [s].
+    """
+    columns = np.flatnonzero(asked & bounds.finite("j"))
+    if not columns.size:
+        return ()
+    limit = _limit(robot, bounds, JerkAtEnd, columns)
+    return (EndJerkLimit(**limit, goal=frozen_array(goal[columns]), length=length),)
+
+
+def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> dict[str, Any]:
     labels = robot.v_labels if term.over == "v" else robot.u_labels
     lower = getattr(bounds, f"{term.letter}_lower")[columns]
     upper = getattr(bounds, f"{term.letter}_upper")[columns]
@@ -95,15 +161,15 @@ def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray
     # Speeds begin with the velocities that no control prescribes.
     place = {dof: i for i, dof in enumerate(robot.undriven if robot.drives else range(robot.nv))}
     entries = [place.get(int(i), -1) for i in columns] if term.over == "v" else [int(i) for i in columns]
-    return RateLimit(
-        key=term.key,
-        term=term(tuple(entries)),
-        labels=tuple(Label(term.row_name(labels[i].name), term.unit(labels[i].unit)) for i in columns),
-        lower=frozen_array(lower),
-        upper=frozen_array(upper),
-        scale=2.0 ** round(math.log2(largest)) if largest > 0.0 else 1.0,
-        columns=columns,
-    )
+    return {
+        "key": term.key,
+        "term": term(tuple(entries)),
+        "labels": tuple(Label(term.row_name(labels[i].name), term.unit(labels[i].unit)) for i in columns),
+        "lower": frozen_array(lower),
+        "upper": frozen_array(upper),
+        "scale": 2.0 ** round(math.log2(largest)) if largest > 0.0 else 1.0,
+        "columns": columns,
+    }
 
 
 def check_rates(robot: Robot, bounds: Bounds) -> None:

@@ -235,6 +235,19 @@ class SolutionData:
 
         return rates_along(None, self.qs, self.vs, self.us, np.diff(self.t))["acceleration"]
 
+    def acceleration_at(self, node: int) -> Array:
+        """Acceleration at a node, shape (nv,): on the line through the means in the middles of its steps.
+
+        With it, `start.a` of a motion that goes on from there keeps limits of jerks where this one does. At
+        both ends it is the mean of the step.
+        """
+        after = min(node, self.num_steps - 1)
+        before = max(node - 1, 0)
+        lengths = np.diff(self.t)[[after, before]]
+        weights = lengths / lengths.sum() if lengths.any() else np.full(2, 0.5)
+        found: Array = weights @ self.accelerations[[before, after]]
+        return found
+
     def controls_at(self, times: ArrayLike) -> Array:
         """Controls at times [s], shape (m, nu): those of the step, at a node those of the step after it.
 

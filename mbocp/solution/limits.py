@@ -14,7 +14,7 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
-from mbocp.terms.rates import PLACES_WITHIN, name_within
+from mbocp.terms.rates import PLACES, name_at
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
 _OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions
@@ -163,8 +163,8 @@ def _bounds_within(
 ) -> dict[str, tuple[str, str, float, float, str]]:
     """What limits of a velocity or acceleration say where they hold within steps."""
     return {
-        name_within(key, name, place): (key, f"{name} {place}", low, high, unit)
-        for place in PLACES_WITHIN.get(key, ())
+        name_at(key, name, place): (key, f"{name} {place}", low, high, unit)
+        for place in PLACES.get(key, ())
     }
 
 

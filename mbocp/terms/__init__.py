@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from mbocp.terms.path import PathTerm
     from mbocp.terms.periodic import KeptRows, PeriodicEnd, StartEnd, StartState
     from mbocp.terms.point import Point, Sizes
-    from mbocp.terms.rates import RATE_TERMS, RateTerm
+    from mbocp.terms.rates import RATE_TERMS, JerkAtEnd, RateTerm
     from mbocp.terms.span import Span
     from mbocp.terms.via import ViaFrameShape, ViaTerm
 

@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 
-PLACES_WITHIN = {  # where limits may hold within steps, by key
+PLACES = {  # where limits may hold beside nodes and means, by key
     "velocity": ("within steps",),
     "acceleration": ("at begins of steps", "at ends of steps"),
+    "jerk": ("at the end",),
 }
 
 
-def name_within(quantity: str, name: str, place: str) -> str:
-    """What the limit of a velocity or acceleration within steps is called, beside path constraints."""
+def name_at(quantity: str, name: str, place: str) -> str:
+    """What the limit of a quantity there is called, beside path constraints."""
     return f"{quantity} of {name} {place}"
 
 
@@ -65,7 +66,8 @@ class RateTerm(ABC):
     sizes: ClassVar[Mapping[str, int]] = {"scale": 1}
 
     def __init_subclass__(cls) -> None:
-        RATE_TERMS[cls.key] = cls
+        if "key" in vars(cls):
+            RATE_TERMS[cls.key] = cls
 
     @property
     def signature(self) -> dict[str, Any]:
@@ -116,7 +118,10 @@ class AccelerationLimit(RateTerm):
 
 @dataclass(frozen=True)
 class JerkLimit(RateTerm):
-    """Change of the mean acceleration from step to step, by the step's length; from rest at the start."""
+    """Change of the mean acceleration from step to step, by the way between their middles.
+
+    In the first step it is that from the acceleration at the start, in half the step.
+    """
 
     key = "jerk"
     letter = "j"
@@ -128,6 +133,33 @@ class JerkLimit(RateTerm):
     def values(self, at: Point) -> ca.SX:
         """Of every speed [m/s^3, rad/s^3]."""
         return at.remembered["jerk"]
+
+
+@dataclass(frozen=True)
+class JerkAtEnd(JerkLimit):
+    """Change of the mean acceleration of the last step to that at the end, in half the step."""
+
+    remembers = ("acceleration",)
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        return {**super().signature, "place": "end"}
+
+    @property
+    def sizes(self) -> Mapping[str, int]:  # type: ignore[override]
+        """Length of the step, or the guess of it [s]; accelerations at the end."""
+        return {**JerkLimit.sizes, "length": 1, "goal": self.rows}
+
+    @classmethod
+    def row_name(cls, name: str) -> str:
+        """What the limit of one velocity is called."""
+        return name_at(cls.key, name, *PLACES[cls.key])
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Its values, by their scale."""
+        left = p["goal"] - at.remembered["acceleration"][list(self.entries)]
+        return left / (p["length"] * at.remembered.get("h", 1.0) / 2.0) / p["scale"]
 
 
 @dataclass(frozen=True)

@@ -171,7 +171,7 @@ def _rates(loaded: Loaded, task: Task, witness: Witness, rng: np.random.Generato
     a = np.diff(witness.vs, axis=0) / task.dt
     found = {
         "acceleration": a,
-        "jerk": np.diff(np.vstack([np.zeros(loaded.system.nv), a]), axis=0) / task.dt,
+        "jerk": np.vstack([2.0 * a[:1], np.diff(a, axis=0), -2.0 * a[-1:]]) / task.dt,  # from rest to rest
         "effort_rate": np.diff(witness.us, axis=0) / task.dt,
         "power": witness.us * (witness.vs[1:] @ loaded.system.selection),
     }

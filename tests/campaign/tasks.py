@@ -344,7 +344,7 @@ def _tables(kind: TaskClass, loaded: Loaded, task: Task) -> dict[str, Any]:
     limits |= further["limits"]
     if "goal_frame" in further:
         goal = {key: value for key, value in goal.items() if key != "q"} | {"frame": further["goal_frame"]}
-    goal["a"] = "free"  # of a task that stops, too: the checker knows no condition on it
+    goal["a"] = 0.0 if task.ends_at_rest else "free"
     if "time" in further:
         cost["time"] = further["time"]
     return {

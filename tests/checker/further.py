@@ -152,10 +152,14 @@ def _rates(system: System, task: Task, motion: Motion, layout: Layout) -> Iterat
             rates = _Rates("acceleration", n, joints, task.acceleration, 1)
             yield from rates.bounds(a[n], places, task, motion, layout)
         if task.jerk is not None:
-            weights = (1.0, -2.0, 1.0) if n > 1 else (1.0,)  # a_1/dt in the first step
+            weights = (1.0, -2.0, 1.0) if n > 1 else (2.0,)  # a_1/(dt/2) in the first step
             places = [(at[n - 1 - k], w / dt**2) for k, w in enumerate(weights) if n - 1 - k >= 0]
             rates = _Rates("jerk", n, joints, task.jerk, 2)
-            yield from rates.bounds((a[n] - a[n - 1]) / dt, places, task, motion, layout)
+            yield from rates.bounds((a[n] - a[n - 1]) / (dt if n > 1 else dt / 2), places, task, motion, layout)
+        if task.jerk is not None and n == N and task.ends_at_rest:
+            places = [(at[n - 1], -2.0 / dt**2), *([(at[n - 2], 2.0 / dt**2)] if n > 1 else [])]
+            rates = _Rates("jerk", n, joints, task.jerk, 2, " at the end")
+            yield from rates.bounds(-a[n] / (dt / 2), places, task, motion, layout)
         if task.effort_rate is not None and n > 1:
             u, before = (layout.u(k).start + np.arange(system.nu) for k in (n, n - 1))
             rate = (motion.us[n - 1] - motion.us[n - 2]) / dt
@@ -253,6 +257,7 @@ class _Rates:
     names: list[str]
     limits: Array
     order: int  # of the power of 1/dt
+    place: str = ""
 
     def bounds(
         self,
@@ -267,8 +272,8 @@ class _Rates:
             if task.duration_range is not None:
                 columns.append(layout.size - 1)
                 slope.append(-self.order * value / task.duration)
-            claimed = motion.claimed(f"{self.key} of {self.names[i]}", self.n)
-            name = f"{self.key}[{self.n}]"
+            claimed = motion.claimed(f"{self.key} of {self.names[i]}{self.place}", self.n)
+            name = f"{self.key}[{self.n}]{self.place}"
             yield from _two_sided(name, self.limits[:, i], value, np.array(columns), np.array(slope), claimed)
 
 

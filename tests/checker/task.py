@@ -171,6 +171,11 @@ class Task:
         return tuple(range(a + 1, b + 1) for a, b in pairwise(ends))
 
     @property
+    def ends_at_rest(self) -> bool:
+        """Whether limits of jerks hold on the way to no acceleration at the end, too."""
+        return self.jerk is not None and not self.terminal.any()
+
+    @property
     def dt(self) -> float:
         return self.duration / self.num_steps
 

@@ -128,7 +128,8 @@ def test_rows_and_rates_of_a_motion(name: str, integrator: dict[str, Any], is_fr
     iterate = formulation.iterate_of(motion, np.zeros((N, robot.nc)))
     rates = rates_along(robot, qs, vs, us, dts)
     path = programme.functions.function("path")
-    wanted = np.hstack([rates[c.key][:, c.columns] / c.scale for c in problem.rate_limits])
+    limits = (*problem.rate_limits, *problem.end_limits)
+    wanted = np.hstack([c.values_of(rates, dts) / c.scale for c in limits])
     rho = programme.rho.reshape(N, -1)
     for n in range(N):
         x0, x1, u = iterate.xs[n], iterate.xs[n + 1], iterate.us[n]

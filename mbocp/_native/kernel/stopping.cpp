@@ -47,7 +47,8 @@ bool is_resolved(const Programme& programme, double primal, double dual, double 
 bool is_round_off(const NewtonState& state, double increment, double tolerance) {
     const Evaluation& e = state.evaluation;
     if (e.residual > tolerance) return false;
-    if (increment > noise * tolerance && relative_increment(*state.programme) > tolerance) return false;
+    const double shrunk = state.still >= many_still ? noise : 1.0;  // increments that shrink no more are what they are
+    if (increment > noise * tolerance && relative_increment(*state.programme) > shrunk * tolerance) return false;
     const double left = state.barrier > 0.0 ? e.barrier_error : e.residual;
     return left <= resolved * tolerance || left <= larger(allowed(state));
 }

@@ -10,8 +10,9 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{jerk} \quad & (a - a^-) / \delta t
 
 where a minus means what was remembered before, and delta t is the time from the middle of the step before to
-that of this one: dt where steps are as long as each other. All begin with zero, but for the acceleration
-before the start where a problem gives one; the control of the first step has no rate. Rates count in units of
+that of this one: dt where steps are as long as each other, and dt/2 for the jerk of the first step. All begin
+with zero, but for the acceleration at the start where a problem gives one; the control of the first step has
+no rate. Rates count in units of
 the size of their limits, so that the numbers that solvers see are of ordinary size.
 """
 
@@ -71,7 +72,8 @@ def _control_rate(at: Passage) -> Any:
 
 def _jerk(at: Passage) -> Any:
     change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
-    return change / (at.spacing * at.units["jerk"])
+    spacing = at.spacing * (1.0 + at.has_before) / 2.0  # from the start in half of the first step
+    return change / (spacing * at.units["jerk"])
 
 
 RULES: Mapping[str, Rule] = MappingProxyType(
@@ -79,7 +81,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "control": Rule("u", "previous control", lambda at: at.u, has_unit=False),
         "control_rate": Rule("u", "rate of control", _control_rate, needs=("control",), asks_for_first=True),
         "acceleration": Rule("s", "acceleration of", lambda at: at.acceleration / at.units["acceleration"]),
-        "jerk": Rule("s", "jerk of", _jerk, needs=("acceleration",)),
+        "jerk": Rule("s", "jerk of", _jerk, needs=("acceleration",), asks_for_first=True),
     }
 )
 
@@ -125,7 +127,7 @@ class Memory(Feature):
         return memory_units(problem)
 
     def first(self, problem: Problem) -> Mapping[str, Array]:
-        """The acceleration before the start."""
+        """The acceleration at the start."""
         if "acceleration" not in self.names or not problem.a_start.any():
             return {}
         return {"acceleration": problem.a_start / memory_units(problem)["acceleration"]}

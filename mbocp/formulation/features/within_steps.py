@@ -28,7 +28,7 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
 from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
-from mbocp.terms.rates import PLACES_WITHIN, name_within
+from mbocp.terms.rates import PLACES, name_at
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -99,7 +99,7 @@ def names_within(problem: Problem) -> tuple[str, ...]:
     """Return names for the limits within steps of a problem, as of path constraints; none without any."""
     labels = problem.robot.v_labels
     return tuple(
-        name_within(_KEYS[key], labels[i].name, place)
+        name_at(_KEYS[key], labels[i].name, place)
         for key, own in _entries(problem)
         for place in _places(key)
         for i in own
@@ -107,7 +107,7 @@ def names_within(problem: Problem) -> tuple[str, ...]:
 
 
 def _places(letter: str) -> tuple[str, ...]:
-    return PLACES_WITHIN[_KEYS[letter]]
+    return PLACES[_KEYS[letter]]
 
 
 def _entries(problem: Problem) -> tuple[tuple[str, tuple[int, ...]], ...]:

@@ -44,7 +44,7 @@ class GoalMemberTable(Table):
     a: Annotated[
         RateOrFree,
         Key(
-            "acceleration at the end, the mean of the last step: `a = 0` with `v = 0` for a smooth stop",
+            "acceleration at the end: `a = 0` with `v = 0` for a smooth stop",
             "m/s^2, rad/s^2",
             "0 of joints that stop and have limited jerk, else nothing",
         ),

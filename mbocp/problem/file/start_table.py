@@ -41,7 +41,7 @@ class StartTable(Table):
     a: Annotated[
         Rate,
         Key(
-            "acceleration before the start, for [limits of jerk](#accelerations-jerks-rates-and-powers)",
+            "acceleration at the start, for [limits of jerk](#accelerations-jerks-rates-and-powers)",
             "m/s^2, rad/s^2",
             "0",
         ),

@@ -46,7 +46,8 @@ class Goal:
     rate_active : ndarray of bool, shape (nv,)
         Which components of `value` are asked for.
     a : ndarray, shape (nv,), optional
-        Accelerations at the end, the mean of the last step [m/s^2, rad/s^2].
+        Accelerations at the end [m/s^2, rad/s^2]: the mean of the last step, or where jerks are limited what
+        that may become in half a step.
     a_active : ndarray of bool, shape (nv,), optional
         Which components of `a` are asked for; default: none, or all that are given.
     a_rule : {"given", "free", "rest"}
