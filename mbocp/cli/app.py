@@ -62,6 +62,14 @@ FreeFlyer = Annotated[
     bool | None,
     typer.Option("--free-flyer/--fixed", help="Whether the root link floats.", show_default=False),
 ]
+Dynamics = Annotated[
+    bool | None,
+    typer.Option(
+        "--dynamics/--no-dynamics",
+        help="Whether forces move it; without, controls are accelerations, and links need no inertias.",
+        show_default=False,
+    ),
+]
 Locks = Annotated[
     list[str] | None,
     typer.Option("--lock", metavar="JOINT[=VALUE]", help="Make a joint rigid [rad, m]. Repeatable."),
@@ -92,9 +100,12 @@ def _main(
 
 
 def _options(
-    package_dirs: list[Path] | None, free_flyer: bool | None, locks: list[str] | None
+    package_dirs: list[Path] | None,
+    free_flyer: bool | None,
+    dynamics: bool | None,
+    locks: list[str] | None,
 ) -> RobotOptions:
-    return RobotOptions(tuple(package_dirs or ()), free_flyer, tuple(locks or ()))
+    return RobotOptions(tuple(package_dirs or ()), free_flyer, dynamics, tuple(locks or ()))
 
 
 @app.command(epilog=examples("new"))
@@ -107,6 +118,7 @@ def new(
     ] = None,
     package_dir: PackageDirs = None,
     free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
     lock: Locks = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
     quiet: Quiet = False,
@@ -117,7 +129,7 @@ def new(
     """
     from mbocp.cli.new import write_new
 
-    write_new(name, output, _options(package_dir, free_flyer, lock), force=force, quiet=quiet)
+    write_new(name, output, _options(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
 
 
 @app.command(epilog=examples("solve"))
@@ -431,6 +443,7 @@ def robots(
     name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
     package_dir: PackageDirs = None,
     free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
     lock: Locks = None,
     as_json: Json = False,
 ) -> None:
@@ -440,7 +453,7 @@ def robots(
     if name is None:
         print_robots(as_json=as_json)
     else:
-        print_robot(name, _options(package_dir, free_flyer, lock), as_json=as_json)
+        print_robot(name, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
 @app.command(epilog=examples("spheres"))
@@ -453,6 +466,7 @@ def spheres(
     ] = None,
     package_dir: PackageDirs = None,
     free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
     lock: Locks = None,
     as_json: Json = False,
 ) -> None:
@@ -460,7 +474,7 @@ def spheres(
     from mbocp.cli.spheres import print_spheres
 
     signals.leave_in_order()
-    print_spheres(name, replay, _options(package_dir, free_flyer, lock), as_json=as_json)
+    print_spheres(name, replay, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
 @app.command(epilog=examples("study"))

@@ -46,6 +46,12 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
         table["actuated"] = [_ROOT]
         robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
     path.write_text(first_file(robot, table, path), encoding="utf-8")
+    if options.dynamics is False:
+        typer.echo(
+            f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is known of "
+            "its torques",
+            err=True,
+        )
     if _only_rotors(robot) and options.free_flyer is None:
         locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
         typer.echo(
@@ -67,15 +73,20 @@ def _only_rotors(robot: Any) -> bool:
 
 
 def _load(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
-    """The robot; one of which nothing moves is taken to float, if that helps."""
+    """The robot; one of which nothing moves is taken to float, one without inertias to have no dynamics."""
+    from mbocp.robot.loading.checks import SingularMassMatrix
+
     try:
         return options, options.load(name)
     except UnsupportedRobot as error:
-        if options.free_flyer is not None or "no joint that moves" not in str(error):
+        if options.free_flyer is None and "no joint that moves" in str(error):
+            other = replace(options, free_flyer=True)
+        elif options.dynamics is None and isinstance(error, SingularMassMatrix) and error.are_all:
+            other = replace(options, dynamics=False)
+        else:
             raise
-        floating = replace(options, free_flyer=True)
         try:
-            return floating, floating.load(name)
+            return other, other.load(name)
         except MbocpError:
             raise error from None
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """What `--package-dir`, `--free-flyer` and `--lock` say.
+    """What `--package-dir`, `--free-flyer`, `--no-dynamics` and `--lock` say.
 
     Parameters
     ----------
@@ -23,19 +23,23 @@ class RobotOptions:
         Folders that hold the packages of ``package://`` addresses.
     free_flyer : bool, optional
         Whether the root link floats; None: what the robot says.
+    dynamics : bool, optional
+        Whether forces move the robot; None: what the robot says.
     locks : sequence of str
         ``JOINT``, or ``JOINT=VALUE`` with an angle [rad] or a length [m].
     """
 
     package_dirs: Sequence[Path] = ()
     free_flyer: bool | None = None
+    dynamics: bool | None = None
     locks: Sequence[str] = ()
 
     def table(self, name: str) -> dict[str, Any]:
         """The table `[robot]` of a problem file that says the same, with absolute folders."""
         table: dict[str, Any] = {"name": name}
-        if self.free_flyer is not None:
-            table["free_flyer"] = self.free_flyer
+        for key in ("free_flyer", "dynamics"):
+            if getattr(self, key) is not None:
+                table[key] = getattr(self, key)
         if self.locks:
             table["lock"] = self._lock(name)
         if self.package_dirs:

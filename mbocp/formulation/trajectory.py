@@ -109,7 +109,13 @@ def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> d
 
 
 def _positive_work(robot: Robot, motion: Motion) -> float:
-    """Work of the controls [J], where they brake left out: of each the mean of both ends of a step."""
+    """Work of the controls [J], where they brake left out: of each the mean of both ends of a step.
+
+    NaN without dynamics.
+    """
+    units = {label.unit for label in robot.u_labels[: robot.nu - len(robot.drives)]}
+    if units and not units & {"N", "N m"}:
+        return np.nan
     ends = (powers(robot, motion.qs[at], motion.vs[at], motion.us) for at in (slice(-1), slice(1, None)))
     means = np.maximum(sum(ends) / 2.0, 0.0)
     return float((motion.dts[:, None] * means).sum())

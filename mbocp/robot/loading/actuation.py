@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.kinematic import unit_rotors
 from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
@@ -19,6 +20,7 @@ from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label
 
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}
+_RATE_UNITS = {"m": "m/s^2", "rad": "rad/s^2"}  # of robots without dynamics
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,10 @@ class ActuationReader:
 
     @cached_property
     def _effort_labels(self) -> tuple[Label, ...]:
-        return joints.velocity_labels(self.names.model, _EFFORT_UNITS)
+        model = self.names.model
+        forces, rates = (joints.velocity_labels(model, units) for units in (_EFFORT_UNITS, _RATE_UNITS))
+        pairs = zip(forces, rates, unit_rotors(model), strict=True)
+        return tuple(rate if is_rate else force for force, rate, is_rate in pairs)
 
     def _default_motors(self, driven: frozenset[int]) -> list[int]:
         count = range(1, self.names.model.njoints)

@@ -24,13 +24,16 @@ _MIN_SHARE = 1e-3  # share of the null vector from which a joint is named
 
 
 class SingularMassMatrix(UnsupportedRobot):
-    """Joints that move nothing with mass or inertia; `joints` has their names."""
+    """Joints that move nothing with mass or inertia; `joints` has their names, `are_all` whether all do."""
 
     def __init__(self, robot: str, joints: list[str], eigenvalue: float, *, are_all: bool = False) -> None:
-        self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
+        self.robot, self.joints, self.eigenvalue, self.are_all = robot, tuple(joints), eigenvalue, are_all
         named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
         if are_all:
-            named, remedy = "any joint", "Give its links masses and inertias: <inertial> in a URDF"
+            named, remedy = "any joint", (
+                "Give its links masses and inertias, <inertial> in a URDF; or say dynamics = false: then controls "
+                "are accelerations"
+            )
         else:
             lock = f"lock {them}: lock = {json.dumps(joints)}"
             remedy = f"Give the links beyond a mass and an inertia, or {lock}"

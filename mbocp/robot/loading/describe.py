@@ -20,6 +20,7 @@ from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.readers.chain import describe_chain
@@ -74,7 +75,9 @@ def describe_source(
         found = reader.read(source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders)
     given = found.table.payloads if keys.payload is None else keys.payload
     losses = (_losses(found.table, keys),)
-    return replace(_with_ball_joints(found), losses=losses, carried=payloads_of(given))
+    found = replace(_with_ball_joints(found), losses=losses, carried=payloads_of(given))
+    has_dynamics = found.table.dynamics if keys.dynamics is None else keys.dynamics
+    return without_dynamics(found) if has_dynamics is False else found
 
 
 def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path]) -> Description:

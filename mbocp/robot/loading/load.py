@@ -35,6 +35,7 @@ def load_robot(
     gravity: Sequence[float] | None = None,
     actuated: Sequence[str] | None = None,
     mimic: bool | None = None,
+    dynamics: bool | None = None,
     damping: bool | None = None,
     friction: str | None = None,
     friction_speed: float | None = None,
@@ -69,6 +70,9 @@ def load_robot(
         Whether mimic joints follow their leader (then they have no coordinate) or are joints of their own,
         with a motor. Default: True for a URDF or robot.toml, False for a robot.yaml and for a name of
         example-robot-data, which are meant so.
+    dynamics : bool, optional
+        False: controls are the accelerations of the joints, and links need no inertias. Default: what
+        robot.toml says, else True.
     damping : bool, optional
         Whether the viscous damping that the file gives joints acts. Default: what robot.toml says, else True.
     friction : {"none", "smooth"}, optional
@@ -117,6 +121,7 @@ def load_robot(
             gravity=None if gravity is None else [float(g) for g in gravity],
             actuated=None if actuated is None else list(actuated),
             mimic=mimic,
+            dynamics=dynamics,
             damping=damping,
             friction=friction,
             friction_speed=friction_speed,
@@ -150,7 +155,7 @@ def load_parts(
         Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
         ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
         its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
-        lock, actuated, mimic, damping, friction, friction_speed, package_dirs and payload. In place of
+        lock, actuated, mimic, dynamics, damping, friction, friction_speed, package_dirs and payload. In place of
         ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
         ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
     lock : mapping or sequence of str, optional
@@ -208,7 +213,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to call it.
+        dynamics, damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to call it.
         Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.

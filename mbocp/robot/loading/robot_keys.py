@@ -49,7 +49,7 @@ Number = Annotated[float, Kind("number", finite_number, float)]
 Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
 
 _OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
-OF_FILES = ("free_flyer", "mimic", "damping", "friction", "friction_speed")  # how one file is read
+OF_FILES = ("free_flyer", "mimic", "dynamics", "damping", "friction", "friction_speed")  # how one file is read
 _OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
 
@@ -66,6 +66,14 @@ class ReadingKeys(Declared):
         Key(
             "whether mimic joints follow their leader",
             default="true for files, false for a robot.yaml and names of example-robot-data",
+        ),
+    ] = None
+    dynamics: Annotated[
+        bool | None,
+        Key(
+            "`false`: controls are the accelerations of the joints, for "
+            "[robots without inertias](robots.md#robots-without-inertias)",
+            default=f"{_OWN}, else true",
         ),
     ] = None
     damping: Annotated[

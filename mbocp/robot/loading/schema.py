@@ -175,6 +175,7 @@ _OF_FILES = (
     "package_dirs",
     "free_flyer",
     "mimic",
+    "dynamics",
     "damping",
     "friction",
     "friction_speed",
@@ -208,6 +209,7 @@ class RobotTable(Table):
     gravity: Vector3 | None = None
     lock: list[str] | dict[str, Numbers] = Field(default=[])
     mimic: bool | None = None
+    dynamics: bool | None = None
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
     friction_speed: PositiveNumber | None = None

@@ -1,0 +1,97 @@
+"""Random motions from rest to rest in the least time, within what makers publish, and what their files do."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ruckig
+
+import mbocp
+from mbocp.problem import Problem
+from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
+
+PROFILES = Path(mbocp.__file__).parent / "profiles"
+RATES = (125, 500, 1000)  # samples a second
+TOLERANCE = 2e-4  # of a limit, that differences of samples may leave it by
+STEPS = 40
+PANDA = {"name": "panda", "lock": {"panda_finger_joint1": 0, "panda_finger_joint2": 0}}
+LEAST = {"time": 1.0, "effort": 1e-5}
+# Of a UR5e no accelerations are published; inertias of both robots are those of the ones before them.
+ROBOTS: dict[str, tuple[Any, dict[str, Any]]] = {
+    "ur5e": ("ur5", {"profile": "ur5e", "acceleration": 15.0}),
+    "fr3": (PANDA, {"profile": "fr3"}),
+}
+
+
+def problem_of(name: str, seed: int, *, with_torques: bool) -> Problem:
+    """A random start and goal, at rest, well within the limits of positions."""
+    robot, limits = ROBOTS[name]
+    rng = np.random.default_rng([seed, sorted(ROBOTS).index(name)])
+    if name == "ur5e":
+        start = rng.uniform(-2.0, 2.0, 6)
+        goal = start + rng.uniform(-1.5, 1.5, 6)
+    else:
+        sides = limits_of(PROFILES / "fr3.toml")["position"]
+        middle, half = sides.mean(axis=0), np.diff(sides, axis=0)[0] / 2.0
+        start, goal = middle + rng.uniform(-0.7, 0.7, (2, 7)) * half
+    if not with_torques:
+        limits = {**limits, "effort": False, **({"effort_rate": False} if name == "fr3" else {})}
+    return Problem.create(
+        robot, {"min": 0.2, "max": 5.0}, STEPS, start={"q": start}, goal={"q": goal, "v": 0}, limits=limits, cost=LEAST
+    )
+
+
+def row_of(name: str, seed: int, *, with_torques: bool = False) -> dict[str, Any]:
+    """Solve, write, read back."""
+    problem = problem_of(name, seed, with_torques=with_torques)
+    begun = time.perf_counter()
+    solution = mbocp.solve(problem)
+    row = {
+        "robot": name,
+        "seed": seed,
+        "status": str(solution.status),
+        "iterations": solution.iterations,
+        "seconds": time.perf_counter() - begun,
+        "found": solution.duration,
+        "least": least_time(problem),
+        "excess": solution.limit_excess,
+    }
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        row |= violations(solution, Path(folder), name)
+    return row
+
+
+def violations(solution: mbocp.Solution, folder: Path, name: str) -> dict[str, Any]:
+    """What written files leave of the limits, by a reader of their own."""
+    limits = limits_of(PROFILES / f"{name}.toml", **({"acceleration": 15.0} if name == "ur5e" else {}))
+    worst: dict[str, float] = {}
+    for rate in RATES:
+        file = solution.export(folder / f"{rate}.csv", rate=float(rate))
+        found = violation_of_samples(file, float(rate), limits)
+        worst |= {f"{kind} {rate}": value for kind, value in found.items()}
+    file = solution.export(folder / "points.yaml")
+    worst |= {f"{kind} points": value for kind, value in violation_of_points(file, limits).items()}
+    speed, acceleration = ends_of_points(file)
+    sent = float(solution.export(folder / "1000.csv", rate=1000.0).read_text().splitlines()[-1].split(",")[0])
+    return {"violations": worst, "sent": sent, "end_speed": speed, "end_acceleration": acceleration}
+
+
+def least_time(problem: Problem) -> float:
+    """The exact optimum without torques: of the slowest joint, by Ruckig [s]."""
+    limits, count = problem.limits, problem.robot.nv
+    planner, given, found = ruckig.Ruckig(count), ruckig.InputParameter(count), ruckig.Trajectory(count)
+    given.current_position, given.target_position = problem.q_start.tolist(), problem.goal.q.tolist()
+    given.max_velocity = limits.v_upper.tolist()
+    given.max_acceleration = limits.a_upper.tolist()
+    given.max_jerk = limits.j_upper.tolist()
+    given.synchronization = ruckig.Synchronization.No
+    result = planner.calculate(given, found)
+    if result != ruckig.Result.Working:
+        raise ValueError(f"Ruckig: {result}")
+    return float(found.duration)
