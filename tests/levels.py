@@ -30,7 +30,7 @@ _PLACES = {
         problem/via programme/c_files programme/keys programme/later receding/horizon robot/large_robots
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
-        terms/kept view/replay
+        terms/kept terms/motor view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

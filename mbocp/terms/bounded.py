@@ -95,7 +95,9 @@ class BoundedTerm:
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Values at each of n states and controls, shape (n, rows), by the expression that solvers see."""
-        return self.value(np.asarray(self.function(robot, {}).map(len(qs))(qs.T, vs.T)).T)
+        u = ca.SX.sym("u", robot.nu)
+        function = self.function(robot, {"control": u}, u).map(len(qs))
+        return self.value(np.asarray(function(qs.T, vs.T, us.T)).T)
 
     def values_in_motion(
         self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
@@ -120,7 +122,7 @@ class BoundedTerm:
         numbers = {
             name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.numbers_in("quaternion").items()
         }
-        point = Point(JointMechanics(robot), q, v, remembered=remembered)
+        point = Point(JointMechanics(robot), q, v, remembered.get("control"), remembered=remembered)
         return ca.Function("h", [q, v, *more], [ca.densify(self.term.expression(point, numbers))])
 
     def nodes(self, num_steps: int, dt: float) -> BoolArray:

@@ -14,6 +14,7 @@ from mbocp.terms.end import ExactGoal, TerminalCost
 from mbocp.terms.path import PATH_TERMS
 from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position, Speed
 from mbocp.terms.braking import Braking
+from mbocp.terms.motor import Motor
 from mbocp.terms.kept import Line, OrientationKept
 from mbocp.terms.follow import Follow
 from mbocp.terms.contact import ContactKeys, ContactTerm
@@ -30,6 +31,7 @@ __all__ = [
     "ExactGoal",
     "Follow",
     "Line",
+    "Motor",
     "Orientation",
     "OrientationKept",
     "Position",

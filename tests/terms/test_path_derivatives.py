@@ -33,6 +33,7 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
         },
         {"kind": "braking", "frame": "wrist_1_joint", "deceleration": 0.5, "max": 3.0},
     ],
+    "motor": [{"kind": "motor", "frame": "elbow_joint", "stall": 300.0, "no_load": 20.0}],
     "line": [{"kind": "line"}],
     "line with tolerance": [{"kind": "line", "tolerance": 0.02}],
     "segment": [{"kind": "line", "segment": True}],

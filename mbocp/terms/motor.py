@@ -1,0 +1,80 @@
+"""A kind of path constraint: motors whose torque falls with their speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from mbocp._keys import Key, Table
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.robot import Label, Robot
+from mbocp.terms.path import PathNumbers, PathTerm
+from mbocp.terms.point import Point
+from mbocp.terms.written import Bound
+
+
+@dataclass(frozen=True)
+class Motor(PathTerm):
+    r"""Torque of a joint with the voltage of its motor, seen behind the gear.
+
+    .. math:: -\tau_0 \le \tau + \frac{\tau_0}{v_0} v \le \tau_0
+
+    At rest it is the stall torque tau_0 at most, at the no-load speed v_0 none; where the motor brakes the
+    voltage helps, and a limit of effort says what the current allows. It holds for the control of each step
+    with the velocity at its end.
+    """
+
+    kind = "motor"
+    unit = "N m"
+    has_velocity = True
+    of_joint = True
+    remembers = ("control",)
+    sizes: ClassVar[Mapping[str, int]] = {"stall": 1, "no_load": 1}
+
+    class Keys(Table):
+        """Keys."""
+
+        stall: Annotated[
+            Bound, Key('kind `"motor"`: the torque of a joint, `frame`, at rest', "N m", "required")
+        ] = None
+        no_load: Annotated[Bound, Key("of a motor: the speed at which no torque is left", "rad/s", "required")] = None
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Bounds, of the size of the stall torque, and numbers."""
+        for name in cls.sizes:
+            if name not in given:
+                raise ProblemError(f"{key}.{name}: this key is missing")
+        numbers = {name: np.array([given[name]]) for name in cls.sizes}
+        return {"lower": [-abs(given["stall"])], "upper": [abs(given["stall"])], **numbers}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """Numbers."""
+        return {name: float(given.number(name)[0]) for name in cls.sizes}
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse torques and speeds that are none."""
+        super().check(given, key)
+        for name in cls.sizes:
+            if not given.number(name)[0] > 0.0:
+                raise InvalidValue(f"{key}: {name}", float(given.number(name)[0]), "above 0")
+
+    @classmethod
+    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
+        """The torque that the motor would have at rest with its voltage."""
+        return (Label(given.name, cls.unit),)
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Torque that the voltage would give at rest [N m]."""
+        model = at.mechanics.robot.model
+        place = model.joints[model.frames[self.frame].parentJoint].idx_v
+        u = ca.SX.sym("u", at.mechanics.nu)
+        pushes = ca.jacobian(at.mechanics.force(at.q, at.v, u), u)  # B(q): forces are affine in u
+        torque = (pushes @ at.control)[place]
+        return torque + p["stall"] / p["no_load"] * at.joint_velocity()[place]

@@ -1,0 +1,93 @@
+"""Motors whose torque falls with their speed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem, parse_problem, problem_to_toml
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+STALL, NO_LOAD, INERTIA = 2.0, 5.0, 0.5
+ROTOR = f"""<robot name="rotor"><link name="base"/>
+<link name="wheel"><inertial><mass value="1"/>
+<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axle" type="revolute"><parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/>
+<limit lower="-100" upper="100" effort="0" velocity="50"/></joint></robot>"""
+MOTOR: dict[str, Any] = {"kind": "motor", "frame": "axle", "stall": STALL, "no_load": NO_LOAD}
+
+
+@pytest.fixture
+def rotor(tmp_path: Any) -> mbocp.Robot:
+    file = tmp_path / "rotor.urdf"
+    file.write_text(ROTOR)
+    return mbocp.load_robot(file)
+
+
+def spin(rotor: mbocp.Robot, speed: float, start: float = 0.0, steps: int = 80, **words: Any) -> Problem:
+    words = {"path": [MOTOR], **words}
+    return Problem.create(
+        rotor,
+        {"min": 0.05, "max": 9.0},
+        steps,
+        start={"v": [start]},
+        goal={"v": [speed]},
+        cost={"time": 1.0, "effort": 1e-6},
+        **words,
+    )
+
+
+def test_a_wheel_comes_up_to_speed_as_its_voltage_lets_it(rotor: mbocp.Robot) -> None:
+    """v = v_0 (1 - exp(-t / T)) with T = J v_0 / tau_0, under the whole voltage."""
+    s = mbocp.solve(spin(rotor, 0.8 * NO_LOAD), check=True)
+    assert s.duration == pytest.approx(np.log(5.0) * INERTIA * NO_LOAD / STALL, rel=2e-2)
+    kept = s.us[:, 0] + STALL / NO_LOAD * s.vs[1:, 0]
+    np.testing.assert_allclose(kept, STALL, rtol=1e-4)
+    (limit,) = s.active_limits
+    assert (limit.kind, limit.name, limit.count) == ("path", "motor of axle", 80)
+
+
+def test_the_voltage_helps_to_brake(rotor: mbocp.Robot) -> None:
+    """Then more than the stall torque acts, unless a limit of effort says what the current allows."""
+    s = mbocp.solve(spin(rotor, 0.0, start=4.0), check=True)
+    assert s.us.min() < -1.5 * STALL
+    limited = mbocp.solve(spin(rotor, 0.0, start=4.0, limits={"effort": STALL}), check=True)
+    assert limited.us.min() == pytest.approx(-STALL, rel=1e-4)
+    assert limited.duration > s.duration
+
+
+def test_no_speed_above_that_without_load_is_reached(rotor: mbocp.Robot) -> None:
+    assert not mbocp.solve(spin(rotor, 1.1 * NO_LOAD)).converged
+
+
+def test_another_motor_compiles_nothing_and_files_say_the_same(rotor: mbocp.Robot) -> None:
+    from mbocp.formulation import formulate
+
+    other = {**MOTOR, "stall": 3.0, "no_load": 7.0}
+    one, two = spin(rotor, 1.0), spin(rotor, 1.0, path=[other])
+    assert formulate(one).pieces.signature == formulate(two).pieces.signature
+    again = parse_problem(problem_to_toml(two))
+    (constraint,) = again.path
+    assert constraint.upper == pytest.approx([3.0])
+    values = constraint.values_along(rotor, np.zeros((1, 1)), np.array([[7.0]]), np.array([[0.5]]))
+    assert values == pytest.approx(np.array([[3.5]]))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ({"stall": -1.0}, "stall: got -1.0, expected above 0"),
+        ({"no_load": 0.0}, "no_load: got 0.0, expected above 0"),
+        ({"no_load": None}, "no_load: this key is missing"),
+        ({"frame": "wheel"}, "no joint with one angle"),
+    ],
+)
+def test_what_is_no_motor_is_refused(rotor: mbocp.Robot, words: dict[str, Any], says: str) -> None:
+    table = {key: value for key, value in {**MOTOR, **words}.items() if value is not None}
+    with pytest.raises(ProblemError, match=says):
+        spin(rotor, 1.0, path=[table])
