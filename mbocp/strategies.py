@@ -5,8 +5,9 @@ Each strategy is frozen, has one method, `run(job)`, and holds those that it run
     Refining            one number of steps after another, until the accuracy is reached
       WarmStart         from the warm start briefly, from the guess, from the warm start at length
         OtherWays       on one way around obstacles, or else on others
-          WithinSteps   once more with limits that hold within steps, where they would not
-            ClearOfObstacles or OneSolve
+          RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
+            WithinSteps with limits that hold within steps
+              ClearOfObstacles or OneSolve
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ from dataclasses import dataclass, replace
 from mbocp.clearing import ClearOfObstacles, OtherWays, after
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
-from mbocp.problem import Problem
-from mbocp.problem.between_nodes import can_hold_within, letter_of
+from mbocp.problem import PathConstraint, Problem
+from mbocp.problem.between_nodes import can_hold_within, is_followed, letter_of
 from mbocp.solution import Solution
+from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
+from mbocp.terms import Braking
 
 _NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
+_ROUNDS = 3  # of solving again with more reserve
+_SPARE, _PARTS = 1e-4, 10  # [rad/s] that a reserve may fall short by between nodes; parts of a step
 _FROM_START = 40  # iterations from a warm start, before other guesses: most take less than half of them
 _WITHIN = 250  # iterations with limits within steps, before without: most take less than a fifth of them
 
@@ -34,6 +39,7 @@ def strategy_for(job: Job) -> Strategy:
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
     once = WithinSteps(once) if can_hold_within(problem) else once
+    once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
     strategy = WarmStart(once, OtherWays(once) if has_rows else once)
     if problem.accuracy is None:
         return strategy
@@ -97,6 +103,54 @@ class WithinSteps:
 def _held(job: Job, within: str) -> Job:
     """The job with limits that hold within steps, by their letters."""
     return replace(job, problem=replace(job.problem, limits_within=within))
+
+
+@dataclass(frozen=True)
+class RoomToBrake:
+    """Solve; where a braking joint has less than its reserve between nodes, again with so much more at nodes.
+
+    Attributes
+    ----------
+    once : Strategy
+        For each.
+    """
+
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve up to four times."""
+        solution, problem = self.once.run(job), job.problem
+        for _ in range(_ROUNDS):
+            if job.rough or job.is_late or not solution.is_stationary or not is_followed(problem):
+                break
+            wider = _with_reserves(problem, job.problem, solution)
+            if wider is None:
+                break
+            again = self.once.run(replace(job, problem=wider, start=solution))
+            if not again.is_stationary:
+                return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+            solution, problem = after(solution, again, "reserves at nodes"), wider
+        return solution
+
+
+def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Problem | None:
+    """The problem with more reserve where a motion has less than is asked for; None where it has enough."""
+    model, path = problem.robot.model, list(problem.path)
+    is_enough = True
+    for k, (own, given) in enumerate(zip(problem.path, asked.path, strict=True)):
+        if not isinstance(own, PathConstraint) or own.kind != Braking.kind:
+            continue
+        joint = model.joints[model.frames[own.frame].parentJoint]
+        if joint.nq != 1:
+            continue
+        curve = Curves(solution.t, solution.qs[:, [joint.idx_q]], solution.vs[:, [joint.idx_v]])
+        q, v, *_ = curve.places(_PARTS)[1]
+        missing = Braking.missing_reserve(given, q[:, 0], v[:, 0])
+        if missing > _SPARE:
+            is_enough = False
+            reserve = own.number("reserve") + missing
+            path[k] = replace(own, further={**own.further, "reserve": reserve})
+    return None if is_enough else replace(problem, path=tuple(path))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
@@ -97,6 +98,17 @@ class Braking(PathTerm):
         """The limit behind the name."""
         sides = ("max" if np.isfinite(upper) else "min" for upper in given.upper)
         return tuple(Label(f"{given.name}.{side}", cls.unit) for side in sides)
+
+    @classmethod
+    def missing_reserve(cls, given: PathNumbers, q: Array, v: Array) -> float:
+        """By how much the reserve [rad/s] is too small for angles and velocities, shapes (n,); 0 where it is not."""
+        slowing, reserve = (float(given.number(name)[0]) for name in ("deceleration", "reserve"))
+        found = [0.0]
+        for side, limit in ((1.0, min(given.upper)), (-1.0, max(given.lower))):
+            if np.isfinite(limit):
+                speed, room = side * v + reserve, np.maximum(side * (limit - q), 0.0)
+                found.append(float(np.where(speed > 0.0, speed - np.sqrt(2.0 * slowing * room), 0.0).max()))
+        return max(found)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Angles at which it would stand [rad]."""

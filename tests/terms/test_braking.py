@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.job import Job
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.solution.curves import Curves
+from mbocp.strategies import OneSolve
+from mbocp.terms import Braking
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -94,3 +98,35 @@ def test_a_joint_that_slides_is_refused() -> None:
     name = next(label.name for label in robot.v_labels if label.unit == "m/s")
     with pytest.raises(ProblemError, match="no joint with one angle"):
         Problem.create(robot, 1.0, 10, path=[{**BRAKING, "frame": name}])
+
+
+def test_it_holds_between_nodes_too() -> None:
+    """Where long steps cut a corner, nodes get more reserve until the cubics between them keep it."""
+    robot = mbocp.load_robot("double_pendulum", damping=False)
+    braking = {**BRAKING, "reserve": 0.0, "min": -9.0}
+    problem = Problem.create(
+        robot,
+        {"min": 0.2, "max": 4.0},
+        16,
+        start={"q": [-1.0, 0.0]},
+        goal={"q": [0.9, 0.0], "v": 0},
+        cost={"time": 1.0, "effort": 1e-4},
+        limits={"acceleration": 12.0, "velocity": 2.0},
+        path=[braking],
+    )
+    s = mbocp.solve(problem, check=True)
+    alone = OneSolve().run(Job.of(problem))
+    missing = [
+        Braking.missing_reserve(problem.path[0], *(x[:, 0] for x in curves_of(one).places(20)[1][:2]))
+        for one in (alone, s)
+    ]
+    assert missing[0] > 0.01
+    assert missing[1] <= 2e-4
+    assert alone.duration < s.duration < 1.1 * alone.duration
+    assert any(phase.name == "reserves at nodes" for phase in s.phases)
+    (constraint,) = s.load_problem().path
+    assert constraint.number("reserve") == pytest.approx([0.0])
+
+
+def curves_of(s: mbocp.Solution) -> Curves:
+    return Curves(s.t, s.qs, s.vs)
