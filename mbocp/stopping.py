@@ -88,7 +88,12 @@ def _state(motion: Any, at: float | None, said: dict[str, Array]) -> dict[str, A
     if not motion.t[0] <= at <= motion.t[-1]:
         raise InvalidValue("at", at, f"a time from {motion.t[0]:g} to {motion.t[-1]:g} s")
     n = int(np.searchsorted(motion.t, at * (1.0 + 1e-12), side="right")) - 1
-    return {"q": np.asarray(motion.qs[n]), "v": np.asarray(motion.vs[n]), "a": motion.acceleration_at(n), **said}
+    return {
+        "q": np.asarray(motion.qs[n]),
+        "v": np.asarray(motion.vs[n]),
+        "a": motion.acceleration_at(n),
+        **said,
+    }
 
 
 def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:

@@ -76,7 +76,9 @@ class WithinSteps:
         """Solve up to four times."""
         if "a" not in can_hold_within(job.problem) or job.rough:
             return self._solve_in_turn(job)
-        solution = self.once.run(replace(_held(job, can_hold_within(job.problem)), brief=job.brief or _WITHIN))
+        solution = self.once.run(
+            replace(_held(job, can_hold_within(job.problem)), brief=job.brief or _WITHIN)
+        )
         if solution.is_stationary or solution.status.is_stopped or job.is_late:
             return solution
         return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
@@ -138,7 +140,9 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
     model, path = problem.robot.model, list(problem.path)
     is_enough = True
     for k, (own, given) in enumerate(zip(problem.path, asked.path, strict=True)):
-        if not isinstance(own, PathConstraint) or own.kind != Braking.kind:
+        if not (isinstance(own, PathConstraint) and isinstance(given, PathConstraint)):
+            continue
+        if own.kind != Braking.kind:
             continue
         joint = model.joints[model.frames[own.frame].parentJoint]
         if joint.nq != 1:

@@ -410,7 +410,7 @@ def export(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="cubic or quintic, between the nodes. [default: for ros2 quintic if it keeps limits, else cubic]",
+            help="cubic or quintic, between the nodes. [default: cubic; for ros2 quintic]",
         ),
     ] = None,
     fit: Annotated[

@@ -48,8 +48,8 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
     path.write_text(first_file(robot, table, path), encoding="utf-8")
     if options.dynamics is False:
         typer.echo(
-            f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is known of "
-            "its torques",
+            f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is "
+            "known of its torques",
             err=True,
         )
     if _only_rotors(robot) and options.free_flyer is None:

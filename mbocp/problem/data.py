@@ -293,7 +293,7 @@ class ProblemData:
 
     @property
     def sets_acceleration(self) -> BoolArray:
-        """Accelerations that the last step is to have as the goal says, shape (nv,): limits of jerk do more."""
+        """Accelerations of the last step that the goal asks for, shape (nv,), but for limits of jerk."""
         found: BoolArray = self.goal.a_active & ~self.limits_of_ends[1].finite("j")
         return found
 

@@ -27,7 +27,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.linalg import solve_banded
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array, BoolArray, IntArray
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
@@ -77,12 +77,14 @@ class Curves:
     def places(self, parts: int) -> tuple[Array, Derivatives]:
         """Times, and derivatives, at both ends of each step and between them."""
         steps = np.repeat(np.flatnonzero(np.diff(self.nodes) > 0.0), parts + 1)
-        shares = np.resize(np.linspace(0.0, 1.0, parts + 1), len(steps))
+        shares = np.tile(np.linspace(0.0, 1.0, parts + 1), len(steps) // (parts + 1))
         return self.nodes[steps] + shares * self._lengths()[steps], self._in_steps(steps, shares)
 
-    def steps_of(self, times: Array) -> Array:
+    def steps_of(self, times: Array) -> IntArray:
         """Number of the step in which each time is; of two at an impact the later."""
-        found: Array = np.clip(np.searchsorted(self.nodes, times, side="right") - 1, 0, len(self.nodes) - 2)
+        found: IntArray = np.clip(
+            np.searchsorted(self.nodes, times, side="right") - 1, 0, len(self.nodes) - 2
+        )
         lengths = np.diff(self.nodes)
         while (lengths[found] == 0.0).any() and (found > 0).any():  # an impact at the end
             found = np.where(lengths[found] == 0.0, np.maximum(found - 1, 0), found)
@@ -118,11 +120,11 @@ class Curves:
         return np.where(lengths > 0.0, lengths, 1.0)
 
     def _leads(self, times: Array, width: float) -> tuple[Array, Array]:
-        """By how much positions and velocities lead those of a time earlier, over that time; at rest outside."""
+        """By how much positions and velocities lead those of a time before, by that time; at rest outside."""
         late, early = (self.at(np.clip(one, self.nodes[0], self.nodes[-1])) for one in (times, times - width))
         return (late[0] - early[0]) / width, (late[1] - early[1]) / width
 
-    def _in_steps(self, step: Array, shares: Array) -> Derivatives:
+    def _in_steps(self, step: IntArray, shares: Array) -> Derivatives:
         h, s, c = self._lengths()[step][:, None], shares[:, None], self._coefficients(step)
         found = []
         for order in range(4):
@@ -133,7 +135,7 @@ class Curves:
             found.append(sum(terms, start=np.zeros_like(c[0])) / h**order)
         return found[0], found[1], found[2], found[3]
 
-    def _coefficients(self, step: Array) -> tuple[Array, ...]:
+    def _coefficients(self, step: IntArray) -> tuple[Array, ...]:
         """Of the powers of the share of a step."""
         h = self._lengths()[step][:, None]
         q0, v0, v1 = self.q[step], h * self.v[step], h * self.v[step + 1]

@@ -69,8 +69,8 @@ def export_motion(
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
     interpolation : {"cubic", "quintic"}, optional
-        Between the nodes. Default: cubics; for ROS 2, whose controllers put the same between points, quintics,
-        or cubics where jerks are free and quintics leave limits that cubics keep.
+        Between the nodes. Default: cubics; for ROS 2, whose controllers put the same between points,
+        quintics, or cubics where jerks are free and quintics leave limits that cubics keep.
     fit : bool
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
 

@@ -163,8 +163,7 @@ def _bounds_within(
 ) -> dict[str, tuple[str, str, float, float, str]]:
     """What limits of a velocity or acceleration say where they hold within steps."""
     return {
-        name_at(key, name, place): (key, f"{name} {place}", low, high, unit)
-        for place in PLACES.get(key, ())
+        name_at(key, name, place): (key, f"{name} {place}", low, high, unit) for place in PLACES.get(key, ())
     }
 
 

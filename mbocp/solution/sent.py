@@ -129,11 +129,11 @@ def motion_as_sent(
     ----------
     solution : Solution
     rate : float, optional
-        Samples a second [1/s]; the nodes by default. Where the controller joins them nodes are among them, else
+        Samples a second [1/s]; the nodes by default. Where a controller joins them nodes are among them; else
         a motion that is fitted takes a whole number of them.
     interpolation : {"cubic", "quintic"}, optional
-        Between the nodes. Default: cubics; where the controller joins samples quintics, or cubics where jerks
-        are free and quintics leave limits that cubics keep.
+        Between the nodes. Default: cubics; where the controller joins samples quintics, or cubics where
+        jerks are free and quintics leave limits that cubics keep.
     is_joined : bool
         Whether the controller puts the same polynomials between samples.
     fit : bool
@@ -216,8 +216,8 @@ class _Fitting:
     @property
     def has_jerk(self) -> BoolArray:
         """Which joints have a limit of jerk."""
-        bounds = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
-        found: BoolArray = np.isfinite(bounds).any(axis=0)
+        lower, upper = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
+        found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
         return found
 
     def as_asked(self) -> Curves:
@@ -245,7 +245,7 @@ class _Fitting:
         return asked, 0.0, 1.0
 
     def _mean(self) -> tuple[Curves, float]:
-        """The moving mean over the least time [s] that keeps the limits of jerks; over the longest at worst."""
+        """The moving mean over the least time [s] that keeps limits of jerks; over the longest at worst."""
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
         width, most = _PART * float((largest / sides).max()), _MOST * self.cubics.nodes[-1]

@@ -101,7 +101,7 @@ class Braking(PathTerm):
 
     @classmethod
     def missing_reserve(cls, given: PathNumbers, q: Array, v: Array) -> float:
-        """By how much the reserve [rad/s] is too small for angles and velocities, shapes (n,); 0 where it is not."""
+        """By how much the reserve is too small for angles and velocities, shapes (n,), 0 or above [rad/s]."""
         slowing, reserve = (float(given.number(name)[0]) for name in ("deceleration", "reserve"))
         found = [0.0]
         for side, limit in ((1.0, min(given.upper)), (-1.0, max(given.lower))):

@@ -41,7 +41,9 @@ class Motor(PathTerm):
         stall: Annotated[
             Bound, Key('kind `"motor"`: the torque of a joint, `frame`, at rest', "N m", "required")
         ] = None
-        no_load: Annotated[Bound, Key("of a motor: the speed at which no torque is left", "rad/s", "required")] = None
+        no_load: Annotated[
+            Bound, Key("of a motor: the speed at which no torque is left", "rad/s", "required")
+        ] = None
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:

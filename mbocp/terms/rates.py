@@ -127,7 +127,7 @@ class JerkLimit(RateTerm):
     letter = "j"
     over = "v"
     per = 2
-    remembers = ("acceleration", "jerk")
+    remembers: ClassVar[tuple[str, ...]] = ("acceleration", "jerk")
     needs_joints = True
 
     def values(self, at: Point) -> ca.SX:
@@ -139,7 +139,7 @@ class JerkLimit(RateTerm):
 class JerkAtEnd(JerkLimit):
     """Change of the mean acceleration of the last step to that at the end, in half the step."""
 
-    remembers = ("acceleration",)
+    remembers: ClassVar[tuple[str, ...]] = ("acceleration",)
 
     @property
     def signature(self) -> dict[str, Any]:

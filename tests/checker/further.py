@@ -155,7 +155,9 @@ def _rates(system: System, task: Task, motion: Motion, layout: Layout) -> Iterat
             weights = (1.0, -2.0, 1.0) if n > 1 else (2.0,)  # a_1/(dt/2) in the first step
             places = [(at[n - 1 - k], w / dt**2) for k, w in enumerate(weights) if n - 1 - k >= 0]
             rates = _Rates("jerk", n, joints, task.jerk, 2)
-            yield from rates.bounds((a[n] - a[n - 1]) / (dt if n > 1 else dt / 2), places, task, motion, layout)
+            yield from rates.bounds(
+                (a[n] - a[n - 1]) / (dt if n > 1 else dt / 2), places, task, motion, layout
+            )
         if task.jerk is not None and n == N and task.ends_at_rest:
             places = [(at[n - 1], -2.0 / dt**2), *([(at[n - 2], 2.0 / dt**2)] if n > 1 else [])]
             rates = _Rates("jerk", n, joints, task.jerk, 2, " at the end")

@@ -1,1 +1,1 @@
-"""Motions as they are sent: written, read back without mbocp, and compared with the exact optimum of joints."""
+"""Motions as they are sent: written, read back without mbocp, compared with the exact optimum of joints."""

@@ -20,7 +20,9 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1000, help="of each robot")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--torques", action="store_true", help="with limits of torques, which Ruckig has none of")
+    parser.add_argument(
+        "--torques", action="store_true", help="with limits of torques, which Ruckig has none of"
+    )
     parser.add_argument("-o", "--out", type=Path, default=Path("build/sent.jsonl"), help="rows; resumed")
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
@@ -34,7 +36,10 @@ def main() -> int:
                 rows.append(row)
                 file.write(json.dumps(row) + "\n")
                 file.flush()
-    print("| robot | motions | converged | seconds: median, 90 % | sent, above the exact optimum: least, median, 90 %, most | largest violation |")
+    print(
+        "| robot | motions | converged | seconds: median, 90 % "
+        "| sent, above the exact optimum: least, median, 90 %, most | largest violation |"
+    )
     print("|---|---|---|---|---|---|")
     is_good = True
     for name in options.robots:
@@ -46,7 +51,8 @@ def main() -> int:
         is_good &= worst[0] <= TOLERANCE and (options.torques or above.min() >= 0.0)
         print(
             f"| {name} | {len(own)} | {len(good)} | {seconds[0]:.2f}, {seconds[1]:.2f} | {above.min():.2%}, "
-            f"{np.median(above):.2%}, {np.quantile(above, 0.9):.2%}, {above.max():.2%} | {worst[0]:.1e} ({worst[1]}, {worst[2]}) |"
+            f"{np.median(above):.2%}, {np.quantile(above, 0.9):.2%}, {above.max():.2%} "
+            f"| {worst[0]:.1e} ({worst[1]}, {worst[2]}) |"
         )
     return 0 if is_good else 1
 

@@ -42,7 +42,13 @@ def problem_of(name: str, seed: int, *, with_torques: bool) -> Problem:
     if not with_torques:
         limits = {**limits, "effort": False, **({"effort_rate": False} if name == "fr3" else {})}
     return Problem.create(
-        robot, {"min": 0.2, "max": 5.0}, STEPS, start={"q": start}, goal={"q": goal, "v": 0}, limits=limits, cost=LEAST
+        robot,
+        {"min": 0.2, "max": 5.0},
+        STEPS,
+        start={"q": start},
+        goal={"q": goal, "v": 0},
+        limits=limits,
+        cost=LEAST,
     )
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
+import tomllib
 
 _COLUMN = re.compile(r"([qva]):(\S+) \[")
 
@@ -16,7 +16,7 @@ _KINDS = ("position", "velocity", "acceleration", "jerk")
 
 
 def limits_of(profile: Path, **more: float) -> dict[str, np.ndarray]:
-    """Limits of a robot's maker, shape (2, joints) [rad, s], by kind; position-dependent speeds as "braking"."""
+    """Limits of a robot's maker by kind, shape (2, joints) [rad, s]; speeds by position as "braking"."""
     table = {**tomllib.loads(profile.read_text()), **more}
     count, scale = len(table["joints"]), np.pi / 180.0 if table.get("degrees") else 1.0
     sides = {}
@@ -59,9 +59,11 @@ def _beyond_braking(q: np.ndarray, v: np.ndarray, limits: dict[str, np.ndarray])
 
 
 def violation_of_points(file: Path, limits: dict[str, np.ndarray], parts: int = 50) -> dict[str, float]:
-    """The same of a JointTrajectory, between whose points controllers put polynomials of third or fifth degree."""
+    """The same of a JointTrajectory: controllers put polynomials of degree three or five between points."""
     t, points = _points(file)
-    derivatives = [np.array(points[key]) for key in ("positions", "velocities", "accelerations") if points[key]]
+    derivatives = [
+        np.array(points[key]) for key in ("positions", "velocities", "accelerations") if points[key]
+    ]
     found = dict.fromkeys((kind for kind in limits if kind in _KINDS), 0.0)
     powers = np.arange(2 * len(derivatives))
     for k, h in enumerate(np.diff(t)):
@@ -85,7 +87,11 @@ def violation_of_points(file: Path, limits: dict[str, np.ndarray], parts: int = 
 def ends_of_points(file: Path) -> tuple[float, float]:
     """The largest velocity and acceleration of the first and the last point."""
     _, points = _points(file)
-    largest = [max(np.abs(points[key][n]).max() for n in (0, -1)) for key in ("velocities", "accelerations") if points[key]]
+    largest = [
+        max(np.abs(points[key][n]).max() for n in (0, -1))
+        for key in ("velocities", "accelerations")
+        if points[key]
+    ]
     return largest[0], largest[1] if len(largest) > 1 else float("nan")
 
 

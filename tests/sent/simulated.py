@@ -42,7 +42,9 @@ def simulate(urdf: Path, file: Path, *, has_torques: bool) -> float:
     for n in range(len(q) - 1):
         mujoco.mj_fullM(model, data, inertia)
         size = np.diag(inertia)[dofs]
-        torque = size * (STIFFNESS**2 * (q[n] - data.qpos[where]) + 2 * RATIO * STIFFNESS * (v[n] - data.qvel[dofs]))
+        torque = size * (
+            STIFFNESS**2 * (q[n] - data.qpos[where]) + 2 * RATIO * STIFFNESS * (v[n] - data.qvel[dofs])
+        )
         data.qfrc_applied[dofs] = torque + (u[n] if has_torques else 0.0)
         mujoco.mj_step(model, data, PARTS)
         worst = max(worst, float(np.abs(data.qpos[where] - q[n + 1]).max()))
@@ -59,7 +61,7 @@ def _without_shapes(text: str) -> str:
     """The URDF without what is drawn and touched, whose files are elsewhere."""
     for tag in ("visual", "collision", "transmission", "gazebo"):
         text = re.sub(rf"<{tag}\b.*?</{tag}>", "", text, flags=re.DOTALL)
-    return text.replace("<robot ", '<robot xmlns:m="mujoco" ', 1) if False else text
+    return text
 
 
 def main() -> int:
@@ -78,9 +80,11 @@ def main() -> int:
             assert problem.robot.source is not None
             both = [simulate(problem.robot.source, file, has_torques=has) for has in (True, False)]
             errors.append(both)
-            print(f"{seed}: {solution.status}, {1e3 * both[0]:.3f} mrad with torques, {1e3 * both[1]:.3f} without", flush=True)
-    median, most = np.median(errors, axis=0), np.max(errors, axis=0)
-    print(f"median {1e3 * median[0]:.3g} and {1e3 * median[1]:.3g}, most {1e3 * most[0]:.3g} and {1e3 * most[1]:.3g} mrad")
+            print(
+                f"{seed}: {solution.status}, {1e3 * both[0]:.3f} mrad with torques, {1e3 * both[1]:.3f} not",
+                flush=True,
+            )
+    print(f"median {1e3 * np.median(errors, axis=0)} mrad, most {1e3 * np.max(errors, axis=0)}")
     return 0
 
 

@@ -81,7 +81,9 @@ def test_with_limits_of_jerks_and_a_free_duration(scheme: str) -> None:
     own, ipopt = (solved(pendulum(limits=limits, **words), m) for m in ("monolithic", "ipopt"))
     assert own.duration == pytest.approx(ipopt.duration, rel=1e-5)
     half = own.duration / own.num_steps / 2.0
-    assert np.abs(last(own)).max() <= 100.0 * half * (1.0 + 1e-6)  # none is left at the end, after half a step
+    assert np.abs(last(own)).max() <= 100.0 * half * (
+        1.0 + 1e-6
+    )  # none is left at the end, after half a step
     assert np.abs(last(own)).max() >= 100.0 * half * (1.0 - 1e-4)
     free = solved(pendulum({"q": GOAL["q"], "v": 0.0, "a": "free"}, limits=limits, **words))
     assert free.duration < own.duration

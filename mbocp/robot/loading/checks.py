@@ -30,9 +30,10 @@ class SingularMassMatrix(UnsupportedRobot):
         self.robot, self.joints, self.eigenvalue, self.are_all = robot, tuple(joints), eigenvalue, are_all
         named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
         if are_all:
-            named, remedy = "any joint", (
-                "Give its links masses and inertias, <inertial> in a URDF; or say dynamics = false: then controls "
-                "are accelerations"
+            named = "any joint"
+            remedy = (
+                "Give its links masses and inertias, <inertial> in a URDF; or say dynamics = false: then "
+                "controls are accelerations"
             )
         else:
             lock = f"lock {them}: lock = {json.dumps(joints)}"

@@ -1,8 +1,8 @@
 """Robots without dynamics: joints follow their controls, which are their accelerations.
 
-Many URDFs have no inertias. Such a robot moves within limits of positions, speeds, accelerations and jerks all
-the same: its links have no mass, and each joint a rotor of 1 kg m^2 (1 kg where it slides), so that M = 1 and
-a = u. Costs of effort are those of accelerations.
+Many URDFs have no inertias. Such a robot moves within limits of positions, speeds, accelerations and jerks
+all the same: its links have no mass, and each joint a rotor of 1 kg m^2 (1 kg where it slides), so that M = 1
+and a = u. Costs of effort are those of accelerations.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ def without_dynamics(found: Description) -> Description:
     model = found.model.copy()
     several = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv > 1]
     if several:
-        _refuse(found, f"joint {several[0]!r} has several velocities, and no motor for each; fix it, or lock it")
+        _refuse(
+            found, f"joint {several[0]!r} has several velocities, and no motor for each; fix it, or lock it"
+        )
     for key, rows in (("spring", found.table.springs), ("spring_damper", found.table.spring_dampers)):
         if rows:
             _refuse(found, f"a {key} acts on masses, and there are none; leave one of the two out")

@@ -155,8 +155,8 @@ def load_parts(
         Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
         ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
         its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
-        lock, actuated, mimic, dynamics, damping, friction, friction_speed, package_dirs and payload. In place of
-        ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
+        lock, actuated, mimic, dynamics, damping, friction, friction_speed, package_dirs and payload. In place
+        of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
         ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
     lock : mapping or sequence of str, optional
         More joints to make rigid, by their names in the whole.
@@ -213,8 +213,8 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        dynamics, damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to call it.
-        Or ``part`` and the options of `load_parts`.
+        dynamics, damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to
+        call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 

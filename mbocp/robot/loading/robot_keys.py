@@ -49,7 +49,14 @@ Number = Annotated[float, Kind("number", finite_number, float)]
 Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
 
 _OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
-OF_FILES = ("free_flyer", "mimic", "dynamics", "damping", "friction", "friction_speed")  # how one file is read
+OF_FILES = (
+    "free_flyer",
+    "mimic",
+    "dynamics",
+    "damping",
+    "friction",
+    "friction_speed",
+)  # how one file is read
 _OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
 

@@ -19,9 +19,12 @@ pytestmark = pytest.mark.usefixtures("interpreted")
 
 LIMIT = '<limit lower="-2" upper="2" effort="30" velocity="2"/><dynamics damping="3"/>'
 ARM = f"""<robot name="bare"><link name="base"/><link name="upper"/><link name="fore"/><link name="tool"/>
-<joint name="lift" type="prismatic"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>{LIMIT}</joint>
-<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><axis xyz="0 1 0"/>{LIMIT}</joint>
-<joint name="end" type="fixed"><parent link="fore"/><child link="tool"/><origin xyz="0.5 0 0"/></joint></robot>"""
+<joint name="lift" type="prismatic"><parent link="base"/><child link="upper"/>
+<axis xyz="0 0 1"/>{LIMIT}</joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+<axis xyz="0 1 0"/>{LIMIT}</joint>
+<joint name="end" type="fixed"><parent link="fore"/><child link="tool"/>
+<origin xyz="0.5 0 0"/></joint></robot>"""
 LEAST = {"time": 1.0, "effort": 1e-6}
 
 
@@ -81,7 +84,10 @@ def test_files_say_it(arm: Path, tmp_path: Path) -> None:
     assert mbocp.load_robot(toml).nu == 2
     with pytest.raises(SingularMassMatrix):
         mbocp.load_robot(toml, dynamics=True)
-    text = f'robot = {{ name = "{arm}", dynamics = false }}\n[horizon]\nduration = 1\nsteps = 5\n[goal]\nq = [0.1, 0.1]\n'
+    text = (
+        f'robot = {{ name = "{arm}", dynamics = false }}\n'
+        "[horizon]\nduration = 1\nsteps = 5\n[goal]\nq = [0.1, 0.1]\n"
+    )
     problem = parse_problem(text)
     again = parse_problem(problem_to_toml(problem))
     assert again.robot.fingerprint == problem.robot.fingerprint

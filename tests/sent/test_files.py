@@ -1,0 +1,80 @@
+"""A few of the motions of `python -m tests.sent`, and what its reader finds where there is something."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.sent.cases import ROBOTS, TOLERANCE, row_of
+from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+LIMITS = {"position": np.array([[-3.0], [3.0]]), "velocity": np.array([[-2.0], [2.0]])}
+LIMITS |= {"acceleration": np.array([[-9.0], [9.0]]), "jerk": np.array([[-70.0], [70.0]])}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_nothing_is_left_as_it_is_sent(name: str, seed: int) -> None:
+    row = row_of(name, seed)
+    assert row["status"] == "converged"
+    assert max(row["violations"].values()) <= TOLERANCE
+    assert 1.0 <= row["sent"] / row["least"] < 1.03
+    assert row["end_speed"] < 1e-6
+    if name == "fr3":
+        assert row["end_acceleration"] < 1e-4
+
+
+def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sine of 1 rad and 2 s: at most pi rad/s, 9.87 rad/s^2, 31 rad/s^3."""
+    w = np.pi
+    return np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)
+
+
+def test_the_reader_finds_what_samples_leave(tmp_path: Path) -> None:
+    t = np.arange(0.0, 1.0005, 1e-3)
+    file = tmp_path / "samples.csv"
+    rows = "\n".join(f"{x},{q}" for x, q in zip(t.tolist(), swing(t)[0].tolist(), strict=True))
+    file.write_text(f"t [s],q:j [rad]\n{rows}\n")
+    found = violation_of_samples(file, 1000.0, LIMITS)
+    assert found["position"] == 0.0
+    assert found["velocity"] == pytest.approx(np.pi / 2.0 - 1.0, rel=1e-3)
+    assert found["acceleration"] > 100.0  # from rest at full speed
+    assert found["jerk"] > 100.0
+
+
+def test_the_reader_finds_what_points_leave_between_them(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 1.0, 11)
+    q, v, a = swing(t)
+    lines = ["joint_names: [j]", "points:"]
+    for k, time in enumerate(t):
+        seconds, rest = divmod(round(1e9 * time), 10**9)
+        lines += [f"- positions: [{q[k]}]", f"  velocities: [{v[k]}]", f"  accelerations: [{a[k]}]"]
+        lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}")
+    file = tmp_path / "points.yaml"
+    file.write_text("\n".join(lines))
+    found = violation_of_points(file, LIMITS)
+    assert found["velocity"] == pytest.approx(np.pi / 2.0 - 1.0, rel=1e-3)
+    assert found["acceleration"] == pytest.approx(np.pi**2 / 9.0 - 1.0, rel=1e-2)
+    assert found["jerk"] == 0.0
+    assert ends_of_points(file)[0] == pytest.approx(np.pi)
+    file.write_text("\n".join(line for line in lines if "accelerations" not in line))
+    assert violation_of_points(file, LIMITS)["jerk"] == float("inf")
+
+
+def test_limits_are_those_of_the_profile() -> None:
+    from tests.sent.cases import PROFILES
+
+    found = limits_of(PROFILES / "ur5e.toml", acceleration=15.0)
+    assert found["velocity"][1] == pytest.approx(np.full(6, np.pi))
+    assert found["acceleration"][0] == pytest.approx(np.full(6, -15.0))
+    assert set(limits_of(PROFILES / "fr3.toml")) == {
+        "position",
+        "velocity",
+        "acceleration",
+        "jerk",
+        "braking",
+    }
