@@ -36,7 +36,7 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import export_motion, format_of
+    from mbocp.solution.formats import format_of, sent_by, write_sent
     from mbocp.solution.sampled import sample
 
     name = format_of(output, kind)
@@ -45,7 +45,8 @@ def export_result(
             output, f"-o: there is no folder {show(str(output.parent))}, or it is one itself"
         )
     solution = Solution.load(result)
-    sent = export_motion(solution, output, kind=name, rate=rate, interpolation=interpolation, fit=fit)[1]
+    sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    write_sent(sent, output, name)
     motion = sample(sent)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)

@@ -56,7 +56,7 @@ def export_motion(
     rate: float | None = None,
     interpolation: str | None = None,
     fit: bool = True,
-) -> tuple[Path, Sent]:
+) -> Path:
     """Write the motion of the joints that slide or turn about an axis.
 
     Parameters
@@ -74,12 +74,6 @@ def export_motion(
     fit : bool
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
 
-    Returns
-    -------
-    path : Path
-    sent : Sent
-        What was written.
-
     Raises
     ------
     InvalidValue
@@ -89,10 +83,27 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
+    return write_sent(sent_by(name, solution, rate, interpolation, fit=fit), path, name)
+
+
+def sent_by(
+    name: str, solution: SolutionData, rate: float | None, interpolation: str | None, *, fit: bool
+) -> Sent:
+    """What a format sends of a motion, as `export_motion` asks for it."""
     rate = _UR_RATE if name == "urscript" and rate is None else rate
-    sent = motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
+    return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
+
+
+def write_sent(sent: Sent, path: Path, name: str) -> Path:
+    """Write what is sent in a format.
+
+    Raises
+    ------
+    ResultFileError
+        If the robot does not fit the format, or the file cannot be written.
+    """
     try:
-        return replace_file(path, FORMATS[name](sample(sent), solution)), sent
+        return replace_file(path, FORMATS[name](sample(sent), sent.solution))
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
 

@@ -219,7 +219,7 @@ class Solution(SolutionData):
         """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
         from mbocp.solution.formats import export_motion
 
-        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation, fit=fit)[0]
+        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation, fit=fit)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
-import tomllib
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 _COLUMN = re.compile(r"([qva]):(\S+) \[")
-
-
 _KINDS = ("position", "velocity", "acceleration", "jerk")
 
 
