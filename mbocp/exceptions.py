@@ -38,6 +38,10 @@ class MbocpError(Exception):
     def __init__(self, *words: Any) -> None:
         super().__init__(*(shorten(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As they are, and not by their constructors: errors of other processes arrive as they were raised."""
+        return _restore, (type(self), self.args), self.__dict__
+
     @property
     def key(self) -> str | None:
         """Key of a file, or argument of a function, that the error is about; None where it names none."""
@@ -50,6 +54,12 @@ class MbocpError(Exception):
         """Put the name of the file in front of the message."""
         self._key = self.key
         self.args = (f"{path}: {self}",)
+
+
+def _restore(kind: type[MbocpError], words: tuple[Any, ...]) -> MbocpError:
+    error = kind.__new__(kind)
+    error.args = words
+    return error
 
 
 class Unreadable(MbocpError):

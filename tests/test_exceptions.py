@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,6 +23,7 @@ from mbocp.exceptions import (
 )
 
 ARM = 'robot = "double_pendulum"\n[horizon]\nduration = 1\nsteps = 4\n[goal]\n'
+from mbocp.problem import parse_problem
 
 
 @pytest.mark.parametrize(
@@ -61,3 +64,34 @@ def test_errors_of_files_have_kind_and_key(
     assert caught.value.key == key
     told = json.loads(CliRunner().invoke(app, ["solve", str(tmp_path / "arm.toml"), "--json"]).stdout)
     assert (told["error"], told["key"]) == (kind.__name__, key)
+
+
+def subclasses_of(kind: type[MbocpError]) -> list[type[MbocpError]]:
+    return [kind, *(one for sub in kind.__subclasses__() for one in subclasses_of(sub))]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: mbocp.load_robot("no_such_robot"),
+        lambda: mbocp.load_robot("ur5", lock={"no_joint": 1.0}),
+        lambda: parse_problem("robot = 1"),
+        lambda: parse_problem("nonsense"),
+        lambda: mbocp.Problem.create("double_pendulum", 1.0, 5, start={"q": [1.0]}),
+        lambda: mbocp.Problem.create("double_pendulum", 1.0, 5, start={"q": [1.0, float("nan")]}),
+    ],
+)
+def test_errors_of_other_processes_arrive_as_they_were(make: Callable[[], object]) -> None:
+    with pytest.raises(MbocpError) as caught:
+        make()
+    error = caught.value
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error)
+    assert (str(again), again.key, vars(again)) == (str(error), error.key, vars(error))
+
+
+def test_all_kinds_of_errors_can_be_sent() -> None:
+    for kind in subclasses_of(MbocpError):
+        error = kind.__new__(kind)
+        error.args = ("words",)
+        assert str(pickle.loads(pickle.dumps(error))) == str(error)

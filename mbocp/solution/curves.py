@@ -31,7 +31,7 @@ from mbocp._arrays import Array, BoolArray, IntArray
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
-_AT_REST = 1e-9  # [rad/s, m/s]
+_AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 # By which nodes of a mean are apart, a part of its width at most: jerks have round-off by the cube of it.
 _NEAREST, _PART = 5e-5, 0.1  # [s], 1
@@ -103,6 +103,7 @@ class Curves:
         """The moving mean over a time [s] of cubics from rest to rest, longer by that time."""
         nodes = np.unique(np.concatenate([self.nodes, self.nodes + width]))  # the mean ends at its time
         nodes = nodes[np.diff(nodes, prepend=-np.inf) > min(_PART * width, _NEAREST)]
+        nodes[-1] = self.nodes[-1] + width
         lengths = np.diff(nodes)
         # Between two nodes the speed is cubic: two places integrate it.
         within = [nodes[:-1] + share * lengths for share in _GAUSS]

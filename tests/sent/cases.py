@@ -34,7 +34,7 @@ def problem_of(name: str, seed: int, *, with_torques: bool) -> Problem:
     rng = np.random.default_rng([seed, sorted(ROBOTS).index(name)])
     if name == "ur5e":
         start = rng.uniform(-2.0, 2.0, 6)
-        goal = start + rng.uniform(-1.5, 1.5, 6)
+        goal = np.clip(start + rng.uniform(-1.5, 1.5, 6), -3.0, 3.0)
     else:
         sides = limits_of(PROFILES / "fr3.toml")["position"]
         middle, half = sides.mean(axis=0), np.diff(sides, axis=0)[0] / 2.0
