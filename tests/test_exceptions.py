@@ -21,9 +21,9 @@ from mbocp.exceptions import (
     UnknownFrame,
     UnknownJoint,
 )
+from mbocp.problem import parse_problem
 
 ARM = 'robot = "double_pendulum"\n[horizon]\nduration = 1\nsteps = 4\n[goal]\n'
-from mbocp.problem import parse_problem
 
 
 @pytest.mark.parametrize(
