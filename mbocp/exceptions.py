@@ -39,7 +39,7 @@ class MbocpError(Exception):
         super().__init__(*(shorten(w, MAX_MESSAGE) if isinstance(w, str) else w for w in words))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """As they are, and not by their constructors: errors of other processes arrive as they were raised."""
+        """As they are, not by their constructors: errors of other processes arrive as they were raised."""
         return _restore, (type(self), self.args), self.__dict__
 
     @property

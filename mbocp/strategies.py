@@ -142,10 +142,9 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
     for k, (own, given) in enumerate(zip(problem.path, asked.path, strict=True)):
         if not (isinstance(own, PathConstraint) and isinstance(given, PathConstraint)):
             continue
-        if own.kind != Braking.kind:
-            continue
         joint = model.joints[model.frames[own.frame].parentJoint]
-        if joint.nq != 1:
+        holds_always = bool(own.span.nodes(problem.num_steps, problem.dt).all())
+        if own.kind != Braking.kind or joint.nq != 1 or not holds_always:
             continue
         curve = Curves(solution.t, solution.qs[:, [joint.idx_q]], solution.vs[:, [joint.idx_v]])
         q, v, *_ = curve.places(_PARTS)[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -15,7 +16,12 @@ from mbocp.solvers.strategies.phases import Outcome, Phases, Strategy, how_it_en
 from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.strategies.registry import make_solver
 
+# Iterations without progress: many motions within limits go on after forty, and IPOPT takes as long for ten.
+_PATIENCE = 80
 _WITHOUT, _WIDER = " without limits", " with wider limits"  # behind the names of phases
+
+
+_has_stalled = partial(has_stalled, window=_PATIENCE)
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ class AutoWithinLimits:
             found, title = run_interior("ipopt", phases)
             return phases.outcome(found, f"auto: {title}")
         solver = make_solver("monolithic", settings.with_patience())
-        begun = phases.run(solver, "monolithic", phases.guess, should_stop=has_stalled)
+        begun = phases.run(solver, "monolithic", phases.guess, should_stop=_has_stalled)
         if phases.ends_with(begun):
             return phases.outcome(begun, f"auto: {solver.name}")
         return self._go_on(phases, begun, f"auto: {solver.name}")
@@ -102,7 +108,7 @@ def _keep_limits_at_once(phases: Phases, free: SolverResult) -> SolverResult | N
 def _run_newton(phases: Phases, iterate: Iterate) -> SolverResult:
     """Run monolithic Newton while it makes progress."""
     solver = make_solver("monolithic", phases.settings.within(phases.taken))
-    return phases.run(solver, "monolithic", iterate, should_stop=has_stalled)
+    return phases.run(solver, "monolithic", iterate, should_stop=_has_stalled)
 
 
 def _with_all_limits(found: SolverResult | None, before: SolverResult) -> SolverResult:
