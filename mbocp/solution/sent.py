@@ -186,8 +186,12 @@ class _Joints:
         at_accelerations = at_jerks = t
         if curves.accelerations is None:
             times = _times(curves, rate)
-            accelerations, at_accelerations = _differences(curves.at(times)[1], times)
-            jerks, at_jerks = _differences(accelerations, at_accelerations)
+            speeds = curves.at(times)[1]
+            accelerations, at_accelerations = _differences(speeds, times)
+            if rate is not None and curves.is_from_rest_to_rest:  # a sample before, and one after
+                times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
+                speeds = np.vstack([np.zeros_like(speeds[:1]), speeds, np.zeros_like(speeds[:1])])
+            jerks, at_jerks = _differences(*_differences(speeds, times))
         rows = {
             "position": (positions, t),
             "speed": (velocities, t),
