@@ -99,9 +99,18 @@ def can_hold_within(problem: Problem) -> str:
     """Letters of the limits that can be had within steps, too, where the motion is that of cubics.
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
+    Jerks of controls that leap at nodes are no limits of cubics.
     """
     is_cubic = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2 and not problem.robot.drives
-    return "".join(letter for letter in "av" if is_cubic and letter in problem.widest_limits.letters)
+    letters = "ajv" if problem.controls == "linear" and _resolves_jerks(problem) else "av"
+    return "".join(letter for letter in letters if is_cubic and letter in problem.widest_limits.letters)
+
+
+def _resolves_jerks(problem: Problem) -> bool:
+    """Whether limits of jerks lead to the largest accelerations in steps, and not within one alone."""
+    limits = problem.widest_limits
+    most = np.maximum(-limits.a_lower, limits.a_upper)
+    return bool((np.maximum(-limits.j_lower, limits.j_upper) * problem.dt < most).any())
 
 
 def letter_of(excess: str) -> str:

@@ -9,7 +9,8 @@ of length h_n, at every node within the motion
     = \frac{60 d_{n+1}}{h_{n+1}^3} - \frac{36 v_n + 24 v_{n+1}}{h_{n+1}^2}
     - \frac{60 d_n}{h_n^3} + \frac{24 v_{n-1} + 36 v_n}{h_n^2}
 
-The moving mean of cubics over a time w,
+A spline is the cubics whose accelerations are continuous; its velocities differ from the motion's by what
+steps are wrong by. The moving mean of cubics over a time w,
 
 .. math:: \bar q(t) = \frac 1 w \int_{t - w/2}^{t + w/2} q(s) \, ds,
 
@@ -98,6 +99,13 @@ class Curves:
             part = slice(first, last)
             accelerations[part] = _smoothest(self.nodes[part], self.q[part], self.v[part], has_jerk)
         return replace(self, accelerations=accelerations)
+
+    def spline(self) -> Curves:
+        """The cubic spline through the positions, with the velocities of both ends."""
+        from scipy.interpolate import CubicSpline  # slow to import, and wanted where jerks are limited alone
+
+        ends = ((1, self.v[0]), (1, self.v[-1]))
+        return Curves(self.nodes, self.q, CubicSpline(self.nodes, self.q, bc_type=ends)(self.nodes, 1))
 
     def mean(self, width: float) -> Curves:
         """The moving mean over a time [s] of cubics from rest to rest, longer by that time."""

@@ -2,8 +2,9 @@
 
 A motion within its limits at nodes, or all along its cubics, may leave them as it is sent: by quintics that
 swing over, and by accelerations that leap, which no limit of jerk allows. Where it leads from rest to rest
-it is fitted: jerks by a moving mean over the least time that keeps their limits, see `mbocp.solution.curves`;
-what is left by more time, which lowers all speeds, accelerations and jerks. The way stays.
+it is fitted: jerks by a moving mean, see `mbocp.solution.curves`, of its cubics or of the spline through its
+nodes; what is left by more time, which lowers all speeds, accelerations and jerks. Of all means that is taken
+which makes the motion longer by least. The way stays.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ _MOST_SAMPLES = 2_000_000
 _PARTS = 10  # of a step at whose ends limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
 _MOST = 0.1  # of the duration, that a motion is made longer by to fit it
-_PART = 0.1  # of the longest mean that may be asked for: it begins with
+_PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
+_WIDTHS = 24  # of means, each about 1.3 times as long as the one before
+_LEAST_SIZE = 1e-9  # of a limit
 _SAME = 1e-9  # [s]
 _NEAREST = 0.1  # of the time between samples, that they are apart from nodes
 _PLACES = 8  # of a moving mean of controls
@@ -180,8 +183,30 @@ class _Joints:
             return RATE_TERMS[kind].unit(self.units[k])
         return self.units[k] if kind == "speed" else self.units[k].removesuffix("/s")
 
+    def factor(self, curves: Curves, rate: float | None) -> float:
+        """By which curves have to be slower to keep limits of speeds, accelerations, jerks; 1 if they do."""
+        worst, rows = 1.0, self._rows(curves, rate)
+        for kind, power in _POWERS.items():
+            if kind in self.bounds and len(rows[kind][0]):
+                (lower, upper), (values, _) = self.bounds[kind], rows[kind]
+                size = np.abs(np.where(np.isfinite(self.bounds[kind]), self.bounds[kind], 0.0)).max(axis=0)
+                over = np.maximum(lower - values.min(axis=0), values.max(axis=0) - upper)
+                ratio = float((over / np.maximum(size, _LEAST_SIZE)).max())
+                worst = max(worst, (1.0 + ratio) ** (1.0 / power) if ratio > _TOLERANCE else 1.0)
+        return worst
+
     def excesses(self, curves: Curves, rate: float | None) -> tuple[Excess, ...]:
-        """The largest of each limit along curves; accelerations and jerks of cubics are those of samples."""
+        """The largest of each limit along curves."""
+        return tuple(
+            excess
+            for kind, (values, times) in self._rows(curves, rate).items()
+            if kind in self.bounds
+            for k, name in enumerate(self.names)
+            for excess in _over(kind, name, values[:, k], self.bounds[kind][:, k], times, self.unit(kind, k))
+        )
+
+    def _rows(self, curves: Curves, rate: float | None) -> dict[str, tuple[Array, Array]]:
+        """Values and times by kind; accelerations and jerks of cubics are those of samples."""
         t, (positions, velocities, accelerations, jerks) = curves.places(_PARTS)
         at_accelerations = at_jerks = t
         if curves.accelerations is None:
@@ -192,19 +217,12 @@ class _Joints:
                 times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
                 speeds = np.vstack([np.zeros_like(speeds[:1]), speeds, np.zeros_like(speeds[:1])])
             jerks, at_jerks = _differences(*_differences(speeds, times))
-        rows = {
+        return {
             "position": (positions, t),
             "speed": (velocities, t),
             "acceleration": (accelerations, at_accelerations),
             "jerk": (jerks, at_jerks),
         }
-        return tuple(
-            excess
-            for kind, (values, times) in rows.items()
-            if kind in self.bounds
-            for k, name in enumerate(self.names)
-            for excess in _over(kind, name, values[:, k], self.bounds[kind][:, k], times, self.unit(kind, k))
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,31 +252,36 @@ class _Fitting:
 
     def fit(self, asked: Curves) -> tuple[Curves, float, float]:
         """Curves, the time of their moving mean [s], and the factor of their duration; as asked at worst."""
-        curves, mean, slower = asked, 0.0, 1.0
         has_no_means = self.is_joined and self.interpolation == "cubic"
+        curves, mean, slower = asked, 0.0, 1.0
         if self.has_jerk.any() and self._has_excess(asked) and not has_no_means:
-            curves, mean = self._mean()
+            curves, mean = self._smoother()
         while slower * curves.nodes[-1] <= (1.0 + _MOST) * self.cubics.nodes[-1]:
             slower = _whole(slower, curves.nodes[-1], None if self.is_joined else self.rate)
             sent = curves.slow(slower)
-            over = [e for e in self.joints.excesses(sent, self.rate) if e.kind in _POWERS]
-            if not over:
+            factor = self.joints.factor(sent, self.rate)
+            if factor == 1.0:
                 return sent, mean, slower
-            most = max((1.0 + e.ratio) ** (1.0 / _POWERS[e.kind]) for e in over)
-            slower *= (1.0 + _TOLERANCE) * most
+            slower *= (1.0 + _TOLERANCE) * factor
         return asked, 0.0, 1.0
 
-    def _mean(self) -> tuple[Curves, float]:
-        """The moving mean over the least time [s] that keeps limits of jerks; over the longest at worst."""
+    def _smoother(self) -> tuple[Curves, float]:
+        """The moving mean of cubics or a spline that is shortest once it is slow enough, and its time [s]."""
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
-        width, most = _PART * float((largest / sides).max()), _MOST * self.cubics.nodes[-1]
-        while True:
-            mean = self.cubics.mean(width)
-            over = [e.ratio for e in self.joints.excesses(mean, None) if e.kind == "jerk"]
-            if not over or width >= most:
-                return mean, width
-            width = min((1.0 + _TOLERANCE) * (1.0 + max(over)) * width, most)
+        least, most = _PART * float((largest / sides).max()), _MOST * self.cubics.nodes[-1]
+        found = []
+        for base in (self.cubics, self.cubics.spline()):
+            near, far = min(least, 0.5 * most), most
+            for _ in range(2):  # coarsely, and about the best
+                widths = np.geomspace(near, far, _WIDTHS)
+                means = [base.mean(width) for width in widths]
+                durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
+                k = int(np.argmin(durations))
+                found.append((durations[k], means[k], float(widths[k])))
+                near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
+        _, curves, width = min(found, key=lambda one: one[0])
+        return curves, width
 
     def _has_excess(self, curves: Curves) -> bool:
         return bool(self.joints.excesses(curves, self.rate))
@@ -318,7 +341,7 @@ def _whole(slower: float, duration: float, rate: float | None) -> float:
 
 
 def _over(kind: str, name: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[Excess]:
-    size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), 1e-9)
+    size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), _LEAST_SIZE)
     for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
         if math.isfinite(bound) and over.size:
             worst = int(np.argmax(over))

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 RATE_TERMS: dict[str, type[RateTerm]] = {}  # by key, in the order in which they are documented
 
 
+AT_END = "at the end"
 PLACES = {  # where limits may hold beside nodes and means, by key
     "velocity": ("within steps",),
     "acceleration": ("at begins of steps", "at ends of steps"),
-    "jerk": ("at the end",),
+    "jerk": ("within steps", AT_END),
 }
 
 
@@ -154,7 +155,7 @@ class JerkAtEnd(JerkLimit):
     @classmethod
     def row_name(cls, name: str) -> str:
         """What the limit of one velocity is called."""
-        return name_at(cls.key, name, *PLACES[cls.key])
+        return name_at(cls.key, name, AT_END)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its values, by their scale."""

@@ -20,9 +20,10 @@ from mbocp.cli.app import app
 from mbocp.formulation import formulate
 from mbocp.job import Job
 from mbocp.problem import Problem, between_nodes
-from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, largest_excess
+from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, can_hold_within, largest_excess
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.solution import Status
+from mbocp.solution.sent import motion_as_sent
 from mbocp.strategies import OneSolve
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
 from tests.formulation.stages import check_derivatives
@@ -261,6 +262,27 @@ def test_states_remember_the_accelerations_of_a_step() -> None:
     remembered = iterate.xs[1:, formulation.layout.states["acceleration_within"]]
     np.testing.assert_allclose(np.vstack(np.split(remembered, 2, axis=1)), accelerations_of(s), atol=1e-10)
     check_derivatives(formulation, 2, [0, 3, 4])
+
+
+def test_jerks_of_linear_controls_hold_within_steps_and_at_both_ends() -> None:
+    """Where steps resolve them; shorter ramps are left to what is sent."""
+    limits = {"acceleration": 8.0, "jerk": 60.0}
+    problem = swing("linear", 30, **limits)
+    assert can_hold_within(problem) == "aj"
+    assert can_hold_within(swing("constant", 30, **limits)) == "a"
+    assert can_hold_within(swing("linear", 30, acceleration=8.0, jerk=6e3)) == "a"
+    s = mbocp.solve(problem, check=True)
+    found, steps = accelerations_of(s), s.num_steps
+    jerks = (found[steps:] - found[:steps]) / np.diff(s.t)[:, None]
+    assert np.abs(jerks).max() <= 60.0 * (1.0 + 1e-6)
+    assert np.abs(jerks).max() >= 60.0 * (1.0 - 1e-3)
+    assert max(np.abs(found[0]).max(), np.abs(found[-1]).max()) <= 60.0 * 0.01 * problem.dt * (1.0 + 1e-6)
+    assert any("within steps" in limit.name for limit in s.active_limits if limit.kind == "jerk")
+    sent = motion_as_sent(s, 1000.0, fit=True)
+    assert sent.excesses == ()
+    assert sent.curves.nodes[-1] < 1.03 * s.duration
+    held = replace(problem, limits_within="aj")
+    check_derivatives(formulate(held), 2, [0, 3, 4])
 
 
 def test_a_result_remembers_which_limits_held_within_steps(tmp_path: Path) -> None:

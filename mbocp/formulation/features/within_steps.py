@@ -1,4 +1,4 @@
-r"""Limits of speeds and accelerations that hold within steps, too: part of what states remember.
+r"""Limits of speeds, accelerations and jerks that hold within steps, too: part of what states remember.
 
 In a step of length h from (q_0, v_0) to (q_1, v_1), with the mean m = (q_1 - q_0) / h, the speed of the cubic
 through its nodes, see `mbocp.problem.step_cubics`, has the Bernstein coefficients
@@ -10,7 +10,9 @@ whole step does. Its acceleration is linear and stays between those of both ends
 
 .. math:: a_0 = 2 (b - v_0) / h, \qquad a_1 = 2 (v_1 - b) / h.
 
-The state after the step remembers b, or a_0 and a_1.
+The state after the step remembers b, or a_0 and a_1. Where controls are linear, the jerk (a_1 - a_0) / h may
+have a limit, too; then a_0 of the first step is the acceleration at the start, and a_1 of the last one that at
+the end, give or take what the jerk makes of them in a hundredth of a step.
 """
 
 from __future__ import annotations
@@ -22,24 +24,29 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
 from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
-from mbocp.terms.rates import PLACES, name_at
+from mbocp.terms.rates import AT_END, PLACES, name_at
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
-_WORDS = {"v": "speed within the step of", "a": "acceleration within the step of"}
-_KEYS = {"v": "velocity", "a": "acceleration"}
+_WORDS = {
+    "v": "speed within the step of",
+    "a": "acceleration within the step of",
+    "j": "jerk within the step of",
+}
+_SHARE = 0.01  # of a step, in which the limit of jerk leads to the acceleration at an end
+_KEYS = {"v": "velocity", "a": "acceleration", "j": "jerk"}
 
 
 @dataclass(frozen=True)
 class WithinSteps(Feature):
-    """Velocity components whose speed, and those whose acceleration has a limit within steps, by letter."""
+    """Velocity components whose speed, acceleration or jerk has a limit within steps, by letter."""
 
     entries: tuple[tuple[str, tuple[int, ...]], ...]
 
@@ -50,7 +57,14 @@ class WithinSteps(Feature):
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One entry for each, and place."""
-        return tuple(Block(block_within(key), len(_places(key)) * len(own)) for key, own in self.entries)
+        return tuple(
+            Block(block_within(key), len(_places(key)) * len(own), has_unit=key == "j")
+            for key, own in self.entries
+        )
+
+    def units(self, problem: Problem) -> Mapping[str, float]:
+        """Of jerks, the size of their limits: numbers that solvers see are of ordinary size."""
+        return {block_within("j"): _jerk_unit(problem)} if "j" in dict(self.entries) else {}
 
     @property
     def state_key(self) -> Mapping[str, Any]:
@@ -58,10 +72,15 @@ class WithinSteps(Feature):
         return {block_within(key): list(own) for key, own in self.entries}
 
     def following(self, name: str, step: Passage) -> Any:
-        """The coefficients b [m/s, rad/s], or a_0 and a_1 [m/s^2, rad/s^2]."""
+        """The coefficients b [m/s, rad/s], or a_0 and a_1 [m/s^2, rad/s^2], or the jerk in its unit."""
         b = 3.0 * step.way() / step.dt - step.s0 - step.s1
         key, own = next((key, list(own)) for key, own in self.entries if block_within(key) == name)
-        values = [b] if key == "v" else [2.0 * (b - step.s0) / step.dt, 2.0 * (step.s1 - b) / step.dt]
+        if key == "v":
+            values = [b]
+        elif key == "a":
+            values = [2.0 * (b - step.s0) / step.dt, 2.0 * (step.s1 - b) / step.dt]
+        else:
+            values = [2.0 * (step.s0 + step.s1 - 2.0 * b) / step.dt**2 / step.units[name]]
         if isinstance(b, np.ndarray):
             return np.hstack([value[:, own] for value in values])
         return ca.vertcat(*[value[own] for value in values])
@@ -76,7 +95,10 @@ class WithinSteps(Feature):
             sides = widest_within(problem.limits_along()[key], moves)
             for side, limits in zip((lower, upper), sides, strict=True):
                 side[moves] = np.tile(limits[:, own], places)
-            found[block_within(key)] = (lower, upper)
+            if key == "a" and "j" in problem.limits_within:
+                _begin_and_end(problem, list(own), moves, (lower, upper))
+            unit = _jerk_unit(problem) if key == "j" else 1.0
+            found[block_within(key)] = (lower / unit, upper / unit)
         return found
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
@@ -107,9 +129,30 @@ def names_within(problem: Problem) -> tuple[str, ...]:
 
 
 def _places(letter: str) -> tuple[str, ...]:
-    return PLACES[_KEYS[letter]]
+    return tuple(place for place in PLACES[_KEYS[letter]] if place != AT_END)
+
+
+def _begin_and_end(problem: Problem, own: list[int], moves: IntArray, sides: tuple[Array, Array]) -> None:
+    """Narrow accelerations at the start, and at the end, to those that limits of jerks lead from and to."""
+    begins, ends = problem.limits_of_ends
+    count = len(own)
+    for step, columns, at, bounds, asked in (
+        (moves[0], slice(0, count), problem.a_start, begins, np.ones(problem.robot.nv, dtype=np.bool_)),
+        (moves[-1], slice(count, 2 * count), problem.goal.a, ends, problem.goal.a_active),
+    ):
+        spare = _SHARE * problem.dt * np.minimum(-bounds.j_lower, bounds.j_upper)[own]
+        spare = np.where(asked[own], spare, np.inf)
+        low, high = (side[step, columns] for side in sides)
+        low[:], high[:] = np.maximum(low, at[own] - spare), np.minimum(high, at[own] + spare)
+
+
+def _jerk_unit(problem: Problem) -> float:
+    return next(limit.scale for limit in problem.rate_limits if limit.key == "jerk")
 
 
 def _entries(problem: Problem) -> tuple[tuple[str, tuple[int, ...]], ...]:
     limits = problem.widest_limits
-    return tuple((key, tuple(np.flatnonzero(limits.finite(key)).tolist())) for key in problem.limits_within)
+    masks = {key: limits.finite(key) for key in problem.limits_within}
+    if "j" in masks:  # which lead from one acceleration to another
+        masks["a"] = masks.get("a", False) | masks["j"]
+    return tuple((key, tuple(np.flatnonzero(mask).tolist())) for key, mask in sorted(masks.items()))
