@@ -11,8 +11,8 @@ whole step does. Its acceleration is linear and stays between those of both ends
 .. math:: a_0 = 2 (b - v_0) / h, \qquad a_1 = 2 (v_1 - b) / h.
 
 The state after the step remembers b, or a_0 and a_1. Where controls are linear, the jerk (a_1 - a_0) / h may
-have a limit, too; then a_0 of the first step is the acceleration at the start, and a_1 of the last one that at
-the end, give or take what the jerk makes of them in a hundredth of a step.
+have a limit, too; then a_0 of the first step is the acceleration at the start, and a_1 of the last one that
+at the end, give or take what the jerk makes of them in a hundredth of a step.
 """
 
 from __future__ import annotations
