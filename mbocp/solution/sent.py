@@ -193,7 +193,7 @@ class _Joints:
                 over = np.maximum(lower - values.min(axis=0), values.max(axis=0) - upper)
                 ratio = float((over / np.maximum(size, _LEAST_SIZE)).max())
                 worst = max(worst, (1.0 + ratio) ** (1.0 / power) if ratio > _TOLERANCE else 1.0)
-        return worst
+        return float(worst)
 
     def excesses(self, curves: Curves, rate: float | None) -> tuple[Excess, ...]:
         """The largest of each limit along curves."""
@@ -337,7 +337,7 @@ def _whole(slower: float, duration: float, rate: float | None) -> float:
     """The factor with which a duration [s] is a whole number of samples."""
     if rate is None:
         return slower
-    return max(math.ceil((slower * duration - _SAME) * rate) / (rate * duration), 1.0)
+    return float(max(math.ceil((slower * duration - _SAME) * rate) / (rate * duration), 1.0))
 
 
 def _over(kind: str, name: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[Excess]:

@@ -80,7 +80,7 @@ def test_a_limit_of_jerk_takes_the_least_mean() -> None:
     assert sent.excesses == ()
     assert sent.mean == pytest.approx(8.0 / JERK, rel=1e-2)
     assert sent.curves.nodes[-1] == pytest.approx(1.0 + 8.0 / JERK, abs=2e-3)
-    assert sent.words.startswith("moving mean over 80 ms")
+    assert sent.words.startswith("moving mean over 80")
     motion = sample(sent)
     assert motion.positions[[0, -1], 0] == pytest.approx([0.0, 1.0], abs=1e-9)
     assert motion.accelerations[[0, -1], 0] == pytest.approx([0.0, 0.0], abs=1e-6)
