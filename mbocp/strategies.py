@@ -26,7 +26,8 @@ from mbocp.solvers import Phase, Status
 from mbocp.terms import Braking
 
 _NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
-_ROUNDS = 3  # of solving again with more reserve
+_ROUNDS = 6  # of solving again with more reserve, ...
+_MORE = 1.5  # ... by so much of what is missing: where steps cut another corner then, they cut less of it
 _SPARE, _PARTS = 1e-4, 10  # [rad/s] that a reserve may fall short by between nodes; parts of a step
 _FROM_START = 40  # iterations from a warm start, before other guesses: most take less than half of them
 _WITHIN = 250  # iterations with limits within steps, before without: most take less than a fifth of them
@@ -120,7 +121,7 @@ class RoomToBrake:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to four times."""
+        """Solve up to seven times."""
         solution, problem = self.once.run(job), job.problem
         for _ in range(_ROUNDS):
             if job.rough or job.is_late or not solution.is_stationary or not is_followed(problem):
@@ -151,7 +152,7 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
         missing = Braking.missing_reserve(given, q[:, 0], v[:, 0])
         if missing > _SPARE:
             is_enough = False
-            reserve = own.number("reserve") + missing
+            reserve = own.number("reserve") + _MORE * missing
             path[k] = replace(own, further={**own.further, "reserve": reserve})
     return None if is_enough else replace(problem, path=tuple(path))
 

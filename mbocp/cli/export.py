@@ -58,7 +58,7 @@ def export_result(
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if not quiet:
-        first, last = (np.abs(motion.accelerations[n]).max() for n in (0, -1))
+        first, last = (round(float(np.abs(motion.accelerations[n]).max()), 6) for n in (0, -1))
         fitted = f" ({sent.words})" if sent.words else ""
         typer.echo(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "

@@ -150,9 +150,9 @@ def motion_as_sent(
     """
     if interpolation not in (*INTERPOLATIONS, None):
         raise InvalidValue.of_choice("interpolation", str(interpolation), INTERPOLATIONS)
-    joints, cubics = _read(solution)
+    joints, cubics = _read(solution, is_joined=is_joined)
     _check_rate(rate, cubics)
-    fitting = _Fitting(joints, cubics, rate, interpolation, is_joined)
+    fitting = _Fitting(joints, cubics, rate, interpolation)
     curves, mean, slower = fitting.as_asked(), 0.0, 1.0
     can_fit = (rate is not None or is_joined) and cubics.is_from_rest_to_rest and not cubics.has_impacts
     if fit and can_fit:
@@ -168,7 +168,7 @@ def motion_as_sent(
 
 @dataclass(frozen=True, eq=False)
 class _Joints:
-    """Joints of one velocity: names, units of their velocities, limits.
+    """Joints of one velocity: names, units of their velocities, limits, whether a controller joins samples.
 
     Limits are lower and upper ones by kind, shape (2, joints), infinite where there are none.
     """
@@ -176,6 +176,7 @@ class _Joints:
     names: tuple[str, ...]
     units: tuple[str, ...]
     bounds: Mapping[str, Array]
+    is_joined: bool
 
     def unit(self, kind: str, k: int) -> str:
         """Of a joint's values of a kind."""
@@ -206,13 +207,17 @@ class _Joints:
         )
 
     def _rows(self, curves: Curves, rate: float | None) -> dict[str, tuple[Array, Array]]:
-        """Values and times by kind; accelerations and jerks of cubics are those of samples."""
+        """Values and times by kind; jerks of cubics are those of samples.
+
+        So are their accelerations at nodes alone, which say nothing of what is between them.
+        """
         t, (positions, velocities, accelerations, jerks) = curves.places(_PARTS)
         at_accelerations = at_jerks = t
         if curves.accelerations is None:
             times = _times(curves, rate)
             speeds = curves.at(times)[1]
-            accelerations, at_accelerations = _differences(speeds, times)
+            if rate is None and not self.is_joined:
+                accelerations, at_accelerations = _differences(speeds, times)
             if rate is not None and curves.is_from_rest_to_rest:  # a sample before, and one after
                 times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
                 speeds = np.vstack([np.zeros_like(speeds[:1]), speeds, np.zeros_like(speeds[:1])])
@@ -233,7 +238,6 @@ class _Fitting:
     cubics: Curves
     rate: float | None
     interpolation: str | None
-    is_joined: bool
 
     @property
     def has_jerk(self) -> BoolArray:
@@ -246,18 +250,20 @@ class _Fitting:
         """Curves that are not fitted."""
         cubics, quintics = self.cubics, self.cubics.smooth(self.has_jerk)
         if self.interpolation is None:
-            is_better = self._has_excess(quintics) and not self._has_excess(cubics)
-            return cubics if not self.is_joined or (is_better and not self.has_jerk.any()) else quintics
+            if not self.joints.is_joined:
+                return cubics
+            factors = [self.joints.factor(curves, self.rate) for curves in (cubics, quintics)]
+            return cubics if factors[0] < factors[1] and not self.has_jerk.any() else quintics
         return cubics if self.interpolation == "cubic" else quintics
 
     def fit(self, asked: Curves) -> tuple[Curves, float, float]:
         """Curves, the time of their moving mean [s], and the factor of their duration; as asked at worst."""
-        has_no_means = self.is_joined and self.interpolation == "cubic"
+        has_no_means = self.joints.is_joined and self.interpolation == "cubic"
         curves, mean, slower = asked, 0.0, 1.0
         if self.has_jerk.any() and self._has_excess(asked) and not has_no_means:
             curves, mean = self._smoother()
         while slower * curves.nodes[-1] <= (1.0 + _MOST) * self.cubics.nodes[-1]:
-            slower = _whole(slower, curves.nodes[-1], None if self.is_joined else self.rate)
+            slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
             sent = curves.slow(slower)
             factor = self.joints.factor(sent, self.rate)
             if factor == 1.0:
@@ -287,7 +293,7 @@ class _Fitting:
         return bool(self.joints.excesses(curves, self.rate))
 
 
-def _read(solution: SolutionData) -> tuple[_Joints, Curves]:
+def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves]:
     columns = list(_columns(solution))
     if not columns:
         raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
@@ -300,7 +306,7 @@ def _read(solution: SolutionData) -> tuple[_Joints, Curves]:
     bounds |= {kind: solution.facts.bounds_of_rate(kind)[:, at_v] for kind in rates}
     units = tuple(solution.labels.v[place].unit for place in at_v)
     curves = Curves(solution.t - solution.t[0], np.column_stack(positions), solution.vs[:, at_v])
-    return _Joints(tuple(names), units, bounds), curves
+    return _Joints(tuple(names), units, bounds, is_joined), curves
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:
