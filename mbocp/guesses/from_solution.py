@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray
+from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_impulses
@@ -52,7 +53,9 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     _check("(nq, nv, nu)", (saved.nq, saved.nv, saved.nu), (robot.nq, robot.nv, robot.nu))
     if has_multipliers and rows:  # without, they are left to be worked out when something else needs them
         _check("nc", (saved.nc,), (rows,))
-    nodes = _nodes_of(problem, saved, _begin(problem, saved) if at is None else place_at(saved, at))
+    begin = _begin(problem, saved) if at is None else place_at(saved, at)
+    _tell_of_accelerations(problem, saved, begin)
+    nodes = _nodes_of(problem, saved, begin)
     places = _Places.of(nodes, saved)
     if has_multipliers and rows:
         lams = saved.lams[places.middle]
@@ -69,6 +72,25 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     if not (has_multipliers and formulation.keeps_adjoints):
         return iterate
     return _with_multipliers(iterate, saved, formulation, places, motion.dts)
+
+
+def _tell_of_accelerations(problem: Problem, saved: Solution, begin: float) -> None:
+    """Warn where limits of jerk begin with another acceleration than the motion has there."""
+    limits = problem.limits_of_ends[0]
+    limited = np.flatnonzero(limits.finite("j"))
+    if not begin or not limited.size:
+        return
+    there = saved.acceleration_at(round(begin))
+    reach = problem.dt * np.maximum(-limits.j_lower, limits.j_upper)  # a step makes as much of a difference
+    apart = np.abs(there - problem.a_start)[limited] / reach[limited]
+    worst = int(limited[apart.argmax()])
+    if apart.max() > 1.0:
+        label = problem.robot.v_labels[worst]
+        warn_caller(
+            f"the motion goes on from the middle of another one, but start.a of {label.name} is "
+            f"{problem.a_start[worst]:.3g} {label.unit}^2 where that has {there[worst]:.3g}: within limits of "
+            f"jerk this is another motion; say start.a = solution.acceleration_at({round(begin)})"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,6 +133,19 @@ def test_a_replan_goes_on_with_the_acceleration_of_the_plan() -> None:
     assert named.a_start.tolist() == [0.0, 0.5]
 
 
+def test_a_replan_that_forgets_the_acceleration_is_told() -> None:
+    plan = solved(pendulum())
+    later = pendulum(start={"q": plan.qs[6], "v": plan.vs[6]}, steps=18)
+    with pytest.warns(
+        UserWarning, match=r"start\.a of joint1 is 0 rad/s\^2 where that has 15.7.*acceleration_at\(6\)"
+    ):
+        s = mbocp.solve(later, warm_start=plan)
+    kept = mbocp.solve(later.with_(a_start=plan.acceleration_at(6)), warm_start=plan)
+    assert kept.converged
+    assert kept.duration < s.duration
+    assert kept.iterations <= s.iterations
+
+
 def test_another_acceleration_compiles_nothing() -> None:
     from mbocp.formulation import formulate
 
