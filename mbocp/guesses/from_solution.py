@@ -88,8 +88,8 @@ def _tell_of_accelerations(problem: Problem, saved: Solution, begin: float) -> N
         label = problem.robot.v_labels[worst]
         warn_caller(
             f"the motion goes on from the middle of another one, but start.a of {label.name} is "
-            f"{problem.a_start[worst]:.3g} {label.unit}^2 where that has {there[worst]:.3g}: within limits of "
-            f"jerk this is another motion; say start.a = solution.acceleration_at({round(begin)})"
+            f"{problem.a_start[worst]:.3g} {label.unit}^2 where that has {there[worst]:.3g}: within limits "
+            f"of jerk this is another motion; say start.a = solution.acceleration_at({round(begin)})"
         )
 
 
