@@ -96,18 +96,6 @@ def distance_from_core(p: ca.SX, core: ca.SX) -> ca.SX:
     return outside - _positive(-reduce(lambda a, b: _largest(a, b, e), gaps), e)
 
 
-def distances_from_cores(p: Array, cores: Array) -> Array:
-    """The same in numbers, for points (..., 3) and cores (..., CORE) that broadcast against each other."""
-    squares, square = p**2, cores[..., 4] ** 2
-    across = np.sqrt(squares[..., 0] + cores[..., 3] * squares[..., 1] + square)
-    gaps = [across - cores[..., 0]]
-    gaps += [np.sqrt(squares[..., i] + square) - cores[..., i] for i in (1, 2)]
-    parts = [(gap + np.sqrt(gap**2 + square)) / 2 for gap in gaps]
-    outside = np.sqrt(parts[0] ** 2 + parts[1] ** 2 + parts[2] ** 2)
-    largest = reduce(lambda a, b: (a + b + np.sqrt((a - b) ** 2 + square)) / 2, gaps)
-    return np.asarray(outside - (np.sqrt(largest**2 + square) - largest) / 2)
-
-
 def _length(x: ca.SX, e: ca.SX) -> ca.SX:
     return ca.sqrt(x**2 + e**2)
 

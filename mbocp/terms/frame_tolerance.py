@@ -128,17 +128,6 @@ def frame_tolerances(goals: tuple[FrameGoal, ...], robot: Robot) -> tuple[FrameT
     return tuple(FrameTolerance(name, part, robot, allowed) for name, part, allowed in _parts(goals))
 
 
-def tolerance_bounds(goals: Sequence[FrameGoal]) -> dict[str, tuple[float, float, str]]:
-    """Lower bound, upper bound and unit of each row, by its name."""
-    found = {}
-    for name, part, allowed in _parts(goals):
-        if not part.target.coordinates.size:
-            found[name] = (-np.inf, float(allowed[0]), "rad")
-        for i, size in zip(part.target.coordinates, allowed, strict=False):
-            found[f"{name}.{'xyz'[i]}"] = (-float(size), float(size), "m")
-    return found
-
-
 def _parts(goals: Sequence[FrameGoal]) -> Iterator[tuple[str, FrameGoal, Array]]:
     """Name of each tolerance, what of the goal it is about, and how much it allows."""
     for k, goal in enumerate(goals):

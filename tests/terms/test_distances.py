@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
-from mbocp.terms.distances import core_of, distance_from_core, distances_from_cores
+from mbocp.terms.distances import core_of, distance_from_core
 
 LENGTHS = {
     "sphere": [0.2],
@@ -106,10 +106,3 @@ def test_points_that_meet():
     f = ca.Function("d", [p], [d, ca.hessian(d, p)[0]])
     assert float(f([0.3, -0.4, 0.0])[0]) == pytest.approx(0.5, abs=1e-5)
     assert np.isfinite(np.array(f(np.zeros(3))[1])).all()
-
-
-@pytest.mark.parametrize("shape", SIZES)
-def test_numbers_are_those_of_the_expression(shape):
-    core, d, p = core_of(shape, LENGTHS[shape], SMOOTHING), function(shape), points(100, 4)
-    found = distances_from_cores(p - np.array([0.0, 0.0, core.middle]), core.numbers) - core.radius
-    np.testing.assert_allclose(found, [float(d(x)[0]) for x in p], atol=1e-12)

@@ -156,12 +156,6 @@ class PoseRows:
         return np.vstack([turned @ lines, turned @ (moved[3:] - base[3:])])
 
 
-def _arc(direction: Array) -> Array:
-    """Matrix from a rotation vector normal to a direction to its arc's components normal to it, (2, 3)."""
-    arc: Array = -normals_to(direction).T @ pin.skew(direction)
-    return arc
-
-
 def placement_of(model: pin.Model, q: Array, frame: int, reference: int) -> pin.SE3:
     """Placement of a frame in the axes of another."""
     data = working_data(model)
