@@ -28,6 +28,7 @@ _PARTS = 10  # of a step at whose ends limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
 _MOST = 0.1  # of the duration, that a motion is made longer by to fit it
 _PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
+_LEAST_PART = 1e-3  # of the longest mean, that the shortest is
 _WIDTHS = 24  # of means, each about 1.3 times as long as the one before
 _LEAST_SIZE = 1e-9  # of a limit
 _SAME = 1e-9  # [s]
@@ -275,10 +276,12 @@ class _Fitting:
         """The moving mean of cubics or a spline that is shortest once it is slow enough, and its time [s]."""
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
-        least, most = _PART * float((largest / sides).max()), _MOST * self.cubics.nodes[-1]
+        reach = np.divide(largest, sides, out=np.zeros_like(largest), where=sides > 0.0)  # [s]
+        most = _MOST * float(self.cubics.nodes[-1])
+        least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
         found = []
         for base in (self.cubics, self.cubics.spline()):
-            near, far = min(least, 0.5 * most), most
+            near, far = least, most
             for _ in range(2):  # coarsely, and about the best
                 widths = np.geomspace(near, far, _WIDTHS)
                 means = [base.mean(width) for width in widths]

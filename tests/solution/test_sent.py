@@ -123,3 +123,23 @@ def test_controllers_that_join_samples_get_the_nodes() -> None:
     free = motion_as_sent(swing(jerk=None), None, is_joined=True)
     assert (free.curves.interpolation, free.excesses) == ("cubic", ())  # quintics would swing over
     assert motion_as_sent(swing(jerk=None), None, "quintic", is_joined=True).excesses
+
+
+def test_a_joint_with_a_limit_of_jerk_that_stands_still_asks_for_nothing() -> None:
+    """While another one, without such a limit, is too fast: that is slowed."""
+    one = swing(jerk=None, most=3.5)
+    still = np.zeros_like(one.qs)
+    columns = [Column(name, "rad") for name in ("j", "k")], [Column(name, "rad/s") for name in ("j", "k")]
+    rates = {"acceleration": ((-3.5, -3.5), (3.5, 3.5)), "jerk": ((-np.inf, -9.0), (np.inf, 9.0))}
+    made = fabricate(*columns, [Column("j", "N m")], num_steps=20)
+    solution = replace(
+        made,
+        t=one.t,
+        qs=np.hstack([one.qs, still]),
+        vs=np.hstack([one.vs, still]),
+        us=one.us,
+        facts_kept=Facts(rates=rates),
+    )
+    sent = motion_as_sent(solution, 125.0, fit=True)
+    assert sent.excesses == ()
+    assert sent.slower >= np.sqrt(4.0 / 3.5) * (1.0 - 1e-3)
