@@ -164,18 +164,18 @@ class Distance(_Squared):
 
 
 class _Bounded(_Squared):
-    """A speed, which has an upper bound alone."""
+    """A speed; one that is to be above zero is for a part of the motion, which begins and ends at rest."""
 
     has_velocity = True
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
-        """The bound."""
-        return one_bound(given, key, "max")
+        """Bounds."""
+        return one_bound(given, key, "min or max")
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
-        """The bound."""
+        """Bounds."""
         return finite_bounds(given)
 
 
@@ -190,7 +190,8 @@ class Speed(_Bounded):
     class Keys(Table):
         """Keys."""
 
-        max: Annotated[Bound, Key("`max` of a speed", "m/s")] = None
+        min: Annotated[Bound, Key("of a speed; both equal: a constant one", "m/s", beside=("max",))] = None
+        max: Bound = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the speed [m^2/s^2]."""
@@ -207,7 +208,8 @@ class AngularSpeed(_Bounded):
     class Keys(Table):
         """Keys."""
 
-        max: Annotated[Bound, Key("`max` of an angular speed", "rad/s")] = None
+        min: Annotated[Bound, Key("of an angular speed", "rad/s", beside=("max",))] = None
+        max: Bound = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Square of the angular speed [rad^2/s^2]."""

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, UnknownFrame
 from mbocp.problem import PathConstraint, Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
@@ -95,8 +96,12 @@ def test_tables_of_a_file(load: Loader) -> None:
         ),
         ("{kind='distance', frame='tool0', point=[0,0], max=3}", "path.0.point", "expected a list of 3"),
         ("{kind='distance', frame='tool0', point=[0,0,0]}", "path.0", "bounds nothing; give min or max"),
-        ("{kind='speed', frame='tool0', min=1}", "path.0.min", 'kind = "speed" does not use it, but max'),
-        ("{kind='speed', frame='tool0'}", "path.0", "bounds nothing; give max"),
+        (
+            "{kind='speed', frame='tool0', x=[0,1]}",
+            "path.0.x",
+            'kind = "speed" does not use it, but min, max',
+        ),
+        ("{kind='speed', frame='tool0'}", "path.0", "bounds nothing; give min or max"),
         ("3", "path.0", "got 3, expected a table"),
     ],
 )
@@ -234,3 +239,30 @@ def test_equal_bounds_are_an_equation(load: Loader) -> None:
     problem = load('path=[{frame="tool0", kind="position", x=[5, 5], from=0.3, until=0.4}]')
     lower, upper = problem.path[0].inner_bounds
     assert lower == upper == 5.0
+
+
+def test_a_tool_moves_at_a_constant_speed_between_lead_in_and_lead_out() -> None:
+    """Along a line, from a start at rest and to an end at rest."""
+    speed = {"kind": "speed", "min": 0.2, "max": 0.2, "from": {"share": 0.3}, "until": {"share": 0.7}}
+    line = {"kind": "line", "tolerance": 0.002}
+    problem = Problem.create(
+        "ur5",
+        4.0,
+        60,
+        start={"q": [0, -1.57, 1.57, -1.57, -1.57, 0]},
+        goal={"frame": {"name": "tool0", "position": [0.35, -0.35, 0.25]}, "v": 0},
+        path=[{"frame": "tool0", **speed}, {"frame": "tool0", **line}],
+    )
+    s = mbocp.solve(problem, check=True)
+    still = np.zeros((len(s.qs), problem.robot.nu))
+    speeds = problem.path[0].values_along(problem.robot, s.qs, s.vs, still)[:, 0]
+    share = s.t / s.t[-1]
+    held = (share > 0.3 - 1e-9) & (share < 0.7 + 1e-9)
+    assert held.sum() == 25
+    np.testing.assert_allclose(speeds[held], 0.2, atol=1e-7)
+    assert speeds[[0, -1]] == pytest.approx(np.zeros(2), abs=1e-6)
+
+
+def test_a_least_speed_all_the_way_is_refused_where_a_motion_rests(load: Loader) -> None:
+    with pytest.raises(ProblemError, match=r"below its bound 0\.1"):
+        load("path=[{kind='speed', frame='tool0', min=0.1}]".replace("'", '"'))
