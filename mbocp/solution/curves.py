@@ -26,7 +26,6 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from mbocp._arrays import Array, BoolArray, IntArray
 
@@ -102,7 +101,7 @@ class Curves:
 
     def spline(self) -> Curves:
         """The cubic spline through the positions, with the velocities of both ends."""
-        from scipy.interpolate import CubicSpline  # slow to import, and wanted where jerks are limited alone
+        from scipy.interpolate import CubicSpline  # slow to import, and no solve wants it
 
         ends = ((1, self.v[0]), (1, self.v[-1]))
         return Curves(self.nodes, self.q, CubicSpline(self.nodes, self.q, bc_type=ends)(self.nodes, 1))
@@ -164,6 +163,8 @@ class Curves:
 
 def _smoothest(t: Array, q: Array, v: Array, has_jerk: BoolArray) -> Array:
     """Accelerations at the nodes whose quintics have continuous jerks, shape (n, joints)."""
+    from scipy.linalg import solve_banded  # slow to import, and no solve wants it
+
     if len(t) < 2:
         return np.zeros_like(v)
     h = np.diff(t)[:, None]
