@@ -111,8 +111,8 @@ def iterate_in(content: FileContent) -> Carried | None:
     iterate = Iterate(**{name: own[name] for name in shapes}, eta=arrays["eta"], bounds=bounds)
     names = tuple(name for name, _ in content.columns.get(_PATH, ()))
     room = frozen_array(own.get("room", np.zeros(0)))
-    within = "".join(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)
-    return Carried(iterate, names, content.texts.get(MEANING, ""), room, within)
+    within = sorted(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)
+    return Carried(iterate, names, content.texts.get(MEANING, ""), room, "".join(within))
 
 
 def _width(own: Mapping[str, Array], name: str) -> int:

@@ -285,12 +285,24 @@ def test_jerks_of_linear_controls_hold_within_steps_and_at_both_ends() -> None:
     check_derivatives(formulate(held), 2, [0, 3, 4])
 
 
-def test_a_result_remembers_which_limits_held_within_steps(tmp_path: Path) -> None:
-    s = mbocp.solve(swing("linear", acceleration=8.0), check=True)
+@pytest.mark.parametrize(
+    ("limits", "letters"),
+    [
+        ({"acceleration": 8.0}, "a"),
+        ({"acceleration": 8.0, "velocity": 3.0}, "av"),
+        ({"acceleration": 8.0, "velocity": 3.0, "jerk": 60.0}, "ajv"),
+    ],
+)
+def test_a_result_remembers_which_limits_held_within_steps(
+    limits: dict[str, float], letters: str, tmp_path: Path
+) -> None:
+    problem = swing("linear", 30, **limits)
+    s = mbocp.solve(problem, check=True)
     read = mbocp.Solution.load(s.save(tmp_path / "swing.h5"))
+    assert read.equals(s)
     assert read.iterate is not None
-    assert read.iterate.limits_within == "a"
-    assert mbocp.solve(swing("linear", acceleration=8.0), warm_start=read, check=True).iterations <= 1
+    assert read.iterate.limits_within == letters
+    assert mbocp.solve(problem, warm_start=read, check=True).iterations <= 1
 
 
 def test_means_of_accelerations_are_held_where_steps_are_not_cubics() -> None:
