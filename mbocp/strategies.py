@@ -75,12 +75,13 @@ class WithinSteps:
 
     def run(self, job: Job) -> Solution:
         """Solve up to four times."""
-        if "a" not in can_hold_within(job.problem) or job.rough:
+        can = can_hold_within(job.problem)
+        if "a" not in can or job.rough:
             return self._solve_in_turn(job)
-        solution = self.once.run(
-            replace(_held(job, can_hold_within(job.problem)), brief=job.brief or _WITHIN)
-        )
-        if solution.is_stationary or solution.status.is_stopped or job.is_late:
+        solution = self.once.run(replace(_held(job, can), brief=job.brief or _WITHIN))
+        asked = job.problem.solver.max_iterations
+        is_spent = asked is not None and solution.iterations >= asked
+        if solution.is_stationary or solution.status.is_stopped or job.is_late or is_spent:
             return solution
         return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
 

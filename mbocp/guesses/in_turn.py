@@ -70,7 +70,9 @@ def _settings(job: Job, formulation: Formulation) -> SolverSettings:
     threads, is_bounded = problem.solver.num_threads, problem.is_bounded
     settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
     if job.brief and settings.options.method == "auto" and can_be_polished(programme):
-        brief = replace(settings.options, method="monolithic", max_iterations=job.brief)
+        asked = settings.options.max_iterations
+        most = job.brief if asked is None else min(job.brief, asked)
+        brief = replace(settings.options, method="monolithic", max_iterations=most)
         settings = replace(settings, options=brief)
     return replace(settings, rough=job.rough)
 

@@ -255,6 +255,16 @@ def test_accelerations_keep_their_limits_within_steps(controls: str) -> None:
     }
 
 
+@pytest.mark.parametrize("most", [1, 3, 200])
+def test_no_more_iterations_are_taken_than_are_asked_for(most: int) -> None:
+    """From each guess; limits within steps come first, and what is spent on them is spent."""
+    problem = swing("constant", acceleration=8.0).with_(solver={"max_iterations": most})
+    s = mbocp.solve(problem)
+    assert max(phase.iterations for phase in s.phases) <= most
+    assert all(phase.name != "limits within steps" for phase in s.phases)
+    assert s.status is (Status.CONVERGED if most == 200 else Status.MAX_ITERATIONS)
+
+
 def test_states_remember_the_accelerations_of_a_step() -> None:
     problem = replace(swing("linear", acceleration=8.0), limits_within="a")
     s, formulation = mbocp.solve(problem, check=True), formulate(problem)
