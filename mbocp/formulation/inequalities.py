@@ -53,7 +53,7 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
     along_steps = partial(
         rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear, problem.a_start
     )
-    limits = (*problem.rate_limits, *problem.end_limits)
+    limits = problem.limits_of_rates
     rates = along_steps() if limits else {}
     return np.hstack([np.zeros((len(us), 0)), *along, *(c.values_of(rates, motion.dts) for c in limits)])
 

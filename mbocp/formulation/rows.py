@@ -191,8 +191,7 @@ def _limits(
     """What limits of the entries of a state, of the controls and of the path functions are called."""
     words = _state_limits(problem, space, features, at, speeds)
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
-    limits = (*problem.rate_limits, *problem.end_limits)
-    path += [f"limit of {label.name}" for limit in limits for label in limit.labels]
+    path += [f"limit of {label.name}" for limit in problem.limits_of_rates for label in limit.labels]
     of_controls = [word for feature in features for word in feature.control_words(problem)]
     return [*(words.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
 

@@ -300,7 +300,12 @@ class ProblemData:
     @property
     def inequalities(self) -> tuple[Inequality, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
-        return (*self.path, *self.rate_limits, *self.end_limits)
+        return (*self.path, *self.limits_of_rates)
+
+    @property
+    def limits_of_rates(self) -> tuple[RateLimit, ...]:
+        """All of them, those at the end last: the rows after those of the path constraints."""
+        return (*self.rate_limits, *self.end_limits)
 
     @property
     def frame_constraints(self) -> tuple[PathConstraint, ...]:

@@ -249,13 +249,13 @@ class _Fitting:
 
     def as_asked(self) -> Curves:
         """Curves that are not fitted."""
-        cubics, quintics = self.cubics, self.cubics.smooth(self.has_jerk)
-        if self.interpolation is None:
-            if not self.joints.is_joined:
-                return cubics
-            factors = [self.joints.factor(curves, self.rate) for curves in (cubics, quintics)]
-            return cubics if factors[0] < factors[1] and not self.has_jerk.any() else quintics
-        return cubics if self.interpolation == "cubic" else quintics
+        if self.interpolation == "cubic" or not (self.interpolation or self.joints.is_joined):
+            return self.cubics
+        quintics = self.cubics.smooth(self.has_jerk)
+        if self.interpolation or self.has_jerk.any():
+            return quintics
+        cubics, smooth = (self.joints.factor(curves, self.rate) for curves in (self.cubics, quintics))
+        return self.cubics if cubics < smooth else quintics
 
     def fit(self, asked: Curves) -> tuple[Curves, float, float]:
         """Curves, the time of their moving mean [s], and the factor of their duration; as asked at worst."""

@@ -159,7 +159,7 @@ def test_the_worst_excess_comes_first():
     assert [e.ratio for e in found] == sorted((e.ratio for e in found), reverse=True)
 
 
-def test_accelerations_and_jerks_are_differences_of_samples():
+def test_jerks_of_cubics_are_differences_of_samples_and_accelerations_at_nodes_alone():
     """Of sin(k t) / k the acceleration is k at most, and the jerk k^2."""
     rates = {"acceleration": ((-1.0, -1.5), (1.0, 1.5)), "jerk": ((-20.0, -2.0), (20.0, 2.0))}
     solution = replace(arm(2), facts_kept=Facts(rates=rates))
