@@ -215,3 +215,12 @@ def _force_on_a(force: QuarticSpring | SpringDamper, d: Array, d_rate: Array) ->
         axis = d / distance
         out = -(force.stiffness * (distance - force.length) + force.damping * (axis @ d_rate)) * axis
     return out
+
+
+def placement_from(position: Sequence[float], orientation: Sequence[float]) -> pin.SE3:
+    """Placement from a position [m] and a quaternion xyzw of any length, or roll, pitch, yaw [rad]."""
+    if len(orientation) == 3:
+        rotation = pin.rpy.rpyToMatrix(np.array(orientation))
+    else:
+        rotation = pin.Quaternion(np.array(orientation)).normalized().matrix()
+    return pin.SE3(rotation, np.array(position))

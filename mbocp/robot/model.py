@@ -25,6 +25,7 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.symbolic import (
     ModelNumber,
     inertia_numbers,
+    placement_numbers,
     placements_of_followers,
     text_without,
     translation_numbers,
@@ -258,12 +259,14 @@ class RobotModel:
         payloads are, and what the values of joints decide that options lock.
         """
         frames = [kinematics.frame_id(self.model, payload.name, self.name) for payload in self.payloads]
+        turns = [place for place, payload in zip(frames, self.payloads, strict=True) if payload.orientation]
         carrying = {int(self.model.frames[frame].parentJoint) for frame in frames}
         return tuple(
             sorted(
                 {
                     *(n for body in carrying | self._object_bodies() for n in inertia_numbers(body)),
                     *(n for frame in frames for n in translation_numbers(frame)),
+                    *(n for frame in turns for n in placement_numbers(frame)),
                     *self.decided_by_locks,
                     *placements_of_followers(self.model, sorted(frames), self.decided_by_locks),
                 }

@@ -42,7 +42,13 @@ class Payload:
         Moments and products of inertia ixx, iyy, izz, ixy, ixz, iyz about the centre of mass, in the axes of
         the frame [kg m^2]. Zero: a point mass.
     name : str
-        What it is called: also the name of a frame at its centre of mass, with the axes of `frame`.
+        What it is called: also the name of a frame, at its centre of mass and with the axes of `frame` unless
+        the next two say otherwise. The frame of a tool is at its tip.
+    position : (float, float, float) or None
+        Origin of the frame of this name, in `frame` [m]; None: the centre of mass.
+    orientation : tuple of 3 or 4 floats, or None
+        Axes of the frame of this name, in `frame`: roll, pitch, yaw [rad], or a quaternion xyzw;
+        None: those of `frame`.
     box : (float, float, float) or None
         Lengths of the box that a replay draws about the centre of mass [m].
     sphere : float or None
@@ -62,6 +68,8 @@ class Payload:
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
     inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     name: str = "payload"
+    position: tuple[float, float, float] | None = None
+    orientation: tuple[float, ...] | None = None
     box: tuple[float, float, float] | None = None
     sphere: float | None = None
     cylinder: tuple[float, float] | None = None
@@ -74,6 +82,13 @@ class Payload:
         self._take("inertia", 6, f"{', '.join(INERTIA_KEYS)} [kg m^2]")
         if fault := _fault(self.inertia_matrix):
             raise InvalidValue(self._where("inertia"), list(self.inertia), f"that of a body: {fault}")
+        if self.position is not None:
+            self._take("position", 3, "three finite numbers [m]")
+        if self.orientation is not None:
+            turn = np.asarray(self.orientation, dtype=np.float64)
+            if turn.size == 4 and not np.linalg.norm(turn) > 0.0:
+                raise InvalidValue(self._where("orientation"), turn.tolist(), "a quaternion that is not zero")
+            self._take("orientation", 4 if turn.size == 4 else 3, "3 angles [rad] or a quaternion xyzw")
         shapes = [key for key in SHAPES if getattr(self, key) is not None]
         if len(shapes) > 1:
             raise InvalidValue(self._where("shape"), " and ".join(shapes), "one of them")
@@ -85,6 +100,12 @@ class Payload:
         """Rotational inertia about the centre of mass in the axes of the frame, shape (3, 3) [kg m^2]."""
         xx, yy, zz, xy, xz, yz = self.inertia
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    @property
+    def tip(self) -> pin.SE3:
+        """Placement of the frame of its name in `frame`."""
+        position = self.com if self.position is None else self.position
+        return kinematics.placement_from(position, self.orientation or (0.0, 0.0, 0.0))
 
     @property
     def solid_inertia(self) -> tuple[float, float, float, float, float, float]:
@@ -111,7 +132,8 @@ class Payload:
         """Keys and values as in a file, without those that say nothing."""
         said: dict[str, Any] = {"name": self.name, "frame": self.frame, "mass": self.mass}
         said |= {key: list(getattr(self, key)) for key in ("com", "inertia") if any(getattr(self, key))}
-        shapes = {key: getattr(self, key) for key in SHAPES if getattr(self, key) is not None}
+        given = ("position", "orientation", *SHAPES)
+        shapes = {key: getattr(self, key) for key in given if getattr(self, key) is not None}
         return said | {key: list(v) if isinstance(v, tuple) else v for key, v in shapes.items()}
 
     def _take(self, key: str, count: int, expected: str, *, positive: bool = False) -> None:
@@ -155,7 +177,8 @@ def attach(
         body = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
         centre = frame.placement * pin.SE3(np.eye(3), np.array(payload.com))
         model.appendBodyToJoint(joint, body, centre)
-        place = model.addFrame(pin.Frame(payload.name, joint, index, centre, pin.FrameType.OP_FRAME), False)
+        tip = frame.placement * payload.tip
+        place = model.addFrame(pin.Frame(payload.name, joint, index, tip, pin.FrameType.OP_FRAME), False)
         visuals.addGeometryObject(
             pin.GeometryObject(
                 shape_name(payload),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,9 +23,11 @@ from mbocp.exceptions import (
     UnknownFrame,
     UnsupportedRobot,
 )
+from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.natural_coordinates.bodies import body_tree
 from mbocp.problem import Problem
+from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.robot import Payload, Robot, describe, load_robot, robot_from_spec
@@ -150,6 +153,47 @@ def test_a_point_mass_and_several_payloads() -> None:
     alone = arm.with_payload(carried("forearm_link"))
     added = both.mass_matrix(both.q0) - alone.mass_matrix(alone.q0)
     np.testing.assert_allclose(added, 1.5 * jacobian.T @ jacobian, atol=1e-12)
+
+
+def test_a_tool_has_its_frame_at_its_tip() -> None:
+    tool = {"name": "torch", "frame": "tool0", "mass": 1.2, "com": [0.0, 0.0, 0.06]}
+    tip = {"position": [0.05, 0.0, 0.21], "orientation": [0.3, 0.7854, -0.2]}
+    arm = load_robot("ur5", payload=[{**tool, **tip}])
+    q = np.array([0.1, -1.2, 1.3, 0.4, -0.5, 0.6])
+    flange, found = arm.frame_placement("tool0", q), arm.frame_placement("torch", q)
+    turn = pin.rpy.rpyToMatrix(0.3, 0.7854, -0.2)
+    np.testing.assert_allclose(found.rotation, flange.rotation @ turn, atol=1e-14)
+    np.testing.assert_allclose(found.translation, flange.act(np.array([0.05, 0.0, 0.21])), atol=1e-14)
+    assert arm.payloads[0].table == {**tool, **tip}
+    bare = load_robot("ur5", payload=[tool])
+    np.testing.assert_allclose(arm.mass_matrix(q), bare.mass_matrix(q), atol=1e-14)  # a tip weighs nothing
+    np.testing.assert_allclose(arm.frame_placement("torch", q).rotation, found.rotation)
+    quaternion = pin.Quaternion(turn).coeffs().tolist()
+    other = load_robot("ur5", payload=[{**tool, **tip, "orientation": quaternion}])
+    np.testing.assert_allclose(other.frame_placement("torch", q).rotation, found.rotation, atol=1e-14)
+
+
+def test_another_tip_compiles_nothing() -> None:
+    def problem(angle: float, reach: float) -> Problem:
+        tip = {"position": [0.0, 0.0, reach], "orientation": [0.0, angle, 0.0]}
+        goal = {"frame": {"name": "tip", "position": [0.4, 0.2, 0.4], "rpy": [math.pi, 0.0, 0.0]}, "v": 0.0}
+        return problem_from_tables(
+            {
+                "robot": {"name": "ur5", "payload": [{"name": "tip", "frame": "tool0", "mass": 0.0, **tip}]},
+                "horizon": {"duration": 1.0, "steps": 20},
+                "goal": goal,
+            }
+        )
+
+    straight, bent = problem(0.0, 0.1), problem(0.5, 0.2)
+    assert formulate(straight).pieces.signature == formulate(bent).pieces.signature
+    solution = mbocp.solve(bent)
+    assert solution.converged
+    reached = bent.robot.frame_placement("tip", solution.qs[-1])
+    np.testing.assert_allclose(reached.translation, [0.4, 0.2, 0.4], atol=1e-8)
+    np.testing.assert_allclose(reached.rotation, pin.rpy.rpyToMatrix(math.pi, 0.0, 0.0), atol=1e-7)
+    again = parse_problem(problem_to_toml(bent))
+    np.testing.assert_array_equal(again.robot.varying_values, bent.robot.varying_values)
 
 
 def test_inertia_as_diagonal_six_or_table() -> None:

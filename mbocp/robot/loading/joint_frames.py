@@ -8,8 +8,8 @@ import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import kinematics
+from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.schema import RobotTable
-from mbocp.robot.loading.table_types import placement_from
 from mbocp.robot.loops.constraints import ConstraintKeys
 
 

@@ -12,7 +12,7 @@ from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.loading.schema_errors import refusal
-from mbocp.robot.loading.table_types import Position, vector_of
+from mbocp.robot.loading.table_types import Orientation, Position, vector_of
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
@@ -61,6 +61,8 @@ class PayloadTable(ShapeTable):
     name: Name | None = None
     frame: Name
     mass: Mass
+    position: Position | None = None
+    orientation: Orientation | None = None
 
     @model_validator(mode="after")
     def _is_a_body(self) -> PayloadTable:

@@ -19,11 +19,11 @@ from mbocp._keys import Declared, Key, Kind
 from mbocp._numbers import finite_number, named_numbers
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
-from mbocp.robot.kinematics import WORLD
+from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
 from mbocp.robot.loading.schema_errors import refusal
-from mbocp.robot.loading.table_types import Orientation, Position, placement_from
+from mbocp.robot.loading.table_types import Orientation, Position
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
 

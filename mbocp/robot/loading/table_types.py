@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -95,12 +94,3 @@ def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
 _TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
 Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3))]
 Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4))]
-
-
-def placement_from(position: Sequence[float], orientation: Sequence[float]) -> pin.SE3:
-    """Placement from a position [m] and a quaternion xyzw of any length, or roll, pitch, yaw [rad]."""
-    if len(orientation) == 3:
-        rotation = pin.rpy.rpyToMatrix(np.array(orientation))
-    else:
-        rotation = pin.Quaternion(np.array(orientation)).normalized().matrix()
-    return pin.SE3(rotation, np.array(position))
