@@ -15,7 +15,7 @@ _PLACES = {
     "unit": """
         architecture clocks docs files levels lie linear meshes problem robot stubs switches text warn
         cli/help cli/progress guesses/along guesses/given_way mechanics/duals programme/algebra
-        solution/export solution/formats solution/solution solvers/filter
+        solution/export solution/formats solution/joined solution/solution solvers/filter
         solvers/registry study/expansion study/table symbolic/functions symbolic/versions terms/spline
         view/forces
     """,
