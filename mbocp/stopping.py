@@ -128,9 +128,11 @@ def _estimate(problem: Problem, begin: dict[str, Array]) -> tuple[float, float]:
     if v.max(initial=0.0) < _RESTING:
         raise ProblemError("stop: the robot is at rest already")
     momenta = np.abs(pin.crba(robot.model, robot.model.createData(), begin["q"]) @ begin["v"])
-    forces = np.abs(robot.actuation_matrix(begin["q"])) @ np.minimum(-limits.u_lower, limits.u_upper)
+    matrix = np.abs(robot.actuation_matrix(begin["q"]))
     jerks = np.minimum(-limits.j_lower, limits.j_upper)
     with np.errstate(divide="ignore", invalid="ignore"):
+        shares = matrix * np.minimum(-limits.u_lower, limits.u_upper)
+        forces = np.where(matrix > 0.0, shares, 0.0).sum(axis=1)  # what does not act may have no limit
         times = [
             momenta / forces,
             v / np.minimum(-limits.a_lower, limits.a_upper),

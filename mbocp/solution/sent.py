@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,6 +93,8 @@ class Sent:
         Factor of the duration, after the mean.
     excesses : tuple of Excess
         Limits that it leaves all the same, the worst by its ratio first.
+    is_of_spline : bool
+        Whether the moving mean is that of the spline through the nodes, not of the cubics.
     """
 
     solution: SolutionData
@@ -103,6 +105,7 @@ class Sent:
     mean: float
     slower: float
     excesses: tuple[Excess, ...]
+    is_of_spline: bool = False
 
     @property
     def words(self) -> str:
@@ -126,6 +129,7 @@ def motion_as_sent(
     *,
     is_joined: bool = False,
     fit: bool = False,
+    like: Sent | None = None,
 ) -> Sent:
     """Say what is sent of a motion.
 
@@ -143,6 +147,9 @@ def motion_as_sent(
     fit : bool
         Whether the motion is fitted into the limits of its joints, if it leads from rest to rest: made longer
         by up to a tenth. Without a rate only what is joined is, since nothing else says what is sent.
+    like : Sent, optional
+        A motion that is sent already, and that this one begins with, see `mbocp.solution.joined`. Its moving
+        mean and the factor of its duration are taken, so that both are one where the solutions are.
 
     Raises
     ------
@@ -154,17 +161,31 @@ def motion_as_sent(
     joints, cubics = _read(solution, is_joined=is_joined)
     _check_rate(rate, cubics)
     fitting = _Fitting(joints, cubics, rate, interpolation)
-    curves, mean, slower = fitting.as_asked(), 0.0, 1.0
+    found = _Fit(fitting.as_asked())
     can_fit = (rate is not None or is_joined) and cubics.is_from_rest_to_rest and not cubics.has_impacts
-    if fit and can_fit:
-        curves, mean, slower = fitting.fit(curves)
+    if like is not None:
+        found = fitting.like(like)
+    elif fit and can_fit:
+        found = fitting.fit(found)
+    curves = found.curves
     excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
     units = tuple(joints.unit("position", k) for k in range(len(joints.names)))
     times = _times(curves, rate)
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
         times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
-    return Sent(solution, joints.names, units, curves, times, mean, slower, tuple(excesses))
+    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline)
+    return Sent(solution, joints.names, units, curves, times, *fitted)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Curves, and what they were fitted by."""
+
+    curves: Curves
+    mean: float = 0.0
+    slower: float = 1.0
+    is_of_spline: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,40 +278,50 @@ class _Fitting:
         cubics, smooth = (self.joints.factor(curves, self.rate) for curves in (self.cubics, quintics))
         return self.cubics if cubics < smooth else quintics
 
-    def fit(self, asked: Curves) -> tuple[Curves, float, float]:
-        """Curves, the time of their moving mean [s], and the factor of their duration; as asked at worst."""
+    def like(self, other: Sent) -> _Fit:
+        """As another motion was fitted."""
+        base = self.cubics.spline() if other.is_of_spline else self.cubics
+        if other.mean:
+            base = base.mean(other.mean)
+        elif other.curves.interpolation == "quintic":
+            base = base.smooth(self.has_jerk)
+        return _Fit(base.slow(other.slower), other.mean, other.slower, other.is_of_spline)
+
+    def fit(self, asked: _Fit) -> _Fit:
+        """Curves that keep the limits; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
-        curves, mean, slower = asked, 0.0, 1.0
-        if self.has_jerk.any() and self._has_excess(asked) and not has_no_means:
-            curves, mean = self._smoother()
+        found, slower = asked, 1.0
+        if self.has_jerk.any() and self._has_excess(asked.curves) and not has_no_means:
+            found = self._smoother()
+        curves = found.curves
         while slower * curves.nodes[-1] <= (1.0 + _MOST) * self.cubics.nodes[-1]:
             slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
             sent = curves.slow(slower)
             factor = self.joints.factor(sent, self.rate)
             if factor == 1.0:
-                return sent, mean, slower
+                return replace(found, curves=sent, slower=slower)
             slower *= (1.0 + _TOLERANCE) * factor
-        return asked, 0.0, 1.0
+        return asked
 
-    def _smoother(self) -> tuple[Curves, float]:
-        """The moving mean of cubics or a spline that is shortest once it is slow enough, and its time [s]."""
+    def _smoother(self) -> _Fit:
+        """The moving mean of cubics or a spline that is shortest once it is slow enough."""
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
         reach = np.divide(largest, sides, out=np.zeros_like(largest), where=sides > 0.0)  # [s]
         most = _MOST * float(self.cubics.nodes[-1])
         least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
         found = []
-        for base in (self.cubics, self.cubics.spline()):
+        for base, is_of_spline in ((self.cubics, False), (self.cubics.spline(), True)):
             near, far = least, most
             for _ in range(2):  # coarsely, and about the best
                 widths = np.geomspace(near, far, _WIDTHS)
                 means = [base.mean(width) for width in widths]
                 durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
                 k = int(np.argmin(durations))
-                found.append((durations[k], means[k], float(widths[k])))
+                fit = _Fit(means[k], float(widths[k]), is_of_spline=is_of_spline)
+                found.append((durations[k], fit))
                 near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
-        _, curves, width = min(found, key=lambda one: one[0])
-        return curves, width
+        return min(found, key=lambda one: one[0])[1]
 
     def _has_excess(self, curves: Curves) -> bool:
         return bool(self.joints.excesses(curves, self.rate))

@@ -1,0 +1,90 @@
+"""Messages of ROS from motions, and mappings by joint from messages; the classes of messages are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mbocp.exceptions import DimensionMismatch, ProblemError
+from mbocp.solution.sampled import sample
+from mbocp_ros.planner import Motion
+
+_AT_REST = 1e-6  # [rad/s, m/s]: controllers refuse a motion that does not end at zero
+
+
+@dataclass(frozen=True)
+class MessageClasses:
+    """Classes of the messages that make a trajectory.
+
+    Attributes
+    ----------
+    trajectory, point : type
+        Of trajectory_msgs/msg: JointTrajectory, JointTrajectoryPoint.
+    duration, time : type
+        Of builtin_interfaces/msg: Duration, Time.
+    """
+
+    trajectory: Any
+    point: Any
+    duration: Any
+    time: Any
+
+
+def trajectory_message(motion: Motion, start: int, classes: MessageClasses) -> Any:
+    """Make the JointTrajectory of a motion; points have no accelerations where cubics are meant.
+
+    Parameters
+    ----------
+    motion : Motion
+    start : int
+        When it begins, by the clock of ROS [ns].
+    classes : MessageClasses
+    """
+    points = sample(motion.sent)
+    velocities = points.velocities.copy()
+    velocities[-1] = np.where(np.abs(velocities[-1]) < _AT_REST, 0.0, velocities[-1])
+    message = classes.trajectory()
+    message.header.stamp = _of_nanoseconds(classes.time, start)
+    message.joint_names = list(points.joints)
+    for k, t in enumerate(points.t):
+        point = classes.point()
+        point.positions = (points.positions[k] + motion.turns).tolist()
+        point.velocities = velocities[k].tolist()
+        if points.interpolation == "quintic":
+            point.accelerations = points.accelerations[k].tolist()
+        point.time_from_start = _of_nanoseconds(classes.duration, round(float(t) * 1e9))
+        message.points.append(point)
+    return message
+
+
+def joint_state(message: Any) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Positions [rad, m] and velocities [rad/s, m/s] by joint of a JointState, where it has them."""
+    q = dict(zip(message.name, map(float, message.position), strict=False))
+    return q, dict(zip(message.name, map(float, message.velocity), strict=False))
+
+
+def goal_positions(message: Any) -> Mapping[str, float]:
+    """Positions by joint [rad, m] of a JointTrajectory of one point, which is a goal.
+
+    Raises
+    ------
+    MbocpError
+        If it has several points, or ends in motion, or names and positions are not as many.
+    """
+    if len(message.points) != 1:
+        raise ProblemError(f"goal: got {len(message.points)} points, expected one, where the motion ends")
+    (point,) = message.points
+    if any(point.velocities):
+        raise ProblemError("goal: velocities must be zero: motions end at rest")
+    if len(point.positions) != len(message.joint_names):
+        raise DimensionMismatch("goal", len(point.positions), len(message.joint_names))
+    return dict(zip(message.joint_names, map(float, point.positions), strict=True))
+
+
+def _of_nanoseconds(kind: Any, nanoseconds: int) -> Any:
+    """Return a Time or Duration."""
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    return kind(sec=seconds, nanosec=rest)

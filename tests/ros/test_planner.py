@@ -1,0 +1,107 @@
+"""Motions and stops, without ROS."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mbocp_ros.planner import Motion, Planner, load_planner
+
+from mbocp.exceptions import InvalidValue, MbocpError, NotConverged, ProblemError, UnknownJoint
+
+from .conftest import write_problem
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+HERE = {"shoulder": 0.2, "elbow": -0.4, "gripper": 0.01}
+
+
+def check_limits(motion: Motion, jerk: float = math.inf) -> None:
+    _, (_, v, a, j) = motion.sent.curves.places(20)
+    assert np.abs(v).max() <= 1.0 + 1e-3
+    assert np.abs(a).max() <= 4.0 * (1.0 + 1e-3)
+    assert np.abs(j).max() <= jerk * (1.0 + 2e-3)
+
+
+def test_a_motion_leads_from_here_to_the_goal(planner: Planner) -> None:
+    motion = planner.plan(HERE, {"shoulder": 0.001}, {"shoulder": 1.2})
+    curves = motion.sent.curves
+    assert motion.sent.joints == planner.joints == ("shoulder", "elbow")
+    np.testing.assert_allclose(curves.q[[0, -1]], [[0.2, -0.4], [1.2, -0.4]], atol=1e-8)
+    np.testing.assert_allclose(curves.v[[0, -1]], 0.0, atol=1e-8)
+    check_limits(motion)
+    assert motion.duration == pytest.approx(1.0 / 1.0 + 1.0 / 4.0, rel=0.02)  # a trapezium of speeds
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+@pytest.mark.parametrize("jerk", [math.inf, 60.0])
+def test_a_stop_goes_on_from_the_motion_and_keeps_all_limits(
+    tmp_path: Path, share: float, jerk: float
+) -> None:
+    planner = load_planner(write_problem(tmp_path, "" if math.isinf(jerk) else f"jerk = {jerk}"))
+    motion = planner.plan(HERE, {}, {"shoulder": 1.2, "elbow": 0.3})
+    stop = planner.stop(motion, share * motion.duration)
+    begin = stop.stops_from
+    assert begin is not None
+    assert share * motion.duration <= begin <= share * motion.duration + 0.1
+    before = np.linspace(0.0, begin, 200)
+    for mine, its, size in zip(
+        stop.sent.curves.at(before)[:3], motion.sent.curves.at(before)[:3], (1e-6, 1e-4, 0.04), strict=True
+    ):
+        np.testing.assert_allclose(mine[:-1], its[:-1], atol=size)
+    np.testing.assert_allclose(stop.sent.curves.v[-1], 0.0, atol=1e-6)
+    assert begin < stop.duration < motion.duration
+    assert not stop.words
+    check_limits(stop, jerk)
+    assert stop.sent.controls(stop.sent.times).shape == (len(stop.sent.times), 2)
+
+
+def test_joints_that_turn_without_end_go_on_counting(tmp_path: Path) -> None:
+    planner = load_planner(write_problem(tmp_path, elbow="continuous"))
+    motion = planner.plan({"shoulder": 0.0, "elbow": 7.0}, {}, {"elbow": 7.5})
+    np.testing.assert_allclose(motion.sent.curves.q[0] + motion.turns, [0.0, 7.0], atol=1e-8)
+    np.testing.assert_allclose(motion.sent.curves.q[-1] + motion.turns, [0.0, 7.5], atol=1e-6)
+    stop = planner.stop(motion, 0.3 * motion.duration)
+    assert np.abs(np.diff(stop.sent.curves.q, axis=0)).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("q", "v", "goal", "error", "says"),
+    [
+        (HERE, {}, {"wrist": 1.0}, UnknownJoint, "no joint 'wrist'"),
+        (HERE, {}, {"elbow": 2.6}, ProblemError, "above its limit 2.5"),
+        ({**HERE, "elbow": -2.6}, {}, {"elbow": 0.0}, ProblemError, "below its limit -2.5"),
+        (HERE, {}, {"elbow": math.nan}, MbocpError, "expected a finite number"),
+        ({"elbow": 0.0}, {}, {"elbow": 1.0}, InvalidValue, "start.q.shoulder"),
+        (HERE, {"elbow": 0.2}, {"elbow": 1.0}, ProblemError, "elbow moves by 0.2"),
+        (HERE, {"elbow": math.nan}, {"elbow": 1.0}, ProblemError, "elbow moves by nan"),
+    ],
+)
+def test_what_is_refused(
+    planner: Planner, q: dict[str, float], v: dict[str, float], goal: dict[str, float], error: type, says: str
+) -> None:
+    with pytest.raises(error, match=says):
+        planner.plan(q, v, goal)
+
+
+def test_what_does_not_converge_is_refused(planner: Planner) -> None:
+    hurried = Planner(planner.problem.with_(duration={"min": 0.2, "max": 0.5}))
+    with pytest.raises(NotConverged, match="infeasible"):
+        hurried.plan(HERE, {}, {"shoulder": 2.2})
+
+
+def test_after_the_end_there_is_no_stop(planner: Planner) -> None:
+    motion = planner.plan(HERE, {}, {"shoulder": 1.2})
+    with pytest.raises(ProblemError, match="is over before"):
+        planner.stop(motion, motion.duration)
+    with pytest.raises(ProblemError, match="no time"):
+        planner.stop(motion, 0.1, time_limit=0.0)
+
+
+def test_problems_that_cannot_be_stopped_are_refused(tmp_path: Path) -> None:
+    file = write_problem(tmp_path)
+    file.write_text(file.read_text().replace("effort = true\n", "").replace("acceleration = 4.0\n", ""))
+    with pytest.raises(ProblemError, match="nothing limits how fast"):
+        load_planner(file)
