@@ -142,6 +142,23 @@ def test_an_arm_in_minimum_time_within_its_limits() -> None:
     assert mean_hamiltonian(s) < 1e-6
 
 
+def test_replans_in_a_row_take_half_the_iterations_of_cold_ones() -> None:
+    """Forty, each from the first node of the one before, in least time within torques and speeds."""
+    problem = load_problem(EXAMPLES / "arms" / "ur5_fastest.toml").with_(steps=45)
+    last = mbocp.solve(problem)
+    duration, passed, warm, cold = last.duration, 0.0, 0, 0
+    for steps in range(44, 4, -1):
+        passed += float(last.t[1])
+        free = {"min": 0.001, "max": 5.0, "guess": duration - passed}
+        later = problem.with_(start={"q": last.qs[1], "v": last.vs[1]}, duration=free, steps=steps)
+        last, first = mbocp.solve(later, warm_start=last), mbocp.solve(later)
+        assert last.converged
+        assert first.converged
+        assert passed + last.duration == pytest.approx(duration, rel=1e-6)
+        warm, cold = warm + last.iterations, cold + first.iterations
+    assert 2 * warm < cold
+
+
 def test_the_tool_of_an_arm_gets_to_a_pose_in_the_least_time() -> None:
     problem = load_problem(EXAMPLES / "arms" / "ur5_fastest.toml")
     s = solved(problem, solver="monolithic")

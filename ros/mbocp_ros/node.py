@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import Any
 
@@ -183,9 +184,8 @@ def main() -> None:
     )
     node.get_logger().info("ready")
     try:
-        rclpy.spin(node, MultiThreadedExecutor(4))
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+            rclpy.spin(node, MultiThreadedExecutor(4))
     finally:
         server.destroy()
         node.destroy_node()
