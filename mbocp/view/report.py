@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.solution import Load, loads_of
 from mbocp.solution.atomic import replace_file
 from mbocp.view.meshcat.page import Below
 from mbocp.view.of_solution import drawn_of
@@ -65,6 +67,7 @@ def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]])
         ("Over time", _plots(motion_figures(solution, robot))),
         ("What came out", _table(facts)),
         ("Active limits", _limits(solution.active_limits)),
+        ("Loads of the controls", _loads(loads_of(solution, robot))),
         ("Forces, adjoints and multipliers", _multipliers(solution)),
         ("Convergence and diagnostics", _plots(other_figures(solution, robot))),
         ("Problem file", f"<pre>{html.escape(solution.problem_text or 'not recorded')}</pre>"),
@@ -102,12 +105,30 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 def _limits(limits: Sequence[ActiveLimit]) -> str:
     if not limits:
         return "<p>The motion touches none of its limits.</p>"
-    head = "".join(f"<th>{word}</th>" for word in ("kind", "name", "side", "bound", "where"))
+    return _rows(("kind", "name", "side", "bound", "where"), map(_cells, limits))
+
+
+def _rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f"<th>{word}</th>" for word in heading)
     body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(limit)) + "</tr>"
-        for limit in limits
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _loads(loads: Sequence[Load]) -> str:
+    if not loads:
+        return "<p>There are no controls.</p>"
+    rows = (
+        (
+            load.name,
+            f"{load.rms:.4g} {load.unit}",
+            f"{load.largest:.4g} {load.unit}",
+            *("-" if math.isnan(power) else f"{power:.4g} W" for power in (load.power, load.braking)),
+        )
+        for load in loads
+    )
+    return _rows(("control", "root mean square", "largest", "largest power", "largest braking"), rows)
 
 
 def _cells(limit: ActiveLimit) -> tuple[str, ...]:

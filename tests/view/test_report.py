@@ -55,7 +55,8 @@ def test_a_report_is_one_file(page: Path) -> None:
     assert "<script>alert(1)" not in text
     titles = re.findall("<h2>(.*?)</h2>", own)
     assert titles == [
-        "Over time", "What came out", "Active limits", "Forces, adjoints and multipliers",
+        "Over time", "What came out", "Active limits", "Loads of the controls",
+        "Forces, adjoints and multipliers",
         "Convergence and diagnostics", "Problem file", "Made with",
     ]  # fmt: skip
 

@@ -1,0 +1,54 @@
+"""Loads of motors, against sums over fine samples of the motion."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.mechanics.rates import powers
+from mbocp.solution import loads_of
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("controls", ["constant", "linear"])
+def test_root_mean_squares_are_those_of_fine_samples(controls: str) -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(controls=controls, steps=20)
+    s, robot = mbocp.solve(problem), problem.robot
+    middles = (np.arange(40_000) + 0.5) * s.duration / 40_000
+    fine = s.controls_at(middles)
+    loads = loads_of(s, robot)
+    assert [load.name for load in loads] == list(robot.joint_names)
+    np.testing.assert_allclose([load.rms for load in loads], np.sqrt((fine**2).mean(axis=0)), rtol=1e-7)
+    ends = np.vstack([s.controls_at(s.t[:-1]), s.us_at_ends])
+    np.testing.assert_allclose([load.largest for load in loads], np.abs(ends).max(axis=0))
+    work = np.vstack(
+        [
+            powers(robot, s.qs[:-1], s.vs[:-1], s.controls_at(s.t[:-1])),
+            powers(robot, s.qs[1:], s.vs[1:], s.us_at_ends),
+        ]
+    )
+    np.testing.assert_allclose([load.power for load in loads], work.max(axis=0).clip(0.0))
+    np.testing.assert_allclose([load.braking for load in loads], (-work).max(axis=0).clip(0.0))
+
+
+def test_an_impact_takes_no_time() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "lift_and_place.toml")
+    s = mbocp.solve(problem)
+    loads = loads_of(s, problem.robot)
+    assert all(0.0 < load.rms <= load.largest for load in loads)
+
+
+def test_controls_that_prescribe_a_motion_have_no_power() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml")
+    kinematic = mbocp.Problem.create(
+        mbocp.load_robot("ur5", dynamics=False), goal={"q": problem.goal.q, "v": 0.0}, duration=2.0, steps=20
+    )
+    loads = loads_of(mbocp.solve(kinematic), kinematic.robot)
+    assert all(math.isnan(load.power) and math.isnan(load.braking) for load in loads)
+    assert loads[0].unit == "rad/s^2"
+    assert all(load.rms > 0.0 for load in loads if load.largest > 0.0)
