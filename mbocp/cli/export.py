@@ -36,7 +36,7 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import format_of, sent_by, write_sent
+    from mbocp.solution.formats import format_of, sent_by, write_samples
     from mbocp.solution.sampled import sample
 
     name = format_of(output, kind)
@@ -46,8 +46,8 @@ def export_result(
         )
     solution = Solution.load(result)
     sent = sent_by(name, solution, rate, interpolation, fit=fit)
-    write_sent(sent, output, name)
     motion = sample(sent)
+    write_samples(motion, solution, output, name)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst

@@ -83,7 +83,8 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
-    return write_sent(sent_by(name, solution, rate, interpolation, fit=fit), path, name)
+    motion = sample(sent_by(name, solution, rate, interpolation, fit=fit))
+    return write_samples(motion, solution, path, name)
 
 
 def sent_by(
@@ -94,8 +95,8 @@ def sent_by(
     return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
 
 
-def write_sent(sent: Sent, path: Path, name: str) -> Path:
-    """Write what is sent in a format.
+def write_samples(motion: Sampled, solution: SolutionData, path: Path, name: str) -> Path:
+    """Write samples of a solution in a format.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def write_sent(sent: Sent, path: Path, name: str) -> Path:
         If the robot does not fit the format, or the file cannot be written.
     """
     try:
-        return replace_file(path, FORMATS[name](sample(sent), sent.solution))
+        return replace_file(path, FORMATS[name](motion, solution))
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
 
