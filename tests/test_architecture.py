@@ -124,8 +124,9 @@ def test_imports_go_one_way(path):
     assert not wrong, "; ".join(wrong)
 
 
-def test_nothing_of_the_package_knows_the_papers():
-    assert not [path for path in SOURCES if "mbocp_papers" in path.read_text(encoding="utf-8")]
+@pytest.mark.parametrize("client", ["mbocp_papers", "mbocp_ros"])
+def test_nothing_of_the_package_knows_its_clients(client):
+    assert not [path for path in SOURCES if client in path.read_text(encoding="utf-8")]
 
 
 def test_no_circles_of_imports():
