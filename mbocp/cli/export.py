@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import typer
@@ -11,6 +12,10 @@ import typer
 from mbocp._files import is_folder
 from mbocp._text import show
 from mbocp.exceptions import ResultFileError
+
+if TYPE_CHECKING:
+    from mbocp.solution import Solution
+    from mbocp.solution.sent import Excess, Sent
 
 
 def export_result(
@@ -50,8 +55,9 @@ def export_result(
     write_samples(motion, solution, output, name)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
+    excesses = (*sent.excesses, *_torque_excesses(sent, solution))
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
-    for excess in sent.excesses:
+    for excess in excesses:
         of_joints.setdefault(excess.name, []).append(excess.words)
     for joint, words in of_joints.items():
         warnings.warn(f"{joint} leaves its limits: {'; '.join(words)}", stacklevel=1)
@@ -64,4 +70,19 @@ def export_result(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "
             f"its ends up to {first:.3g} and {last:.3g}"
         )
-    return not sent.excesses
+    return not excesses
+
+
+def _torque_excesses(sent: Sent, solution: Solution) -> tuple[Excess, ...]:
+    """What is beyond limits of torque as the motion is sent; told where nobody knows."""
+    from mbocp.solution.sent_torques import has_torques, torque_excesses
+
+    if not np.isfinite(solution.limits_u).any():
+        return ()
+    robot = solution.load_robot()
+    if has_torques(sent, robot):
+        return torque_excesses(sent, robot)
+    warnings.warn(
+        "whether torques keep their limits as they are sent is not known of this robot", stacklevel=1
+    )
+    return ()

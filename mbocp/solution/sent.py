@@ -43,9 +43,9 @@ class Excess:
 
     Attributes
     ----------
-    kind : {"position", "speed", "acceleration", "jerk"}
+    kind : {"position", "speed", "acceleration", "jerk", "torque"}
     name : str
-        Of the joint.
+        Of the joint, or the control.
     value, bound : float
         Where it is largest, and the limit [unit].
     time : float

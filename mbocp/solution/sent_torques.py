@@ -1,0 +1,75 @@
+"""The torques that a motion takes as it is sent: what follows it exactly has to apply them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.solution.sent import Excess, Sent
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+_PARTS = 4  # of a step at whose ends they are looked at
+_TOLERANCE = 0.01  # relative, of a limit: polynomials between nodes are no closer to the dynamics
+_MOST_CONDITION = 1e8  # of the matrix from controls to forces of joints
+
+
+def has_torques(sent: Sent, robot: Robot) -> bool:
+    """Whether positions, velocities and accelerations say all controls.
+
+    They do for robots without loops and drives, whose joints have one velocity and a motor each; not across
+    impacts.
+    """
+    if robot.nc or robot.drives or not len(sent.joints) == robot.nv == robot.nu:
+        return False
+    has_forces = all(column.unit in ("N", "N m") for column in sent.solution.labels.u)
+    if not has_forces or sent.curves.has_impacts or not robot.actuation.is_constant:
+        return False
+    return bool(np.linalg.cond(robot.actuation_matrix(robot.q0)) < _MOST_CONDITION)
+
+
+def torques_along(sent: Sent, robot: Robot) -> tuple[Array, Array]:
+    """Times [s], and controls by inverse dynamics, shape (n, nu) [N, N m], of a motion that `has_torques`."""
+    model, data = robot.model, robot.model.createData()
+    times, (positions, velocities, accelerations, _) = sent.curves.places(_PARTS)
+    places = {name: k for k, name in enumerate(sent.joints)}
+    order = [places[column.name] for column in sent.solution.labels.v]
+    qs = np.column_stack([_coordinate(column.name, places, positions) for column in sent.solution.labels.q])
+    forces = np.array(
+        [
+            pin.rnea(model, data, q, v, a) - robot.force_elements(q, v)
+            for q, v, a in zip(qs, velocities[:, order], accelerations[:, order], strict=True)
+        ]
+    )
+    return times, np.linalg.solve(robot.actuation_matrix(robot.q0), forces.T).T
+
+
+def torque_excesses(sent: Sent, robot: Robot) -> tuple[Excess, ...]:
+    """Controls beyond their limits by more than a hundredth as a motion is sent, the worst first."""
+    times, controls = torques_along(sent, robot)
+    found = []
+    for k, column in enumerate(sent.solution.labels.u):
+        sides = sent.solution.limits_u[:, k]
+        size = float(np.abs(sides[np.isfinite(sides)]).max(initial=0.0))
+        over = np.maximum(sides[0] - controls[:, k], controls[:, k] - sides[1])
+        n = int(over.argmax())
+        if size > 0.0 and over[n] > _TOLERANCE * size:
+            value, ratio = float(controls[n, k]), float(over[n]) / size
+            bound = float(sides[0] if value < sides[0] else sides[1])
+            found.append(Excess("torque", column.name, value, bound, float(times[n]), ratio, column.unit))
+    return tuple(sorted(found, key=lambda excess: -excess.ratio))
+
+
+def _coordinate(name: str, places: dict[str, int], positions: Array) -> Array:
+    """A coordinate of q: the position of a joint, or cosine or sine of one that turns without end."""
+    if name in places:
+        found: Array = positions[:, places[name]]
+        return found
+    joint, _, function = name.rpartition(".")
+    angle = positions[:, places[joint]]
+    turned: Array = np.cos(angle) if function == "cos" else np.sin(angle)
+    return turned

@@ -1,0 +1,61 @@
+"""Torques of a motion as it is sent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.cli.export import export_result
+from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent_torques import has_torques, torque_excesses, torques_along
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("name", ["ur5_reach", "panda_reach", "kinova_reach"])
+def test_torques_are_those_of_the_solution_as_steps_get_short(name: str) -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / f"{name}.toml")
+    apart = []
+    for steps in (50, 150):
+        s = mbocp.solve(problem.with_(steps=steps, controls="linear", scheme="gauss2"))
+        sent = motion_as_sent(s)
+        assert has_torques(sent, problem.robot)
+        times, controls = torques_along(sent, problem.robot)
+        apart.append(np.abs(controls - s.controls_at(times)).max() / np.abs(s.us).max())
+    assert apart[0] < 0.1
+    assert apart[1] < 0.4 * apart[0]
+
+
+def test_what_takes_too_much_is_told() -> None:
+    s = mbocp.solve(EXAMPLES / "arms" / "ur5_fastest.toml")
+    robot, sent = s.load_robot(), motion_as_sent(s)
+    assert not torque_excesses(sent, robot)
+    fast = replace(sent, curves=sent.curves.slow(0.8))
+    worst, *_ = torque_excesses(fast, robot)
+    assert worst.kind == "torque"
+    assert worst.ratio > 0.1
+    assert abs(worst.value) > abs(worst.bound)
+    assert "torque" in worst.words
+
+
+def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
+    """Quintics swing over the torques of a motion that is at a limit."""
+    limits = {"effort": {"shoulder_lift_joint": 45.0}}
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(limits=limits, duration=1.5)
+    result = mbocp.solve(problem, check=True).save(tmp_path / "a.h5")
+    given = {"kind": None, "rate": 500.0, "fit": True, "quiet": True}
+    assert export_result(result, tmp_path / "a.csv", interpolation="cubic", **given)
+    with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: torque -45\.\d+ N m at"):
+        assert not export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
+
+
+def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
+    four_bar = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml")
+    assert not has_torques(motion_as_sent(mbocp.solve(four_bar)), four_bar.robot)
+    kinematic = mbocp.load_robot("double_pendulum", dynamics=False)
+    problem = mbocp.Problem.create(kinematic, goal={"q": [1.0, 0.5], "v": 0.0}, duration=1.0, steps=10)
+    assert not has_torques(motion_as_sent(mbocp.solve(problem)), kinematic)
