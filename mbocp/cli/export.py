@@ -11,7 +11,7 @@ import typer
 
 from mbocp._files import is_folder
 from mbocp._text import show
-from mbocp.exceptions import ResultFileError
+from mbocp.exceptions import MbocpError, ResultFileError
 
 if TYPE_CHECKING:
     from mbocp.solution import Solution
@@ -74,15 +74,17 @@ def export_result(
 
 
 def _torque_excesses(sent: Sent, solution: Solution) -> tuple[Excess, ...]:
-    """What is beyond limits of torque as the motion is sent; told where nobody knows."""
+    """What is beyond limits of effort as the motion is sent; told where nobody knows."""
     from mbocp.solution.sent_torques import has_torques, torque_excesses
 
     if not np.isfinite(solution.limits_u).any():
         return ()
-    robot = solution.load_robot()
+    try:
+        robot = solution.load_robot()
+    except MbocpError as error:
+        warnings.warn(f"efforts are not looked at as they are sent: {error}", stacklevel=1)
+        return ()
     if has_torques(sent, robot):
         return torque_excesses(sent, robot)
-    warnings.warn(
-        "whether torques keep their limits as they are sent is not known of this robot", stacklevel=1
-    )
+    warnings.warn("efforts are not looked at as they are sent: positions do not say them", stacklevel=1)
     return ()

@@ -43,7 +43,7 @@ class Excess:
 
     Attributes
     ----------
-    kind : {"position", "speed", "acceleration", "jerk", "torque"}
+    kind : {"position", "speed", "acceleration", "jerk", "effort"}
     name : str
         Of the joint, or the control.
     value, bound : float

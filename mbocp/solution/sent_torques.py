@@ -60,7 +60,7 @@ def torque_excesses(sent: Sent, robot: Robot) -> tuple[Excess, ...]:
         if size > 0.0 and over[n] > _TOLERANCE * size:
             value, ratio = float(controls[n, k]), float(over[n]) / size
             bound = float(sides[0] if value < sides[0] else sides[1])
-            found.append(Excess("torque", column.name, value, bound, float(times[n]), ratio, column.unit))
+            found.append(Excess("effort", column.name, value, bound, float(times[n]), ratio, column.unit))
     return tuple(sorted(found, key=lambda excess: -excess.ratio))
 
 

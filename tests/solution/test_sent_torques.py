@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +34,12 @@ def test_what_takes_too_much_is_told() -> None:
     s = mbocp.solve(EXAMPLES / "arms" / "ur5_fastest.toml")
     robot, sent = s.load_robot(), motion_as_sent(s)
     assert not torque_excesses(sent, robot)
-    fast = replace(sent, curves=sent.curves.slow(0.8))
+    fast = dataclasses.replace(sent, curves=sent.curves.slow(0.8))
     worst, *_ = torque_excesses(fast, robot)
-    assert worst.kind == "torque"
+    assert worst.kind == "effort"
     assert worst.ratio > 0.1
     assert abs(worst.value) > abs(worst.bound)
-    assert "torque" in worst.words
+    assert worst.words.startswith("effort ")
 
 
 def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
@@ -49,8 +49,13 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     result = mbocp.solve(problem, check=True).save(tmp_path / "a.h5")
     given = {"kind": None, "rate": 500.0, "fit": True, "quiet": True}
     assert export_result(result, tmp_path / "a.csv", interpolation="cubic", **given)
-    with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: torque -45\.\d+ N m at"):
+    with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: effort -45\.\d+ N m at"):
         assert not export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
+    gone = dataclasses.replace(mbocp.Solution.load(result), robot_spec={}, robot_files=None)
+    with pytest.warns(UserWarning, match="efforts are not looked at as they are sent: "):
+        assert export_result(
+            gone.save(tmp_path / "b.h5"), tmp_path / "b.csv", interpolation="quintic", **given
+        )
 
 
 def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
