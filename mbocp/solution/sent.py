@@ -225,7 +225,9 @@ class _Joints:
             for kind, (values, times) in self._rows(curves, rate).items()
             if kind in self.bounds
             for k, name in enumerate(self.names)
-            for excess in _over(kind, name, values[:, k], self.bounds[kind][:, k], times, self.unit(kind, k))
+            for excess in find_excesses(
+                kind, name, values[:, k], self.bounds[kind][:, k], times, self.unit(kind, k)
+            )
         )
 
     def _rows(self, curves: Curves, rate: float | None) -> dict[str, tuple[Array, Array]]:
@@ -380,13 +382,22 @@ def _whole(slower: float, duration: float, rate: float | None) -> float:
     return float(max(math.ceil((slower * duration - _SAME) * rate) / (rate * duration), 1.0))
 
 
-def _over(kind: str, name: str, values: Array, bounds: Array, t: Array, unit: str) -> Iterator[Excess]:
+def find_excesses(
+    kind: str,
+    name: str,
+    values: Array,
+    bounds: Array,
+    t: Array,
+    unit: str,
+    tolerance: float = _TOLERANCE,
+) -> Iterator[Excess]:
+    """The largest excess of values, shape (n,), beyond each bound, if more than a part of the limit."""
     size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), _LEAST_SIZE)
     for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
         if math.isfinite(bound) and over.size:
             worst = int(np.argmax(over))
             ratio = float(over[worst]) / size
-            if ratio > _TOLERANCE:
+            if ratio > tolerance:
                 yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
 
 

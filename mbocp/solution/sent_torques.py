@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.solution.sent import Excess, Sent
+from mbocp.solution.sent import Excess, Sent, find_excesses
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -51,16 +51,14 @@ def torques_along(sent: Sent, robot: Robot) -> tuple[Array, Array]:
 def torque_excesses(sent: Sent, robot: Robot) -> tuple[Excess, ...]:
     """Controls beyond their limits by more than a hundredth as a motion is sent, the worst first."""
     times, controls = torques_along(sent, robot)
-    found = []
-    for k, column in enumerate(sent.solution.labels.u):
-        sides = sent.solution.limits_u[:, k]
-        size = float(np.abs(sides[np.isfinite(sides)]).max(initial=0.0))
-        over = np.maximum(sides[0] - controls[:, k], controls[:, k] - sides[1])
-        n = int(over.argmax())
-        if size > 0.0 and over[n] > _TOLERANCE * size:
-            value, ratio = float(controls[n, k]), float(over[n]) / size
-            bound = float(sides[0] if value < sides[0] else sides[1])
-            found.append(Excess("effort", column.name, value, bound, float(times[n]), ratio, column.unit))
+    limits = sent.solution.limits_u
+    found = (
+        excess
+        for k, column in enumerate(sent.solution.labels.u)
+        for excess in find_excesses(
+            "effort", column.name, controls[:, k], limits[:, k], times, column.unit, _TOLERANCE
+        )
+    )
     return tuple(sorted(found, key=lambda excess: -excess.ratio))
 
 
