@@ -10,12 +10,14 @@ import numpy as np
 import typer
 
 from mbocp._files import is_folder
-from mbocp._text import show
+from mbocp._text import list_names, show
 from mbocp.exceptions import MbocpError, ResultFileError
 
 if TYPE_CHECKING:
     from mbocp.solution import Solution
     from mbocp.solution.sent import Excess, Sent
+
+_MOST_NAMES = 3
 
 
 def export_result(
@@ -28,7 +30,7 @@ def export_result(
     fit: bool,
     quiet: bool,
 ) -> bool:
-    """Write the motion, and warn of joints that leave their limits, the worst first, or are left out.
+    """Write the motion, and warn of joints and paths that leave their limits, and of joints left out.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def export_result(
     write_samples(motion, solution, output, name)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
-    excesses = (*sent.excesses, *_torque_excesses(sent, solution))
+    excesses = (*sent.excesses, *_robot_excesses(sent, solution))
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
     for excess in excesses:
         of_joints.setdefault(excess.name, []).append(excess.words)
@@ -73,18 +75,19 @@ def export_result(
     return not excesses
 
 
-def _torque_excesses(sent: Sent, solution: Solution) -> tuple[Excess, ...]:
-    """What is beyond limits of effort as the motion is sent; told where nobody knows."""
-    from mbocp.solution.sent_torques import has_torques, torque_excesses
+def _robot_excesses(sent: Sent, solution: Solution) -> tuple[Excess, ...]:
+    """What is beyond limits of effort and path constraints as the motion is sent; told where nobody knows."""
+    from mbocp.solution.its_problem import problem_without
+    from mbocp.solution.sent_checks import check_sent
 
-    if not np.isfinite(solution.limits_u).any():
+    if not (np.isfinite(solution.limits_u).any() or solution.facts.path):
         return ()
     try:
-        robot = solution.load_robot()
+        found = check_sent(sent, problem_without(solution, solution.load_robot, "terms"))
     except MbocpError as error:
-        warnings.warn(f"efforts are not looked at as they are sent: {error}", stacklevel=1)
+        warnings.warn(f"efforts and paths are not looked at as they are sent: {error}", stacklevel=1)
         return ()
-    if has_torques(sent, robot):
-        return torque_excesses(sent, robot)
-    warnings.warn("efforts are not looked at as they are sent: positions do not say them", stacklevel=1)
-    return ()
+    if found.unknown:
+        names = list_names(found.unknown, _MOST_NAMES)
+        warnings.warn(f"not looked at as it is sent, positions do not say it: {names}", stacklevel=1)
+    return found.excesses

@@ -17,6 +17,10 @@ steps are wrong by. The moving mean of cubics over a time w,
 keeps all limits of positions, speeds and accelerations that the cubics keep, and has the jerk
 (a(t + w/2) - a(t - w/2)) / w. It is of order four between the nodes moved by w/2 to either side: quintics
 through these are the mean itself.
+
+Under SE1 a velocity is that of the whole step before, v_n = (q_n - q_{n-1}) / h, and cubics through the nodes
+take four times the accelerations of the scheme. At the middles of the steps, (q_{n-1} + q_n) / 2 with v_n,
+cubics are parabolas with the scheme's own accelerations.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from mbocp._arrays import Array, BoolArray, IntArray
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
+_ROUND_OFF = 1e-9  # [rad, m], of the way of a step
 _AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 # By which nodes of a mean are apart, a part of its width at most: jerks have round-off by the cube of it.
@@ -63,6 +68,13 @@ class Curves:
     def has_impacts(self) -> bool:
         """Whether velocities leap."""
         return bool((np.diff(self.nodes) == 0.0).any())
+
+    @property
+    def has_chords(self) -> bool:
+        """Whether joints begin at rest, and velocities are those of the whole steps before, as of SE1."""
+        lengths = np.diff(self.nodes)[:, None]
+        ways = np.diff(self.q, axis=0) - lengths * self.v[1:]
+        return bool(np.abs(self.v[0]).max() < _AT_REST and (np.abs(ways) < _ROUND_OFF).all())
 
     @property
     def is_from_rest_to_rest(self) -> bool:
@@ -98,6 +110,18 @@ class Curves:
             part = slice(first, last)
             accelerations[part] = _smoothest(self.nodes[part], self.q[part], self.v[part], has_jerk)
         return replace(self, accelerations=accelerations)
+
+    def through_middles(self) -> Curves:
+        """Cubics through the middles of the steps of a motion that `has_chords`, begun half a step before."""
+        lengths = np.diff(self.nodes)
+        middles = self.nodes[:-1] + lengths / 2.0
+        nodes = [middles[:1] - lengths[:1], middles, self.nodes[-1:]]
+        positions = [self.q[:1], (self.q[:-1] + self.q[1:]) / 2.0, self.q[-1:]]
+        velocities = [self.v[:1], self.v[1:], self.v[-1:]]
+        if np.abs(self.v[-1]).max() < _AT_REST:  # the last step leads nowhere
+            nodes, positions, velocities = nodes[:-1], positions[:-1], velocities[:-1]
+        times = np.concatenate(nodes)
+        return Curves(times - times[0], np.concatenate(positions), np.concatenate(velocities))
 
     def spline(self) -> Curves:
         """The cubic spline through the positions, with the velocities of both ends."""

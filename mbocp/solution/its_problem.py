@@ -60,7 +60,7 @@ class Shown(NamedTuple):
 
 def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> Shown:
     """Make what pictures show of the problem that was solved."""
-    problem = _without(solution, load_robot, "terms", "obstacle", "self_collision")
+    problem = problem_without(solution, load_robot, "terms", "obstacle", "self_collision")
     with in_file(_label(solution)):
         tables = read_tables(_document(solution), _label(solution))
         return Shown(problem, obstacles_from(tables["obstacle"]))
@@ -68,11 +68,11 @@ def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> 
 
 def facts_of_text(solution: SolutionData, load_robot: Callable[[], Robot]) -> Facts:
     """Return the facts of a result that keeps none: those of its problem without terms of one's own."""
-    return facts_of(_without(solution, load_robot, "terms").member(solution.goal_place))
+    return facts_of(problem_without(solution, load_robot, "terms").member(solution.goal_place))
 
 
-def _without(solution: SolutionData, load_robot: Callable[[], Robot], *keys: str) -> Problem:
-    """The problem without some of its tables."""
+def problem_without(solution: SolutionData, load_robot: Callable[[], Robot], *keys: str) -> Problem:
+    """Make the problem that was solved without some of its tables."""
     tables = {key: table for key, table in _document(solution).items() if key not in keys}
     robot = load_robot() if solution.robot_spec else None
     with warnings.catch_warnings():

@@ -43,15 +43,16 @@ class Excess:
 
     Attributes
     ----------
-    kind : {"position", "speed", "acceleration", "jerk", "effort"}
+    kind : {"position", "speed", "acceleration", "jerk", "effort", "path"}
     name : str
-        Of the joint, or the control.
+        Of the joint, the control, or the row of a path constraint.
     value, bound : float
         Where it is largest, and the limit [unit].
     time : float
         From the start of the motion [s].
     ratio : float
         Of the excess to the size of the limits, the larger one of both sides: 0.1 is a tenth too much.
+        Of paths in [m] and [rad] the excess itself.
     unit : str
     """
 
@@ -65,7 +66,10 @@ class Excess:
 
     @property
     def words(self) -> str:
-        """The excess without the joint's name."""
+        """The excess without the name."""
+        if self.kind == "path":
+            over = abs(self.value - self.bound)
+            return f"{self.value:.4g} {self.unit} at {self.time:.4g} s, {over:.2g} beyond {self.bound:.4g}"
         return (
             f"{self.kind} {self.value:.4g} {self.unit} at {self.time:.4g} s, "
             f"{100.0 * self.ratio:.1f} % beyond {self.bound:.4g}"
@@ -95,6 +99,8 @@ class Sent:
         Limits that it leaves all the same, the worst by its ratio first.
     is_of_spline : bool
         Whether the moving mean is that of the spline through the nodes, not of the cubics.
+    lag : float
+        Time by which positions follow the controls of the solution before all that [s].
     """
 
     solution: SolutionData
@@ -106,6 +112,7 @@ class Sent:
     slower: float
     excesses: tuple[Excess, ...]
     is_of_spline: bool = False
+    lag: float = 0.0
 
     @property
     def words(self) -> str:
@@ -113,6 +120,11 @@ class Sent:
         mean = f"moving mean over {1e3 * self.mean:.3g} ms" if self.mean else ""
         slower = f"slower by {100.0 * (self.slower - 1.0):.2g} %" if self.slower > 1.0 else ""
         return ", ".join(word for word in (mean, slower) if word)
+
+    def times_of(self, t: Array) -> Array:
+        """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
+        found: Array = self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
+        return found
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
@@ -158,7 +170,7 @@ def motion_as_sent(
     """
     if interpolation not in (*INTERPOLATIONS, None):
         raise InvalidValue.of_choice("interpolation", str(interpolation), INTERPOLATIONS)
-    joints, cubics = _read(solution, is_joined=is_joined)
+    joints, cubics, lag = _read(solution, is_joined=is_joined)
     _check_rate(rate, cubics)
     fitting = _Fitting(joints, cubics, rate, interpolation)
     found = _Fit(fitting.as_asked())
@@ -174,7 +186,7 @@ def motion_as_sent(
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
         times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
-    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline)
+    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline, lag)
     return Sent(solution, joints.names, units, curves, times, *fitted)
 
 
@@ -329,7 +341,8 @@ class _Fitting:
         return bool(self.joints.excesses(curves, self.rate))
 
 
-def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves]:
+def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, float]:
+    """Joints, cubics, and by how much these lag behind the nodes [s]."""
     columns = list(_columns(solution))
     if not columns:
         raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
@@ -342,7 +355,10 @@ def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves]:
     bounds |= {kind: solution.facts.bounds_of_rate(kind)[:, at_v] for kind in rates}
     units = tuple(solution.labels.v[place].unit for place in at_v)
     curves = Curves(solution.t - solution.t[0], np.column_stack(positions), solution.vs[:, at_v])
-    return _Joints(tuple(names), units, bounds, is_joined), curves
+    lag = 0.0
+    if curves.has_chords and not curves.has_impacts:
+        curves, lag = curves.through_middles(), float(curves.nodes[1]) / 2.0
+    return _Joints(tuple(names), units, bounds, is_joined), curves, lag
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:
@@ -390,9 +406,10 @@ def find_excesses(
     t: Array,
     unit: str,
     tolerance: float = _TOLERANCE,
+    size: float | None = None,
 ) -> Iterator[Excess]:
-    """The largest excess of values, shape (n,), beyond each bound, if more than a part of the limit."""
-    size = max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), _LEAST_SIZE)
+    """The largest excess of values, shape (n,), beyond each bound, if more than a part of its size."""
+    size = size or max(float(np.max(np.abs(bounds[np.isfinite(bounds)]), initial=0.0)), _LEAST_SIZE)
     for bound, over in ((bounds[0], bounds[0] - values), (bounds[1], values - bounds[1])):
         if math.isfinite(bound) and over.size:
             worst = int(np.argmax(over))

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.solution.sent import Excess, Sent, find_excesses
+from mbocp.solution.sent_states import states_of
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -36,13 +37,11 @@ def torques_along(sent: Sent, robot: Robot) -> tuple[Array, Array]:
     """Times [s], and controls by inverse dynamics, shape (n, nu) [N, N m], of a motion that `has_torques`."""
     model, data = robot.model, robot.model.createData()
     times, (positions, velocities, accelerations, _) = sent.curves.places(_PARTS)
-    places = {name: k for k, name in enumerate(sent.joints)}
-    order = [places[column.name] for column in sent.solution.labels.v]
-    qs = np.column_stack([_coordinate(column.name, places, positions) for column in sent.solution.labels.q])
+    (qs, vs), (_, rates) = (states_of(sent, positions, x) for x in (velocities, accelerations))
     forces = np.array(
         [
             pin.rnea(model, data, q, v, a) - robot.force_elements(q, v)
-            for q, v, a in zip(qs, velocities[:, order], accelerations[:, order], strict=True)
+            for q, v, a in zip(qs, vs, rates, strict=True)
         ]
     )
     return times, np.linalg.solve(robot.actuation_matrix(robot.q0), forces.T).T
@@ -60,14 +59,3 @@ def torque_excesses(sent: Sent, robot: Robot) -> tuple[Excess, ...]:
         )
     )
     return tuple(sorted(found, key=lambda excess: -excess.ratio))
-
-
-def _coordinate(name: str, places: dict[str, int], positions: Array) -> Array:
-    """A coordinate of q: the position of a joint, or cosine or sine of one that turns without end."""
-    if name in places:
-        found: Array = positions[:, places[name]]
-        return found
-    joint, _, function = name.rpartition(".")
-    angle = positions[:, places[joint]]
-    turned: Array = np.cos(angle) if function == "cos" else np.sin(angle)
-    return turned

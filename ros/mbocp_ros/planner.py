@@ -16,7 +16,7 @@ from mbocp.exceptions import InvalidValue, ProblemError, UnknownJoint
 from mbocp.problem import Problem
 from mbocp.solution.joined import join_motions
 from mbocp.solution.sent import Sent, motion_as_sent
-from mbocp.solution.sent_torques import has_torques, torque_excesses
+from mbocp.solution.sent_checks import check_sent
 
 _STOP_STEPS = 20
 _STOP_TOLERANCE = 1e-6  # of the solver
@@ -52,8 +52,8 @@ class Motion:
 
     @property
     def words(self) -> str:
-        """Limits that it leaves as it is sent, by more than a thousandth; "" if it keeps all."""
-        left = (excess for excess in self.sent.excesses if excess.ratio > _TOLERANCE)
+        """Limits that it leaves as it is sent, of joints by more than a thousandth; "" if it keeps all."""
+        left = (one for one in self.sent.excesses if one.kind == "path" or one.ratio > _TOLERANCE)
         return "; ".join(f"{excess.name}: {excess.words}" for excess in left)
 
 
@@ -109,9 +109,7 @@ class Planner:
         solution = mbocp.solve(problem, check=True, time_limit=self.time_limit)
         sent = motion_as_sent(solution, is_joined=True, fit=True)
         here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]
-        robot = self.problem.robot
-        beyond = torque_excesses(sent, robot) if has_torques(sent, robot) else ()
-        sent = replace(sent, excesses=(*sent.excesses, *beyond))
+        sent = replace(sent, excesses=(*sent.excesses, *check_sent(sent, problem).excesses))
         motion = Motion(solution, sent, 2.0 * np.pi * np.round(here / (2.0 * np.pi)))
         if motion.words:
             raise ProblemError(f"the motion leaves limits as it is sent: {motion.words}; give it more steps")

@@ -51,8 +51,11 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     assert export_result(result, tmp_path / "a.csv", interpolation="cubic", **given)
     with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: effort -45\.\d+ N m at"):
         assert not export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
-    gone = dataclasses.replace(mbocp.Solution.load(result), robot_spec={}, robot_files=None)
-    with pytest.warns(UserWarning, match="efforts are not looked at as they are sent: "):
+    saved = mbocp.Solution.load(result)
+    gone = dataclasses.replace(
+        saved, robot_spec={}, robot_files=None, problem_text=saved.problem_text.replace("ur5", "gone.urdf")
+    )
+    with pytest.warns(UserWarning, match=r"efforts and paths are not looked at .*gone.urdf: no such file"):
         assert export_result(
             gone.save(tmp_path / "b.h5"), tmp_path / "b.csv", interpolation="quintic", **given
         )

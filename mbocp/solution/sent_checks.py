@@ -1,0 +1,48 @@
+"""What a robot and its surroundings say of a motion as it is sent: torques, path constraints, obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp.problem import Problem
+from mbocp.solution.sent import Excess, Sent
+from mbocp.solution.sent_path import path_excesses
+from mbocp.solution.sent_torques import has_torques, torque_excesses
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What was found.
+
+    Attributes
+    ----------
+    excesses : tuple of Excess
+        Of torques, the worst first, and of path constraints.
+    unknown : tuple of str
+        What was not looked at, in words.
+    """
+
+    excesses: tuple[Excess, ...]
+    unknown: tuple[str, ...]
+
+
+def check_sent(sent: Sent, problem: Problem) -> Checked:
+    """Look at the torques that a motion takes as it is sent, and at path constraints and obstacles.
+
+    Parameters
+    ----------
+    sent : Sent
+    problem : Problem
+        What the motion is a solution of; terms of one's own may be missing.
+    """
+    excesses, unseen = path_excesses(sent, problem)
+    rows = {label.name for constraint in problem.path for label in constraint.labels}
+    unknown = [*unseen, *(row.name for row in sent.solution.facts.path if row.name not in rows)]
+    if np.isfinite(sent.solution.limits_u).any():
+        if has_torques(sent, problem.robot):
+            excesses = (*torque_excesses(sent, problem.robot), *excesses)
+        else:
+            unknown.insert(0, "efforts")
+    return Checked(excesses, tuple(unknown))

@@ -1,0 +1,111 @@
+"""Path constraints and obstacles of a motion as it is sent, and motions of schemes of first order."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.cli.export import export_result
+from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent_checks import check_sent
+from mbocp.solution.sent_path import path_excesses
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+LINE = EXAMPLES / "arms" / "straight_line.toml"
+SLALOM = EXAMPLES / "arms" / "slalom.toml"
+
+
+def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
+    """The largest distance is that of Pinocchio's own kinematics, in a closer look."""
+    problem = mbocp.load_problem(LINE).with_(steps=10)
+    solution = mbocp.solve(problem, check=True)
+    sent = motion_as_sent(solution, 1000.0)
+    (found,), unseen = path_excesses(sent, problem)
+    assert not unseen
+    robot, frame = problem.robot, problem.robot.frame_id("tool0")
+    places = []
+    for q in sent.curves.at(np.linspace(0.0, solution.duration, 4001))[0]:
+        pin.framesForwardKinematics(robot.model, data := robot.model.createData(), q)
+        places.append(data.oMf[frame].translation.copy())
+    ways = np.array(places) - places[0]
+    along = ways[-1] / np.linalg.norm(ways[-1])
+    away = np.linalg.norm(ways - np.outer(ways @ along, along), axis=1).max()
+    assert (found.name, found.bound) == ("line of tool0", 0.001)
+    assert found.value == pytest.approx(away, rel=0.02)
+    assert found.value > 0.0015
+    assert found.words.endswith(" beyond 0.001")
+    given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "quiet": True}
+    with pytest.warns(UserWarning, match=r"line of tool0 leaves its limits: 0\.00\d+ m at"):
+        assert not export_result(solution.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
+    fine = mbocp.solve(problem.with_(steps=50), check=True)
+    assert export_result(fine.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
+
+
+def test_a_constraint_is_looked_at_while_it_holds() -> None:
+    problem = mbocp.load_problem(LINE).with_(steps=10)
+    solution = mbocp.solve(problem, check=True)
+    sent = motion_as_sent(solution, 1000.0)
+    (whole,), _ = path_excesses(sent, problem)
+    tables = {"kind": "line", "frame": "tool0", "tolerance": 0.001}
+    before = whole.time * 10 // 1.5 * 0.15 - 0.15  # the node before the step before that
+    for until, is_left in ((before, False), (None, True)):
+        path = [tables | ({} if until is None else {"until": until})]
+        (line,) = problem.with_(path=path).path
+        found, _ = path_excesses(sent, dataclasses.replace(problem, path=(line,)))
+        assert ((found[0].value if found else 0.0) == whole.value) == is_left
+
+
+def test_what_is_touched_as_it_is_sent_is_told() -> None:
+    problem = mbocp.load_problem(SLALOM)
+    blind = mbocp.solve(problem.with_(obstacle=[]), check=True)
+    found = check_sent(motion_as_sent(blind, 1000.0), problem)
+    (nearest,) = [one for one in found.excesses if one.kind == "path"]
+    assert nearest.name.split(" and ")[1] in ("box", "ball")
+    assert nearest.value < 0.0
+    clear = mbocp.solve(problem, check=True)
+    assert check_sent(motion_as_sent(clear, 1000.0), problem).excesses == ()
+
+
+def test_forces_and_bodies_that_are_not_sent_are_named() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "pick_and_place.toml")
+    solution = mbocp.solve(problem)
+    excesses, unseen = path_excesses(motion_as_sent(solution, 1000.0), problem)
+    assert {"level", "contact_force of grip"} <= set(unseen)
+    assert "straight down" not in unseen
+    assert not excesses
+
+
+@pytest.mark.parametrize("steps", [20, 60])
+def test_a_motion_of_first_order_has_the_accelerations_of_its_scheme(steps: int) -> None:
+    """Cubics through the nodes have four times as large ones; those through the middles have its own."""
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_fastest.toml").with_(
+        steps=steps, scheme="se1", limits={"acceleration": 20.0}
+    )
+    solution = mbocp.solve(problem, check=True)
+    accelerations = np.diff(solution.vs, axis=0) / np.diff(solution.t)[:, None]
+    assert np.abs(accelerations).max() == pytest.approx(20.0, rel=1e-3)
+    sent = motion_as_sent(solution)
+    assert sent.excesses == ()
+    assert sent.lag == pytest.approx(solution.t[1] / 2.0)
+    assert sent.curves.nodes[-1] == pytest.approx(solution.duration)
+    found = sent.curves.places(4)[1][2][1::5]
+    np.testing.assert_allclose(found, accelerations, atol=1e-6)
+    positions = sent.curves.at(sent.times_of(solution.t[1:-1]))[0]
+    apart = np.abs(positions - solution.qs[1:-1]).max()
+    assert apart < 20.0 * solution.t[1] ** 2 / 8.0 * 1.001  # of a chord from a parabola
+
+
+def test_a_motion_of_first_order_that_ends_in_motion_ends_where_it_does() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(
+        steps=30, scheme="se1", goal={"q": [0.6, -1.2, 1.0, -1.3, -1.5, 0.3], "v": [0.1] * 6}
+    )
+    solution = mbocp.solve(problem, check=True)
+    curves = motion_as_sent(solution).curves
+    np.testing.assert_array_equal(curves.q[-1], solution.qs[-1])
+    np.testing.assert_array_equal(curves.v[-1], solution.vs[-1])
+    assert curves.nodes[-1] == pytest.approx(solution.duration + solution.t[1] / 2.0)
