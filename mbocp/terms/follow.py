@@ -6,7 +6,8 @@ With c(s) the path, 0 <= s <= 1, and the progress s_n of the frame at node n, a 
 
 where w is a control of the programme, the pace in units of the mean one, and e_n is 1 over the number of
 steps on the path, 0 in all others. On the path p(q) = c(s); within a tolerance s is that of the nearest
-point, as :math:`c'(s) \cdot (p - c(s)) = 0` says, and :math:`|p - c(s)| \le \delta`.
+point, as :math:`c'(s) \cdot (p - c(s)) = 0` says, and :math:`|p - c(s)| \le \delta`. An axis of the frame
+may keep an angle to the direction c'(s) of the path, as a torch that is dragged or pushed.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.spline import Curve, curve_through, symbolic_curve
-from mbocp.terms.written import Finite, NonNegative
+from mbocp.terms.written import Bound, Finite, NonNegative, Triple
 
 _Row = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 _Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
@@ -51,6 +52,8 @@ class Follow(PathTerm):
         Whether the orientation is that of the path, or within an angle of it.
     is_exact : bool
         Whether the origin is on the path.
+    leans : bool
+        Whether an axis of the frame keeps an angle to the direction of the path.
     index : int
         Of its progress, where several frames follow paths.
     """
@@ -58,6 +61,7 @@ class Follow(PathTerm):
     num_pieces: int
     turn: str
     is_exact: bool
+    leans: bool = False
     index: int = 0
 
     kind = "follow"
@@ -99,20 +103,25 @@ class Follow(PathTerm):
             NonNegative | None,
             Key("how far from the orientations of a path; 0: an equation", "rad", default="0"),
         ] = None
+        axis: Triple = None
+        min: Bound = None
+        max: Bound = None
 
     @classmethod
     def of(cls, given: PathNumbers) -> Follow:
         """With the number of pieces, and what is an equation."""
         pieces = len(given.number("knots")) - 1
         is_exact = bool(given.lower[1] == 0.0)
-        turns = given.lower[3:-1] if is_exact else given.lower[2:-1]
-        turn = "" if not len(turns) else "exact" if len(turns) == 3 else "within"
-        return cls(given.frame, pieces, turn, is_exact)
+        leans = "axis" in given.further
+        turns = len(given.lower) - (3 if is_exact else 2) - int(leans) - 1
+        turn = {0: "", 3: "exact"}.get(turns, "within")
+        return cls(given.frame, pieces, turn, is_exact, leans)
 
     @property
     def sizes(self) -> dict[str, int]:  # type: ignore[override]
         """Knots, coefficients of the pieces, and the length of the path."""
-        return {"knots": self.num_pieces + 1, "pieces": 4 * self.size * self.num_pieces, "length": 1}
+        axis = {"axis": 3} if self.leans else {}
+        return {"knots": self.num_pieces + 1, "pieces": 4 * self.size * self.num_pieces, "length": 1, **axis}
 
     @property
     def size(self) -> int:
@@ -160,8 +169,14 @@ class Follow(PathTerm):
         if turns is not None:
             angle = _tolerance(given, "orientation_tolerance", np.pi, key)
             rows += [(0.0, 0.0)] * 3 if angle == 0.0 else [(-np.inf, angle)]
+        leans = "min" in given or "max" in given
+        if "axis" in given and not leans:
+            raise ProblemError(f"{key}.axis: how far from the direction of the path? Give min or max")
+        if leans:
+            rows.append((given.get("min", -np.inf), given.get("max", np.inf)))
         lower, upper = np.array([*rows, (0.0, 0.0)]).T
         return {
+            **({"axis": given.get("axis", [0.0, 0.0, 1.0])} if leans else {}),
             "knots": curve.knots,
             "pieces": curve.pieces.ravel(),
             "length": np.array([lengths.sum()]),
@@ -178,12 +193,22 @@ class Follow(PathTerm):
         found: dict[str, Any] = {"points": points[:, :3].tolist()}
         if term.turn:
             found["orientations"] = points[:, 3:].tolist()
-            found["orientation_tolerance"] = float(given.upper[-2])
+            found["orientation_tolerance"] = float(given.upper[term.row_of_turn])
+        if term.leans:
+            found["axis"] = given.number("axis")
+            sides = (("min", given.lower[-2]), ("max", given.upper[-2]))
+            found |= {name: float(value) for name, value in sides if np.isfinite(value)}
         return {**found, "closed": is_closed, "tolerance": float(given.upper[0 if term.is_exact else 1])}
 
     @classmethod
     def check(cls, given: PathNumbers, key: str) -> None:
-        """Nothing more: points are checked where they are read."""
+        """Refuse an axis without a direction, and angles that are none; points are checked before."""
+        if cls.of(given).leans:
+            if not given.number("axis").any():
+                raise InvalidValue(f"{key}: axis", [0.0, 0.0, 0.0], "a direction")
+            for name, value in (("min", given.lower[-2]), ("max", given.upper[-2])):
+                if np.isfinite(value) and not 0.0 < value < np.pi:
+                    raise InvalidValue(f"{key}: {name}", float(value), "an angle between 0 and pi [rad]")
 
     @staticmethod
     def curve(given: PathNumbers) -> Curve:
@@ -207,12 +232,26 @@ class Follow(PathTerm):
             E = _rotation(point[3:]).T @ at.mechanics.frame_rotation(self.frame, at.q)
             sines = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
             rows.append(sines if self.turn == "exact" else (ca.trace(E) - 1) / 2)
+        if self.leans:
+            axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
+            rows.append(ca.dot(slope[:3], axis) / ca.sqrt(ca.sumsqr(slope[:3]) * ca.sumsqr(p["axis"])))
         return ca.vertcat(*rows, s - 1)
 
     @property
     def rows(self) -> int:
-        """Of the position, of the orientation, and of the end."""
-        return (3 if self.is_exact else 2) + {"": 0, "exact": 3, "within": 1}[self.turn] + 1
+        """Of the position, of the orientation, of the lean, and of the end."""
+        return self.row_of_turn + {"": 0, "exact": 3, "within": 1}[self.turn] + int(self.leans) + 1
+
+    @property
+    def row_of_turn(self) -> int:
+        """The first row of the orientation."""
+        return 3 if self.is_exact else 2
+
+    @property
+    def rows_of_cosines(self) -> tuple[int, ...]:
+        """Those of angles that the expression has the cosines of."""
+        of_turn = (self.row_of_turn,) if self.turn == "within" else ()
+        return (*of_turn, self.rows - 2) if self.leans else of_turn
 
     @property
     def rows_at_end(self) -> tuple[int, ...]:
@@ -241,7 +280,9 @@ class Follow(PathTerm):
         term, name = cls.of(given), given.name
         words = [f"{name}.{axis}" for axis in "xyz"] if term.is_exact else [f"{name}.along", name]
         turns = {"": [], "exact": [f"{name}.turn_{axis}" for axis in "xyz"], "within": [f"{name}.turn"]}
-        found = [Label(word, "m") for word in words] + [Label(word, "rad") for word in turns[term.turn]]
+        leans = [f"{name}.lean"] if term.leans else []
+        found = [Label(word, "m") for word in words]
+        found += [Label(word, "rad") for word in (*turns[term.turn], *leans)]
         return (*found, Label(f"{name}.end", ""))
 
     def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -249,8 +290,12 @@ class Follow(PathTerm):
         lower, upper = (np.array(side) for side in bounds)
         if not self.is_exact:
             upper[1] **= 2
-        if self.turn == "within":
-            lower[-2], upper[-2] = np.cos(upper[-2]), np.inf
+        for k in self.rows_of_cosines:  # they fall where angles rise
+            sides = upper[k], lower[k]
+            lower[k], upper[k] = (
+                np.cos(side) if np.isfinite(side) else free
+                for side, free in zip(sides, (-np.inf, np.inf), strict=True)
+            )
         return lower, upper
 
     def value(self, h: Array) -> Array:
@@ -258,8 +303,8 @@ class Follow(PathTerm):
         found = np.array(h)
         if not self.is_exact:
             found[..., 1] = np.sqrt(found[..., 1])
-        if self.turn == "within":
-            found[..., -2] = np.arccos(np.clip(found[..., -2], -1.0, 1.0))
+        for k in self.rows_of_cosines:
+            found[..., k] = np.arccos(np.clip(found[..., k], -1.0, 1.0))
         return found
 
     def slope(self, value: Array) -> Array:
@@ -267,8 +312,8 @@ class Follow(PathTerm):
         found = np.ones_like(value)
         if not self.is_exact:
             found[..., 1] = 2.0 * value[..., 1]
-        if self.turn == "within":
-            found[..., -2] = -np.sin(value[..., -2])
+        for k in self.rows_of_cosines:
+            found[..., k] = -np.sin(value[..., k])
         return found
 
 

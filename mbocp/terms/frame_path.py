@@ -231,13 +231,14 @@ class Orientation(PathTerm):
             Triple,
             Key(
                 'kind `"orientation"`: axis in the frame, and direction in the world '
-                "from which it is bent by an angle of at least `min` and at most `max`",
+                "from which it is bent by an angle of at least `min` and at most `max`; of a "
+                '`"follow"` the axis, and the direction of its path',
                 default="z",
                 beside=("direction",),
             ),
         ] = None
         direction: Triple = None
-        min: Annotated[Bound, Key("of an orientation", "rad", beside=("max",))] = None
+        min: Annotated[Bound, Key("of an orientation, or to a path", "rad", beside=("max",))] = None
         max: Bound = None
 
     @classmethod

@@ -56,6 +56,10 @@ class PathNumbers(Protocol):
     def upper(self) -> Array:
         """Upper bounds."""
 
+    @property
+    def further(self) -> Mapping[str, Any]:
+        """Parameters of its kind that are no fields, by name."""
+
     def number(self, key: str) -> Array:
         """Value of one of its parameters."""
 

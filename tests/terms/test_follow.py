@@ -172,6 +172,44 @@ def test_with_a_free_duration() -> None:
     assert along(problem, own)[1].max() < 1e-8
 
 
+@pytest.mark.parametrize("tolerance", [0.0, 0.01])
+def test_a_torch_keeps_its_angle_to_the_path(tolerance: float) -> None:
+    """An axis that is 0.5 rad from the path at the start, along a quarter of a circle."""
+    R = load_robot("ur5").frame_placement("tool0", START["q"]).rotation
+    path = {"points": CIRCLE[:3], "relative": True, "tolerance": tolerance}
+    tangent = arm(path).path[0].term.curve(arm(path).path[0]).at(np.zeros(1), 1)[0]
+    tangent /= np.linalg.norm(tangent)
+    across = np.cross(tangent, [1.0, 0.0, 0.0])
+    axis = R.T @ (np.cos(0.5) * tangent + np.sin(0.5) * across)
+    problem = arm({**path, "axis": axis, "min": 0.3, "max": 0.7}, duration=1.0)
+    solution = solved(problem)
+    s, away = along(problem, solution)
+    (constraint,) = problem.frame_constraints
+    tangents = constraint.term.curve(constraint).at(s, 1)[:, :3]
+    axes = np.array([problem.robot.frame_placement("tool0", q).rotation @ axis for q in solution.qs])
+    cosines = (tangents * axes).sum(axis=1) / np.linalg.norm(tangents, axis=1)
+    lean = np.arccos(cosines)
+    assert 0.3 - 1e-6 <= lean.min() <= lean.max() <= 0.7 + 1e-6
+    assert away.max() <= tolerance + 1e-8
+    free = solved(arm(path, duration=1.0))
+    assert free.cost < 0.9999 * solution.cost
+    again = parse_problem(problem_to_toml(problem))
+    np.testing.assert_allclose(again.path[0].inner_bounds, constraint.inner_bounds)
+    np.testing.assert_array_equal(again.path[0].number("axis"), axis)
+    assert {label.name for label in constraint.labels} >= {"follow of tool0.lean", "follow of tool0.end"}
+
+
+def test_what_is_no_angle_to_a_path_is_refused() -> None:
+    with pytest.raises(ProblemError, match=r"axis: how far from the direction of the path\? Give min or max"):
+        arm({**HALF, "axis": [0, 0, 1]})
+    with pytest.raises(ProblemError, match=r"axis: got .* expected a direction"):
+        arm({**HALF, "axis": [0, 0, 0], "max": 0.5})
+    with pytest.raises(ProblemError, match=r"max: got 4\.0, expected an angle between 0 and pi"):
+        arm({**HALF, "max": 4.0})
+    with pytest.raises(ProblemError, match=r"start follow of tool0.lean is .* rad, above its bound 0.1"):
+        arm({**HALF, "axis": [0, 1, 0], "max": 0.1})
+
+
 def test_two_frames_follow_two_paths() -> None:
     arms = {"part": [{"name": "a", "robot": "ur5"}, {"name": "b", "robot": "ur5", "position": [0, 1, 0]}]}
     pair = Problem.create(arms, 1.0, 4, goal={"v": 0}, scheme="se1")
