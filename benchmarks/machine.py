@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,6 +14,14 @@ from benchmarks.tables import Table
 from mbocp.programme.native import kernel
 
 __all__ = ["header", "memory", "one_core"]
+
+
+@dataclass(frozen=True)
+class _Machine(Table):
+    """A table in a terminal, and a line on a page."""
+
+    def markdown(self) -> str:
+        return f"Machine: {'; '.join(' '.join(row) for row in self.rows)}."
 
 
 def one_core() -> None:
@@ -31,7 +40,7 @@ def header() -> Table:
         ("kernel", kernel().__name__.rpartition(".")[2]),
         ("load", f"{os.getloadavg()[0]:.2f} (one-minute average at the start)"),
     ]
-    return Table("Machine", ("", "found"), rows)
+    return _Machine("Machine", ("", "found"), rows)
 
 
 def memory(name: str) -> int:
