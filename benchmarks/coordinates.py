@@ -28,7 +28,7 @@ _STEPS = (50, 100, 200, 400)
 _LINKS = (2, 4, 8, 16, 32)
 _ROUNDS = 5
 _FIRST = 6  # iterations of a chain that are timed
-_DOCS = Path(__file__).parent.parent / "docs" / "natural_coordinates.md"
+_DOCS = Path(__file__).parent / "measured" / "coordinates.md"
 _BEGIN = "<!-- tables: python -m benchmarks.coordinates --docs -->"
 
 
@@ -169,9 +169,9 @@ def chain_table(links: Sequence[int] = _LINKS, steps: int = 50) -> Table:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print all tables, or put them into the documentation."""
+    """Print all tables, or put them into the data that the documentation is about."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.coordinates", description=__doc__)
-    parser.add_argument("--docs", action="store_true", help=f"write them into docs/{_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write them into measured/{_DOCS.name}")
     parser.add_argument("--links", type=int, nargs="+", default=list(_LINKS), help="of the chains")
     options = parser.parse_args(arguments)
     one_core()

@@ -23,7 +23,7 @@ __all__ = ["random_table", "solver_table"]
 
 SOLVERS = ("monolithic", "fatrop", "ipopt")
 _ROUNDS = 5
-_DOCS = Path(__file__).parent.parent / "docs" / "performance.md"
+_DOCS = Path(__file__).parent / "measured" / "limits.md"
 _BEGIN = "<!-- tables: python -m benchmarks.limits --docs -->"
 _WALL = 'path=[{frame="tool0", kind="position", y=[-9, 0.55]}, {frame="tool0", kind="speed", max=2.5}]'
 _BOX = "limits={effort=30.0, velocity=[9.0, 9.0, 1.6, 9.0, 9.0, 9.0]}"
@@ -146,9 +146,9 @@ def random_table(number: int = 25) -> Table:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the tables, or put them into the documentation."""
+    """Print the tables, or put them into the data that the documentation is about."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.limits", description=__doc__)
-    parser.add_argument("--docs", action="store_true", help=f"rewrite the tables of {_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"rewrite measured/{_DOCS.name}")
     parser.add_argument("--number", type=int, default=25, help="random tasks of each kind")
     options = parser.parse_args(arguments)
     one_core()

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.paper`: the first paper's tables, on one core; `--docs` rewrites docs/paper.md."""
+"""`python -m benchmarks.paper`: the first paper's tables, on one core; `--docs` rewrites the documented ones."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from benchmarks.machine import header, one_core
 from benchmarks.tables import show
 from mbocp.cli.console import output
 
-__all__ = ["PAGE", "main", "replaced"]
+__all__ = ["DOCS", "TABLES", "main", "replaced"]
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = DOCS / "paper.md"
+TABLES = DOCS.parent / "benchmarks" / "measured" / "paper.md"
 _DPI, _COLORS = 120, 256  # pictures of some 100 kB
 
 
@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper", description=__doc__)
     parser.add_argument("--table", type=int, action="append", metavar="N", help="default: all; repeatable")
     parser.add_argument("--markdown", action="store_true", help="print Markdown")
-    parser.add_argument("--docs", action="store_true", help="rewrite tables and figures of docs/paper.md")
+    parser.add_argument("--docs", action="store_true", help="rewrite measured/paper.md and the figures of docs/paper.md")
     parser.add_argument("--quick", action="store_true", help="only the two coarsest step sizes")
     options = parser.parse_args(arguments)
     numbers = options.table or list(TITLES)
@@ -50,10 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def rewrite(numbers: Sequence[int], *, quick: bool, figures: bool) -> None:
     """Put new tables, the line about the machine, and new figures into the documentation."""
-    page = replaced(PAGE.read_text(encoding="utf-8"), "machine", machine_line() + ", one core used.\n")
+    page = replaced(TABLES.read_text(encoding="utf-8"), "machine", machine_line() + ", one core used.\n")
     for number in numbers:
         page = replaced(page, f"table {number}", make_table(number, quick=quick, say=_say).markdown())
-    PAGE.write_text(page, encoding="utf-8")
+    TABLES.write_text(page, encoding="utf-8")
     for number in FIGURES if figures else ():
         for path in write_figure(number, DOCS / "images", dpi=_DPI, say=_say):
             with Image.open(path) as picture:

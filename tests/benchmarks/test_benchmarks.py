@@ -17,7 +17,7 @@ from mbocp_papers.pendulums.tables import TITLES
 from benchmarks.growth import growth_rows, table_of
 from benchmarks.machine import header
 from benchmarks.newton import CASES, Stepper, exponent, in_rounds, iteration_table, load, scaling_table
-from benchmarks.paper.__main__ import PAGE, replaced
+from benchmarks.paper.__main__ import DOCS, TABLES, replaced
 from benchmarks.quality import WAYS, quality_table, record, refined, tasks
 from benchmarks.random_tasks import random_problems
 from benchmarks.records import Found, Key, Records
@@ -115,15 +115,15 @@ def test_text_is_put_between_markers() -> None:
 
 @pytest.mark.parametrize("name", ["machine", *(f"table {number}" for number in TITLES)])
 def test_the_documentation_has_a_place_for_every_table(name: str) -> None:
-    page = PAGE.read_text(encoding="utf-8")
+    page = TABLES.read_text(encoding="utf-8")
     assert "new\n" in replaced(page, name, "new\n")
 
 
 @pytest.mark.parametrize("number", FIGURES)
 def test_the_documentation_s_figures_are_small(number: int) -> None:
-    picture = PAGE.parent / "images" / f"paper_fig{number}.png"
+    picture = DOCS / "images" / f"paper_fig{number}.png"
     assert picture.stat().st_size < 200_000
-    assert picture.name in PAGE.read_text(encoding="utf-8")
+    assert picture.name in (DOCS / "paper.md").read_text(encoding="utf-8")
 
 
 def test_random_problems_are_the_same_for_the_same_seed() -> None:
