@@ -1,4 +1,4 @@
-"""`python -m benchmarks.paper`: the first paper's tables, on one core; `--docs` rewrites the documented ones."""
+"""`python -m benchmarks.paper`: the first paper's tables, on one core; `--docs` keeps them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper", description=__doc__)
     parser.add_argument("--table", type=int, action="append", metavar="N", help="default: all; repeatable")
     parser.add_argument("--markdown", action="store_true", help="print Markdown")
-    parser.add_argument("--docs", action="store_true", help="rewrite measured/paper.md and the figures of docs/paper.md")
+    parser.add_argument(
+        "--docs", action="store_true", help="rewrite measured/paper.md and the figures in docs"
+    )
     parser.add_argument("--quick", action="store_true", help="only the two coarsest step sizes")
     options = parser.parse_args(arguments)
     numbers = options.table or list(TITLES)
