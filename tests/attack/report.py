@@ -44,7 +44,7 @@ class Tally:
         return sum(len(found) for found in self.findings.values())
 
     def table(self, seconds: float) -> str:
-        """Markdown, for docs/reliability.md."""
+        """What became of each kind of input, in Markdown."""
         rows = [_row(kind, self) for kind in sorted(self.verdicts, key=_order)]
         counts = [sum(self.verdicts[k][v] for k in self.verdicts) for v in ("accepted", "refused")]
         rows.append(("all", self.thrown, *counts, self.lost, "", "", ""))
