@@ -68,6 +68,7 @@ class Problem(ProblemData):
         accuracy: float | None = None,
         controls: str | None = None,
         phase: Sequence[Mapping[str, Any]] | None = None,
+        ground: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
@@ -101,7 +102,7 @@ class Problem(ProblemData):
             How controls vary within a step; constant by default.
         phase : sequence of mapping, optional
             The tables `[[phase]]`.
-        start, goal, cost, limits, guess, integrator, solver : mapping, optional
+        ground, start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
         via, obstacle, path : sequence of mapping, optional
             The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
@@ -120,6 +121,7 @@ class Problem(ProblemData):
         horizon = {"duration": duration, "steps": steps, "accuracy": accuracy, "controls": controls}
         tables = {
             "phase": phase,
+            "ground": ground,
             "start": start,
             "goal": goal,
             "cost": cost,

@@ -138,6 +138,10 @@ class PhaseTable(Table):
         Key("number of its steps that take time; with `horizon.accuracy` those with which the search begins"),
     ]
     duration: Annotated[Duration, Key("how long it takes: given, or found between `min` and `max`", "s")]
+    contacts: Annotated[
+        list[str] | None,
+        Key("feet that stand on the [ground](contact.md#legs) throughout it", "", "none", "list of names"),
+    ] = None
     limits: Annotated[
         LimitsTable,
         Key(

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from mbocp._arrays import Array
 from mbocp.problem.file.cost_table import make_cost_reader, read_cost
 from mbocp.problem.file.goal_table import read_goals
+from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
 from mbocp.problem.file.limits_table import LimitsTable, read_limits
@@ -70,9 +71,9 @@ def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
         return load_keys(keys, folder)
 
 
-def _phases(phase_table: list[PhaseTable], robot: Robot) -> tuple[Phase, ...]:
+def _phases(phases_on_ground: list[PhaseTable], robot: Robot) -> tuple[Phase, ...]:
     """The phases, but for their weights."""
-    return phases_from(robot, phase_table)
+    return phases_from(robot, phases_on_ground)
 
 
 def _horizon(
@@ -90,9 +91,9 @@ def _profile(limits_table: LimitsTable, robot: Robot, folder: Path) -> Profile |
 
 
 def _via(
-    via_table: list[ViaTable], phase_table: list[PhaseTable], robot: Robot, said_q_start: Array
+    via_table: list[ViaTable], phases_on_ground: list[PhaseTable], robot: Robot, said_q_start: Array
 ) -> tuple[ViaPoint, ...]:
-    return via_from(robot, with_via(via_table, phase_table), said_q_start)
+    return via_from(robot, with_via(via_table, phases_on_ground), said_q_start)
 
 
 def _weights_of_phases(
@@ -106,7 +107,8 @@ def _weights_of_phases(
 
 def _path(
     path_table: list[Any],
-    phase_table: list[PhaseTable],
+    phases_on_ground: list[PhaseTable],
+    forces_of_feet: list[Any],
     profile: Profile | None,
     robot: Robot,
     said_q_start: Array,
@@ -114,7 +116,7 @@ def _path(
     folder: Path,
 ) -> tuple[Any, ...]:
     of_profile = [PathTable(**table) for table in profile.paths(robot)] if profile is not None else []
-    tables = [*with_paths(path_table, phase_table), *of_profile]
+    tables = [*with_paths(path_table, phases_on_ground), *forces_of_feet, *of_profile]
     return path_from(robot, tables, said_q_start, said_goal, folder)
 
 
@@ -123,6 +125,8 @@ def _solver(solver_table: SolverTable) -> SolverOptions:
 
 
 READ = (
+    Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
+    Step.of(on_ground, "phases_on_ground", "forces_of_feet"),
     Step.of(_phases, "phases_unweighted"),
     Step.of(
         _horizon,
@@ -133,7 +137,6 @@ READ = (
         "said_accuracy",
         "controls",
     ),
-    Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
     Step.of(read_goals, "said_goal", "goals"),
     Step.of(_profile, "profile"),
     Step.of(read_limits, "said_limits"),

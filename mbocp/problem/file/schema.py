@@ -22,6 +22,7 @@ from mbocp.problem._checks import choice
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.file.cost_table import CostTable
 from mbocp.problem.file.goal_table import GoalTable
+from mbocp.problem.file.ground_table import GroundTable
 from mbocp.problem.file.guess_table import GuessTable
 from mbocp.problem.file.integrator_table import IntegratorTable
 from mbocp.problem.file.limits_table import LimitsTable
@@ -74,6 +75,7 @@ class ProblemTable(Table):
     ] = "joint"
     horizon: Annotated[HorizonTable, Key("how long, and in how many steps")] = HorizonTable.model_construct()
     phase: Annotated[list[PhaseTable], Key("[phases](phases.md) of the motion")] = Field(default_factory=list)
+    ground: Annotated[GroundTable | None, Key("what [feet](contact.md#legs) stand on", "", "none")] = None
     start: Annotated[StartTable, Key("state at t = 0")] = StartTable.model_construct()
     goal: Annotated[GoalTable, Key("state at t = T")] = GoalTable.model_construct()
     cost: Annotated[CostTable, Key("what is minimised")] = CostTable.model_construct()  # type: ignore[valid-type]

@@ -20,7 +20,7 @@ from mbocp.problem.timeline.times import check_duration
 from mbocp.terms.span import Place
 
 Meeting = Literal["impact", "soft"]  # the key `meeting` of [[phase.hold]] and [[phase.release]]
-_MEETINGS = ("impact", "soft")
+MEETINGS = ("impact", "soft")
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PhaseHold:
     meeting: Meeting = "impact"
 
     def __post_init__(self) -> None:
-        check_choice(f"hold {self.hold.name!r}: meeting", self.meeting, _MEETINGS)
+        check_choice(f"hold {self.hold.name!r}: meeting", self.meeting, MEETINGS)
         object.__setattr__(self, "hold", replace(self.hold, spans=()))
 
 
@@ -58,7 +58,7 @@ class PhaseRelease:
     meeting: Meeting = "impact"
 
     def __post_init__(self) -> None:
-        check_choice(f"release {self.constraint!r}: meeting", self.meeting, _MEETINGS)
+        check_choice(f"release {self.constraint!r}: meeting", self.meeting, MEETINGS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,179 @@
+"""A ground to stand on: `[ground]`, and `contacts` of phases.
+
+Phases say which feet stand. From there follow holds, via points where feet land, path constraints that keep
+other feet above the ground, and bounds of the forces: all that can be written by hand, and is in the text of
+the problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._keys import Key, Table
+from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.exceptions import ProblemError
+from mbocp.problem._checks import check_choice, choice
+from mbocp.problem.file.frame_table import FrameGoalTable
+from mbocp.problem.file.messages import locate
+from mbocp.problem.file.path_table import PathTable
+from mbocp.problem.file.phase_table import HoldTable, PhaseTable
+from mbocp.problem.file.via_table import ViaTable
+from mbocp.problem.timeline.phase import MEETINGS
+from mbocp.robot import Robot
+from mbocp.terms import ContactTerm
+from mbocp.terms.span import Share
+from mbocp.terms.written import Finite, NonNegative, Pair
+
+
+class GroundTable(Table):
+    """A level ground, and what stands on it."""
+
+    feet: Annotated[
+        dict[str, str],
+        Key(
+            "short names of feet, for `phase.contacts`, and their frames; [legs](contact.md#legs)",
+            "",
+            "required",
+            takes="table of strings",
+        ),
+    ]
+    height: Annotated[
+        Finite | None,
+        Key("of the ground: z of the origins of feet that stand", "m", "of the lowest foot at the start"),
+    ] = None
+    friction: Annotated[
+        NonNegative | None,
+        Key("of the ground: see `path.friction`", "", "none: feet stick, and are not pulled"),
+    ] = None
+    sole: Annotated[
+        Pair,
+        Key("sides of the soles about the frames of feet, which do not tilt then", "m", "feet are points"),
+    ] = None
+    meeting: Annotated[
+        str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest already')
+    ] = "impact"
+
+
+def on_ground(
+    phase_table: list[PhaseTable], ground_table: GroundTable | None, robot: Robot, said_q_start: Array
+) -> tuple[list[PhaseTable], list[Any]]:
+    """Return the phases with what follows from their contacts, and path constraints of the whole motion.
+
+    Raises
+    ------
+    ProblemError, UnknownFrame
+        If a phase has contacts without a ground, or a foot is unknown or does not stand on it.
+    """
+    if ground_table is None:
+        for table in phase_table:
+            if table.contacts is not None:
+                raise ProblemError(f"phase {table.name!r}: contacts: of which feet? Say it in [ground]")
+        return phase_table, []
+    if not phase_table:
+        raise ProblemError("ground: phases say which feet stand; give one [[phase]] with contacts at least")
+    ground = _Ground.of(ground_table, robot, said_q_start)
+    stands = [ground.contacts(table) for table in phase_table]
+    ground.check_start(phase_table[0], stands[0])
+    after = [set(names) - set(before) for before, names in pairwise(stands)]
+    found = [
+        ground.complete(table, names, lands)
+        for table, names, lands in zip(phase_table, stands, [*after, set()], strict=True)
+    ]
+    used = [name for name in ground.table.feet if any(name in names for names in stands)]
+    return found, [ground.force(name) for name in used]
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """A ground, its height [m], and where feet are at the start, by name."""
+
+    table: GroundTable
+    height: float
+    places: Mapping[str, pin.SE3]
+
+    @classmethod
+    def of(cls, table: GroundTable, robot: Robot, q_start: Array) -> _Ground:
+        if not table.feet:
+            raise ProblemError("ground.feet: there are none; name the frames of feet")
+        check_choice("ground.meeting", table.meeting, MEETINGS)
+        with locate("ground.feet"):
+            places = {name: robot.frame_placement(frame, q_start) for name, frame in table.feet.items()}
+        lowest = min(float(place.translation[2]) for place in places.values())
+        return cls(table, lowest if table.height is None else table.height, places)
+
+    def contacts(self, table: PhaseTable) -> Sequence[str]:
+        """Names of the feet that stand in a phase."""
+        for name in table.contacts or ():
+            if name not in self.table.feet:
+                known = ", ".join(map(repr, self.table.feet))
+                raise ProblemError(f"phase {table.name!r}: contacts: no foot {name!r}; [ground] has {known}")
+        return table.contacts or ()
+
+    def check_start(self, table: PhaseTable, stands: Sequence[str]) -> None:
+        """Refuse feet that stand in the air."""
+        for name in stands:
+            there = float(self.places[name].translation[2])
+            if abs(there - self.height) > BOUND_TOLERANCE:
+                raise ProblemError(
+                    f"phase {table.name!r}: contacts: at the start {name!r} is at z = {there:.6g} m, and the "
+                    f"ground at {self.height:.6g} m; move the start, or ground.height"
+                )
+
+    def complete(self, table: PhaseTable, stands: Sequence[str], lands: Set[str]) -> PhaseTable:
+        """A phase in which feet stand, others stay above the ground, and some land at its end."""
+        kind = "point" if self.table.sole is None else "weld"
+        holds = [
+            HoldTable(name=name, frame=self.table.feet[name], kind=kind, meeting=self.table.meeting)
+            for name in stands
+        ]
+        above = [self._above(table, name, name in lands) for name in self.table.feet if name not in stands]
+        at_end = [self._landed(name) for name in self.table.feet if name in lands]
+        update = {"hold": [*table.hold, *holds], "path": [*table.path, *filter(None, above)]}
+        return table.model_copy(update={**update, "via": _with_frames(table.via, at_end)})
+
+    def force(self, name: str) -> Any:
+        """The ground pushes, and holds as far as its friction does."""
+        friction, sole = self.table.friction, self.table.sole
+        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name}
+        found |= {"friction": friction} if friction is not None else {"min_normal": 0.0}
+        found |= {} if sole is None else {"pressure": sole}
+        return PathTable(**found)
+
+    def _above(self, table: PhaseTable, name: str, lands: bool) -> Any:
+        """Keep a foot above the ground within a phase, and at its end unless it lands there."""
+        last = table.steps - 1 if lands else table.steps
+        if last < 1:
+            return None
+        found: dict[str, Any] = {
+            "kind": "position",
+            "frame": self.table.feet[name],
+            "z": [self.height, np.inf],
+        }
+        found |= {"from": Share(1.0 / table.steps), "until": Share(last / table.steps)}
+        return PathTable(name=f"{name} above the ground in {table.name}", **found)
+
+    def _landed(self, name: str) -> FrameGoalTable:
+        """A foot on the ground, a sole as level as at the start."""
+        found: dict[str, Any] = {"name": self.table.feet[name], "z": self.height}
+        if self.table.sole is not None:
+            up = [0.0, 0.0, 1.0]
+            found |= {"axis": (self.places[name].rotation.T @ up).tolist(), "direction": up}
+        return FrameGoalTable(**found)
+
+
+def _with_frames(via: Sequence[ViaTable], at_end: list[FrameGoalTable]) -> list[ViaTable]:
+    """Via points of a phase with frames at its end: in the one that is there, or in one more."""
+    if not at_end:
+        return list(via)
+    there = [k for k, point in enumerate(via) if point.share in (None, 1.0)]
+    if not there:
+        return [*via, ViaTable(frame=at_end)]
+    k = there[0]
+    return [*via[:k], via[k].model_copy(update={"frame": [*via[k].frame, *at_end]}), *via[k + 1 :]]

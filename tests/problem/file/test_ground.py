@@ -1,0 +1,134 @@
+"""`[ground]` and `contacts`: what phases say of feet, and gaits that follow from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.problem.contact_bounds import ContactBounds
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+EXAMPLES = Path(__file__).parents[3] / "examples" / "legged"
+FEET = {name: f"{name}_FOOT" for name in ("FL", "FR", "HL", "HR")}
+GROUND = {"feet": FEET, "friction": 0.7}
+LEVEL = 0.0191028
+
+
+def steps(*contacts: list[str], count: int = 4) -> list[dict[str, Any]]:
+    return [
+        {"name": f"s{k}", "steps": count, "duration": 0.1, "contacts": names}
+        for k, names in enumerate(contacts)
+    ]
+
+
+def solo(phase: list[dict[str, Any]], ground: dict[str, Any] | None = None, **words: Any) -> Problem:
+    start = {"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}}
+    ground = GROUND if ground is None else ground
+    return Problem.create(
+        "solo12", phase=phase, ground=ground, start=start, goal={"v": 0}, scheme="se1", **words
+    )
+
+
+def heights(problem: Problem, qs: np.ndarray, name: str) -> np.ndarray:
+    return np.array([problem.robot.frame_placement(FEET[name], q).translation for q in qs])
+
+
+@pytest.mark.parametrize("name", ["trot", "jump"])
+def test_feet_stand_swing_and_land(name: str) -> None:
+    problem = mbocp.load_problem(EXAMPLES / f"solo12_{name}.toml")
+    solution = mbocp.solve(problem, check=True)
+    assert solution.limit_violation < 1e-8
+    stands = {phase.name: {held.hold.name for held in phase.holds} for phase in problem.phase}
+    for place in solution.named_phases:
+        for foot in FEET:
+            at = heights(problem, solution.qs[place.first : place.last + 1], foot)
+            if foot in stands[place.name]:
+                assert np.abs(at - at[0]).max() < 1e-9
+                np.testing.assert_allclose(at[:, 2], LEVEL, atol=1e-6)
+            else:
+                assert at[:, 2].min() > LEVEL - 1e-6
+    forces = [c for c in problem.path if isinstance(c, ContactBounds)]
+    assert {c.contact.constraint for c in forces} == set(FEET)
+    assert {c.contact.friction for c in forces} == {0.7}
+
+
+def test_a_phase_has_what_its_contacts_say() -> None:
+    phase = steps(["FL", "HR"], [], ["FL", "FR", "HL", "HR"])
+    phase[1]["via"] = [{"frame": {"name": "base_link", "z": 0.3}}]
+    problem = solo(phase)
+    assert [[held.hold.name for held in one.holds] for one in problem.phase] == [
+        ["FL", "HR"],
+        [],
+        ["FL", "FR", "HL", "HR"],
+    ]
+    (landing,) = problem.via
+    asked = {frame.name: frame.target.position for frame in landing.goal.frames}
+    assert set(asked) == {"base_link", *FEET.values()}
+    assert asked["HL_FOOT"][2] == pytest.approx(LEVEL, abs=1e-6)
+    above = {one.name: one.span for one in problem.path if "above the ground" in one.name}
+    assert set(above) == {
+        *(f"{foot} above the ground in s0" for foot in ("FR", "HL")),
+        *(f"{foot} above the ground in s1" for foot in FEET),
+    }
+    at = above["FR above the ground in s0"]
+    nodes = np.flatnonzero(at.nodes(problem.num_steps, problem.dt)) + 1
+    first = problem.phase[0]
+    assert nodes[0] == first.first + 1
+    assert nodes[-1] >= first.last - 1  # it does not land at the end of this phase
+
+
+def test_the_text_says_all_by_itself() -> None:
+    problem = solo(steps(["FL", "FR", "HL", "HR"], ["FL", "HR"]))
+    text = problem_to_toml(problem)
+    assert "[ground]" not in text
+    again = parse_problem(text)
+    assert [one.holds for one in again.phase] == [one.holds for one in problem.phase]
+    assert [one.name for one in again.path] == [one.name for one in problem.path]
+    assert problem_to_toml(again) == text
+
+
+def test_what_is_changed_afterwards() -> None:
+    problem = solo(steps(["FL", "FR", "HL", "HR"], ["FL", "HR"]))
+    slippery = problem.with_(ground={"friction": 0.2})
+    assert {c.contact.friction for c in slippery.path if isinstance(c, ContactBounds)} == {0.2}
+    sole = problem.with_(ground={"sole": [0.04, 0.02]})
+    assert {held.hold.kind for held in sole.phase[0].holds} == {"weld"}
+    longer = problem.with_(phase=[*problem.phase]).with_(path=[])
+    kept = longer.with_(phase=[*steps(["FL", "FR", "HL", "HR"])])
+    assert [held.hold.name for held in kept.phase[0].holds] == list(FEET)
+
+
+@pytest.mark.parametrize(
+    ("phase", "ground", "words"),
+    [
+        (
+            steps(["FL", "XY"]),
+            GROUND,
+            r"'s0': contacts: no foot 'XY'; \[ground\] has 'FL', 'FR', 'HL', ",
+        ),
+        (
+            steps(["FL"]),
+            {**GROUND, "height": 0.0},
+            r"the start 'FL' is at z = 0\.0191028 m, and the ground",
+        ),
+        ([], GROUND, r"ground: phases say which feet stand"),
+        (steps([]), {"feet": {}}, r"ground\.feet: there are none"),
+        (steps([]), {"feet": {"A": "foot"}}, r"ground\.feet: .*'foot'"),
+        (steps([]), {**GROUND, "meeting": "hard"}, r"ground\.meeting: "),
+    ],
+)
+def test_what_cannot_stand_is_refused(phase: list[Any], ground: dict[str, Any], words: str) -> None:
+    with pytest.raises(mbocp.exceptions.MbocpError, match=words):
+        solo(phase, ground, **({} if phase else {"duration": 0.5, "steps": 10}))
+
+
+def test_contacts_without_a_ground_are_refused() -> None:
+    with pytest.raises(ProblemError, match=r"phase 's0': contacts: of which feet\? Say it in \[ground\]"):
+        Problem.create("solo12", phase=steps(["FL"]), goal={"v": 0})
