@@ -1,0 +1,108 @@
+"""Gaits of solo12 at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
+
+Four phases of 0.2 s on a level ground with friction 0.7, from rest to rest, at up to 0.4 m/s in any
+direction, turned by up to half a radian; torques and positions within the limits of `solo12_trot.toml`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import mbocp
+from benchmarks.machine import header
+from benchmarks.tables import Table, show
+from mbocp.problem import Problem
+
+__all__ = ["GAITS", "gait", "gait_table", "record_of"]
+
+_SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
+GAITS: Mapping[str, Sequence[Sequence[str]]] = {
+    "trot": [["FL", "HR"], ["FR", "HL"]] * 2,
+    "pace": [["FL", "HL"], ["FR", "HR"]] * 2,
+    "crawl": [["FL", "FR", "HL"], ["FL", "FR", "HR"], ["FL", "HL", "HR"], ["FR", "HL", "HR"]],
+    "bound": [["FL", "FR"], ["HL", "HR"]] * 2,
+}
+
+
+def gait(name: str, number: int) -> Problem:
+    """One motion; it depends on nothing but the gait and its number."""
+    rng = np.random.default_rng([number, sorted(GAITS).index(name)])
+    speed, heading, turn = rng.uniform([0.0, -np.pi, -_TURN], [_FASTEST, np.pi, _TURN])
+    way = speed * _SECONDS * len(GAITS[name])
+    place = [way * np.cos(heading), way * np.sin(heading), 0.235]
+    phases = [
+        {"name": f"{k}", "steps": _STEPS, "duration": _SECONDS, "contacts": list(feet)}
+        for k, feet in enumerate(GAITS[name], start=1)
+    ]
+    return Problem.create(
+        "solo12",
+        phase=phases,
+        ground={"feet": {foot: f"{foot}_FOOT" for foot in ("FL", "FR", "HL", "HR")}, "friction": 0.7},
+        start={"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}},
+        goal={"v": 0, "frame": {"name": "base_link", "position": place, "rpy": [0, 0, turn]}},
+        cost={"effort": 1.0, "velocity": 0.01},
+        limits={"effort": 2.7, "position": True},
+        scheme="se1",
+    )
+
+
+def record_of(name: str, number: int) -> dict[str, Any]:
+    """What came of a motion, and how far feet that stand are from the ground [m]."""
+    problem = gait(name, number)
+    begun = time.perf_counter()
+    solution = mbocp.solve(problem, time_limit=60.0)
+    seconds = time.perf_counter() - begun
+    robot, off = problem.robot, 0.0
+    for phase, place in zip(problem.phase, solution.named_phases, strict=True):
+        for held in phase.holds:
+            at = [
+                robot.frame_placement(held.hold.frame, q).translation[2]
+                for q in solution.qs[place.first : place.last + 1]
+            ]
+            level = robot.frame_placement(held.hold.frame, problem.q_start).translation[2]
+            off = max(off, float(np.abs(np.array(at) - level).max()))
+    status, iterations = str(solution.status), solution.iterations
+    return {"status": status, "iterations": iterations, "seconds": seconds, "off": off}
+
+
+def gait_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
+    """Success, iterations and time, a line for each gait."""
+    rows = []
+    for name, found in records.items():
+        good = [one for one in found if one["status"] == "converged"]
+        iterations, seconds = ([one[key] for one in good] for key in ("iterations", "seconds"))
+        rows.append(
+            (
+                name,
+                str(len(found)),
+                str(len(good)),
+                ", ".join(f"{x:.0f}" for x in np.quantile(iterations, [0.5, 0.9])),
+                ", ".join(f"{x:.2f} s" for x in np.quantile(seconds, [0.5, 0.9])),
+                f"{max(one['off'] for one in good):.0e} m",
+            )
+        )
+    columns = ("", "motions", "converged", "iterations: median, 90 %", "time: median, 90 %", "off the ground")
+    note = "Of those that converged; feet that stand, at nodes. Functions are in the cache."
+    return Table("Gaits of solo12", columns, rows, note)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gaits", description=__doc__)
+    parser.add_argument("--count", type=int, default=50, help="of each gait")
+    parser.add_argument("--markdown", action="store_true")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    records = {name: [record_of(name, k) for k in range(options.count)] for name in GAITS}
+    for table in (header(), gait_table(records)):
+        show(table, markdown=options.markdown)
+
+
+if __name__ == "__main__":
+    main()
