@@ -109,8 +109,7 @@ class Course:
             if span.takes_time:
                 of = span.steps
                 x = span.flow.track(x, (qs[of], vs[of]), us[of], dts[of], parts, gains[of])
-        found: Array = x[: robot.nq]
-        return found
+        return x[: robot.nq]
 
 
 def course_of(

@@ -123,8 +123,7 @@ class _Places:
 
     def between(self, values: Array) -> Array:
         """Values at the nodes, from those at the saved ones."""
-        out: Array = values[self.left] + self.share[:, None] * (values[self.left + 1] - values[self.left])
-        return out
+        return values[self.left] + self.share[:, None] * (values[self.left + 1] - values[self.left])
 
 
 def _motion(saved: Solution, formulation: Formulation, places: _Places) -> Motion:

@@ -97,8 +97,7 @@ def _nearest(solution: SolutionData, facts: Facts) -> Array:
     values, along = solution.u_values, facts.limits_along("u")
     lower, upper = solution.limits_u[:, None] if along is None else along
     room = np.minimum(values - lower[:, None], upper[:, None] - values)
-    nearest: Array = np.take_along_axis(values, room.argmin(axis=1)[:, None], axis=1)[:, 0]
-    return nearest
+    return np.take_along_axis(values, room.argmin(axis=1)[:, None], axis=1)[:, 0]
 
 
 def _of_phases(solution: SolutionData) -> Iterator[ActiveLimit]:

@@ -88,5 +88,4 @@ def in_time(values: Array, dts: Array) -> Array:
     if not timed.size:
         return values
     before = np.maximum(np.searchsorted(timed, np.arange(len(dts)), side="right") - 1, 0)
-    found: Array = values[timed[before]]
-    return found
+    return values[timed[before]]
