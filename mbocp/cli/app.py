@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.models import CommandInfo
@@ -47,36 +47,45 @@ def _added_commands() -> Iterator[CommandInfo]:
             typer.echo(f"warning: the commands of {name} cannot be loaded: {error}", err=True)
 
 
-ProblemFile = Annotated[Path, typer.Argument(metavar="FILE", help="Problem file (TOML).", show_default=False)]
-ResultFile = Annotated[
-    Path, typer.Argument(metavar="RESULT", help="What `mbocp solve -o` wrote.", show_default=False)
-]
-Robot = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="Robot, by name or path of its URDF.", show_default=False)
-]
+def _argument(metavar: str, words: str) -> Any:
+    """A word that has to be given."""
+    return typer.Argument(metavar=metavar, help=words, show_default=False)
+
+
+def _option(name: str, metavar: str, words: str) -> Any:
+    """An option with a value."""
+    return typer.Option(name, metavar=metavar, help=words)
+
+
+def _output(metavar: str, words: str) -> Any:
+    """The file that a command writes."""
+    return typer.Option("--output", "-o", metavar=metavar, help=words)
+
+
+def _switch(names: str, words: str) -> Any:
+    """An option of two names, whose help says what holds without it."""
+    return typer.Option(names, help=words, show_default=False)
+
+
+ProblemFile = Annotated[Path, _argument("FILE", "Problem file (TOML).")]
+ResultFile = Annotated[Path, _argument("RESULT", "What `mbocp solve -o` wrote.")]
+Robot = Annotated[str, _argument("ROBOT", "Robot, by name or path of its URDF.")]
 PackageDirs = Annotated[
-    list[Path] | None,
-    typer.Option("--package-dir", metavar="DIR", help="Folder with ROS packages (meshes). Repeatable."),
+    list[Path] | None, _option("--package-dir", "DIR", "Folder with ROS packages (meshes). Repeatable.")
 ]
-FreeFlyer = Annotated[
-    bool | None,
-    typer.Option("--free-flyer/--fixed", help="Whether the root link floats.", show_default=False),
-]
+FreeFlyer = Annotated[bool | None, _switch("--free-flyer/--fixed", "Whether the root link floats.")]
 Dynamics = Annotated[
     bool | None,
-    typer.Option(
+    _switch(
         "--dynamics/--no-dynamics",
-        help="Whether forces move it; without, controls are accelerations, and links need no inertias.",
-        show_default=False,
+        "Whether forces move it; without, controls are accelerations, and links need no inertias.",
     ),
 ]
 Locks = Annotated[
-    list[str] | None,
-    typer.Option("--lock", metavar="JOINT[=VALUE]", help="Make a joint rigid [rad, m]. Repeatable."),
+    list[str] | None, _option("--lock", "JOINT[=VALUE]", "Make a joint rigid [rad, m]. Repeatable.")
 ]
 Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the file; a TOML value. Repeatable."),
+    list[str] | None, _option("--set", "KEY=VALUE", "Change a key of the file; a TOML value. Repeatable.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
@@ -112,10 +121,7 @@ def _options(
 @reporting
 def new(
     name: Robot,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE.toml", help="File to write. [default: ROBOT.toml]"),
-    ] = None,
+    output: Annotated[Path | None, _output("FILE.toml", "File to write. [default: ROBOT.toml]")] = None,
     package_dir: PackageDirs = None,
     free_flyer: FreeFlyer = None,
     dynamics: Dynamics = None,
@@ -136,46 +142,32 @@ def new(
 @reporting
 def solve(
     file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="Problem file (TOML), or a result whose problem is solved again.",
-            show_default=False,
-        ),
+        Path, _argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
     ],
     settings: Settings = None,
     solver: Annotated[
         str | None,
-        typer.Option(
+        _option(
             "--solver",
-            metavar="NAME",
-            help="auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic, fbsm_bb+fbsm_newton, ipopt "
+            "NAME",
+            "auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic, fbsm_bb+fbsm_newton, ipopt "
             "or fatrop; short for --set solver.method=NAME.",
         ),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="RESULT.h5", help="Save the solution.")
-    ] = None,
-    replay: Annotated[
-        Path | None, typer.Option("--replay", metavar="FILE.html", help="Write a replay page.")
-    ] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", metavar="FILE.png", help="Write plots.")] = None,
+    output: Annotated[Path | None, _output("RESULT.h5", "Save the solution.")] = None,
+    replay: Annotated[Path | None, _option("--replay", "FILE.html", "Write a replay page.")] = None,
+    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Write plots.")] = None,
     meshes: Annotated[
         bool | None,
-        typer.Option(
-            "--meshes/--no-meshes",
-            help="Whether -o keeps the robot's meshes, too; by default up to 64 MB.",
-            show_default=False,
-        ),
+        _switch("--meshes/--no-meshes", "Whether -o keeps the robot's meshes, too; by default up to 64 MB."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     accuracy: Annotated[
         bool | None,
-        typer.Option(
+        _switch(
             "--accuracy/--no-accuracy",
-            help="Compare the motion with what the robot would do; by default unless that takes long.",
-            show_default=False,
+            "Compare the motion with what the robot would do; by default unless that takes long.",
         ),
     ] = None,
 ) -> None:
@@ -195,10 +187,7 @@ def solve(
 def check(
     file: ProblemFile,
     settings: Settings = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="PAGE.html", help="Write a page: start, goal, obstacles."),
-    ] = None,
+    output: Annotated[Path | None, _output("PAGE.html", "Write a page: start, goal, obstacles.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Say what a problem file asks for, and what is odd about it.
@@ -213,20 +202,10 @@ def check(
 @app.command(epilog=examples("explain"))
 @reporting
 def explain(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE|RESULT", help="Problem file, or a result of a solve.", show_default=False
-        ),
-    ],
+    file: Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")],
     settings: Settings = None,
     search: Annotated[
-        bool,
-        typer.Option(
-            "--search/--no-search",
-            help="Solve with wider limits, to see which is in the way.",
-            show_default=False,
-        ),
+        bool, _switch("--search/--no-search", "Solve with wider limits, to see which is in the way.")
     ] = True,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -245,29 +224,20 @@ def explain(
 def replay(
     results: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="RESULT",
-            help="What `mbocp solve -o` wrote; of several, the others move beside the first.",
-            show_default=False,
-        ),
+        _argument("RESULT", "What `mbocp solve -o` wrote; of several, the others move beside the first."),
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE.html", help="Page to write. [default: RESULT.html]"),
-    ] = None,
+    output: Annotated[Path | None, _output("FILE.html", "Page to write. [default: RESULT.html]")] = None,
     live: Annotated[
         bool, typer.Option("--open", help="Show it in a browser now, and write only what -o asks for.")
     ] = False,
     trace: Annotated[
-        list[str] | None,
-        typer.Option("--trace", metavar="FRAME", help="Frame that leaves a trace. Repeatable."),
+        list[str] | None, _option("--trace", "FRAME", "Frame that leaves a trace. Repeatable.")
     ] = None,
     ghosts: Annotated[
         int, typer.Option(metavar="N", help="Draw the robot, faint, at N times from start to end.")
     ] = 0,
     ghost_at: Annotated[
-        list[float] | None,
-        typer.Option("--ghost-at", metavar="TIME", help="And at this time [s]. Repeatable."),
+        list[float] | None, _option("--ghost-at", "TIME", "And at this time [s]. Repeatable.")
     ] = None,
     camera: Annotated[
         str | None,
@@ -279,17 +249,12 @@ def replay(
     ] = None,
     speed: Annotated[float, typer.Option(help="1 is true speed.")] = 1.0,
     frames: Annotated[
-        Path | None,
-        typer.Option(
-            "--frames", metavar="DIR", help="Write pictures (PNG) instead of a page; needs Chromium."
-        ),
+        Path | None, _option("--frames", "DIR", "Write pictures (PNG) instead of a page; needs Chromium.")
     ] = None,
     movie: Annotated[
         Path | None,
-        typer.Option(
-            "--movie",
-            metavar="FILE.gif|mp4",
-            help="Write a film instead of a page; needs Chromium, and ffmpeg for MP4.",
+        _option(
+            "--movie", "FILE.gif|mp4", "Write a film instead of a page; needs Chromium, and ffmpeg for MP4."
         ),
     ] = None,
     fps: Annotated[float, typer.Option(help="Pictures a second, of --frames and --movie.")] = 25.0,
@@ -309,17 +274,9 @@ def replay(
 @app.command(epilog=examples("live"))
 @reporting
 def live(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="Problem file (TOML), or a result of a solve.", show_default=False
-        ),
-    ],
+    file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="RESULT.h5", help="Save the last motion that converged."),
-    ] = None,
+    output: Annotated[Path | None, _output("RESULT.h5", "Save the last motion that converged.")] = None,
     host: Annotated[str, typer.Option(help="Address to serve the page at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="The first port to try.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
@@ -339,13 +296,7 @@ def live(
 def plot(
     result: ResultFile,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE.png",
-            help="Image to write: .png, .pdf or .svg. [default: RESULT.png]",
-        ),
+        Path | None, _output("FILE.png", "Image to write: .png, .pdf or .svg. [default: RESULT.png]")
     ] = None,
     style: Annotated[
         str | None,
@@ -366,10 +317,7 @@ def plot(
 @reporting
 def report(
     result: ResultFile,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="PAGE.html", help="Page to write. [default: RESULT.html]"),
-    ] = None,
+    output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write all about a result as one page that works offline.
@@ -399,9 +347,7 @@ def export(
     ],
     kind: Annotated[
         str | None,
-        typer.Option(
-            "--format", metavar="NAME", help="csv, ros2, urscript, npz or parquet. [default: by the suffix]"
-        ),
+        _option("--format", "NAME", "csv, ros2, urscript, npz or parquet. [default: by the suffix]"),
     ] = None,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
@@ -461,8 +407,7 @@ def robots(
 def spheres(
     name: Robot,
     replay: Annotated[
-        Path | None,
-        typer.Option("--replay", metavar="FILE.html", help="Write a page with the spheres over the robot."),
+        Path | None, _option("--replay", "FILE.html", "Write a page with the spheres over the robot.")
     ] = None,
     package_dir: PackageDirs = None,
     free_flyer: FreeFlyer = None,
@@ -480,12 +425,8 @@ def spheres(
 @app.command(epilog=examples("study"))
 @reporting
 def study(
-    file: Annotated[
-        Path | None, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)
-    ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE.jsonl", help="Where the rows go.")
-    ] = None,
+    file: Annotated[Path | None, _argument("STUDY", "Study file (TOML).")] = None,
+    output: Annotated[Path | None, _output("FILE.jsonl", "Where the rows go.")] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Processes. [default: one a processor]")
     ] = None,
@@ -496,17 +437,13 @@ def study(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with FILE.jsonl, if it is there.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin FILE.jsonl anew.")] = False,
     summary: Annotated[
-        Path | None,
-        typer.Option("--summary", metavar="FILE.jsonl", help="Run nothing, sum up what is there."),
+        Path | None, _option("--summary", "FILE.jsonl", "Run nothing, sum up what is there.")
     ] = None,
     by: Annotated[
-        list[str] | None,
-        typer.Option("--by", metavar="NAME", help="Sum up by this varied key or axis. Repeatable."),
+        list[str] | None, _option("--by", "NAME", "Sum up by this varied key or axis. Repeatable.")
     ] = None,
-    plot: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE.png", help="Draw the summary as bars.")
-    ] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", metavar="FILE.csv", help="Write all rows.")] = None,
+    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Draw the summary as bars.")] = None,
+    csv: Annotated[Path | None, _option("--csv", "FILE.csv", "Write all rows.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -530,10 +467,7 @@ def study(
 @app.command(epilog=examples("schema"))
 @reporting
 def schema(
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", metavar="FILE.json", help="File to write. [default: the screen]"),
-    ] = None,
+    output: Annotated[Path | None, _output("FILE.json", "File to write. [default: the screen]")] = None,
 ) -> None:
     """Write the JSON schema of problem files.
 
