@@ -26,7 +26,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
     """Print what would be solved, and draw it."""
     if page is not None:
         check_output(page, "-o", PAGES)
-    from mbocp.cli.summary import print_rows, robot_words
+    from mbocp.cli.summary import cause_rows, print_rows, robot_words
     from mbocp.problem import load_problem
     from mbocp.problem.reasons.causes import causes_of
     from mbocp.robot.facts import find_oddities
@@ -43,9 +43,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
         ("cost", _cost(problem)),
         ("solver", _solver(problem)),
     ]
-    for cause in causes_of(problem):
-        style = "bold red" if cause.is_certain else "yellow"
-        rows.append(("impossible" if cause.is_certain else "doubtful", Text(cause.words, style=style)))
+    rows += cause_rows(causes_of(problem))
     rows += [("URDF", Text(words, style="yellow")) for words in find_oddities(robot)]
     if page is not None:
         from mbocp.view.preview import write_preview

@@ -8,6 +8,7 @@ import sys
 from typing import IO, Any, cast
 
 from rich.console import Console
+from rich.table import Table
 
 _PIPE_WIDTH = 200  # nobody looks at the lines of a pipe through a narrow window
 _WIDTHS = range(20, 10_000)  # that COLUMNS may ask for
@@ -45,3 +46,17 @@ def output() -> Console:
         width=width if width in _WIDTHS else _PIPE_WIDTH,
         highlight=False,
     )
+
+
+def plain_table(*columns: str, header_style: str = "italic", show_header: bool = True) -> Table:
+    """Return a table without lines around its cells."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.header_style, table.show_header = header_style, show_header
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def count(number: int, one: str, many: str = "") -> str:
+    """Return a number of things in words."""
+    return f"{number} {one if number == 1 else many or one + 's'}"

@@ -42,12 +42,10 @@ def explain_file(
 
 
 def _print(name: str, status: str, found: Explanation, *, searched: bool) -> None:
-    from mbocp.cli.summary import print_rows
+    from mbocp.cli.summary import cause_rows, print_rows
 
     rows: list[tuple[str, str | Text]] = [("status", status)] if status else []
-    for cause in found.causes[:_MAX_CAUSES]:
-        style = "bold red" if cause.is_certain else "yellow"
-        rows.append(("impossible" if cause.is_certain else "doubtful", Text(cause.words, style=style)))
+    rows += cause_rows(found.causes[:_MAX_CAUSES])
     if found.is_solvable:
         rows.append(("solvable", "Newton's method solves it as it is, within a hundred and fifty iterations"))
     for k, given in enumerate(found.given):

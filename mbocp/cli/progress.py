@@ -15,12 +15,15 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.spinner import Spinner
 from rich.text import Text
+
+if TYPE_CHECKING:
+    from mbocp.solution import IterationRecord
 
 _ROWS = 12  # as many iterations of the phase at work stay in view
 _PICTURES = 4  # a second; one takes about 2 ms to draw, and terminals far away take longer
@@ -38,34 +41,6 @@ _BETWEEN = "  "
 _LEFT_OUT_FIRST = ("increment", "step", "time")  # of a terminal that is too narrow for all
 
 
-class Record(Protocol):
-    """What is shown of an iteration; `mbocp.solution.IterationRecord` has it."""
-
-    @property
-    def iteration(self) -> int:
-        """Number of the iteration."""
-
-    @property
-    def cost(self) -> float:
-        """Objective."""
-
-    @property
-    def residual(self) -> float:
-        """Norm of the optimality conditions."""
-
-    @property
-    def increment(self) -> float:
-        """Norm of the change of the unknowns."""
-
-    @property
-    def step_length(self) -> float:
-        """Fraction of the Newton step."""
-
-    @property
-    def phase(self) -> str:
-        """Phase of the solve that it belongs to."""
-
-
 class _Section:
     """Rows of one phase."""
 
@@ -75,11 +50,11 @@ class _Section:
         self.first: tuple[str, ...] = ()
         self.rows: deque[tuple[str, ...]] = deque(maxlen=_ROWS)
 
-    def is_over(self, record: Record) -> bool:
+    def is_over(self, record: IterationRecord) -> bool:
         """Whether a record belongs to the next phase; one of the same name begins with a repeated number."""
         return record.phase != self.name or record.iteration <= self.iteration
 
-    def add(self, record: Record, row: tuple[str, ...]) -> None:
+    def add(self, record: IterationRecord, row: tuple[str, ...]) -> None:
         self.count, self.iteration = self.count + 1, record.iteration
         self.first = self.first or row
         self.rows.append(row)
@@ -215,7 +190,7 @@ class Progress:
         if self._live is not None:
             self._live.refresh()
 
-    def __call__(self, record: Record) -> None:
+    def __call__(self, record: IterationRecord) -> None:
         """Show an iteration."""
         moment = time.perf_counter()
         self._begin = moment if math.isnan(self._begin) else self._begin
@@ -292,7 +267,7 @@ def _line(row: Sequence[str], columns: Iterable[int] = range(len(_COLUMNS))) -> 
     return _BETWEEN.join(row[k].rjust(_WIDTHS[k]) for k in columns if k < len(row))
 
 
-def _row(record: Record, elapsed: float) -> tuple[str, ...]:
+def _row(record: IterationRecord, elapsed: float) -> tuple[str, ...]:
     """Format a record for the columns; a dash where a solver has no such number."""
     return (
         str(record.iteration),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from mbocp.cli import signals
+from mbocp.cli.console import count
 from mbocp.cli.solve import IMAGES, PAGES, check_output
 from mbocp.exceptions import InvalidValue, ReplayError, ResultFileError, RobotError
 
@@ -82,12 +83,8 @@ def _files_of(solution: Solution) -> str:
     if files is None:
         return "no robot: it can be shown and solved again where its robot is"
     left_out = len(files.left_out)
-    words = f"its robot: {_count(len(files.files) - left_out, 'file')}, {_size(files.size)}"
-    return f"{words}; {_count(left_out, 'mesh', 'meshes')} left out" if left_out else words
-
-
-def _count(number: int, one: str, many: str = "") -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
+    words = f"its robot: {count(len(files.files) - left_out, 'file')}, {_size(files.size)}"
+    return f"{words}; {count(left_out, 'mesh', 'meshes')} left out" if left_out else words
 
 
 def _size(size: int) -> str:

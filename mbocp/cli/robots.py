@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from rich.table import Table
 
-from mbocp.cli.console import output
+from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.summary import payload_words, print_rows
 from mbocp.robot import describe, list_robots
@@ -25,7 +25,7 @@ def print_robots(*, as_json: bool) -> None:
         return
     console = output()
     for source, group in groupby(entries, key=lambda entry: entry.source):
-        table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+        table = plain_table(show_header=False)
         for entry in group:
             table.add_row(entry.name, entry.description)
         console.print(f"from {source}:", style="bold")
@@ -58,8 +58,8 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows = [row for constraint in facts["constraints"] for row in constraint["rows"]]
     redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
     of_them = f" (of {len(rows)} rows)" if redundant else ""
-    sizes = [f"nq = {facts['nq']}, nv = {facts['nv']}", _count(facts["nu"], "control")]
-    sizes += [f"{_count(facts['nc'], 'constraint')}{of_them}"] if rows else []
+    sizes = [f"nq = {facts['nq']}, nv = {facts['nv']}", count(facts["nu"], "control")]
+    sizes += [f"{count(facts['nc'], 'constraint')}{of_them}"] if rows else []
     drives = {}
     if rows or facts["passive"]:
         names = {kind: ", ".join(facts[kind]) or "none" for kind in ("actuated", "passive")}
@@ -86,21 +86,17 @@ def _mobility(facts: Mapping[str, Any]) -> str:
     if controls == 0:
         how = "; nothing drives them" if free > 1 else "; nothing drives it"
     elif controls < free:
-        how = f", with {_count(controls, 'control')}: underactuated"
+        how = f", with {count(controls, 'control')}: underactuated"
     elif controls > free:
-        how = f", with {_count(controls, 'control')}: more than needed"
+        how = f", with {count(controls, 'control')}: more than needed"
     else:
         how = ", each with a control" if free > 1 else ", with a control"
-    return f"{_count(free, 'degree')} of freedom{how}"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
+    return f"{count(free, 'degree')} of freedom{how}"
 
 
 def _joints(facts: Mapping[str, Any]) -> Table:
     losses = [key for key in ("damping", "friction") if any(joint[key] for joint in facts["joints"])]
-    table = _table("name", "type", "driven", "from", "to", "speed", "unit", *losses)
+    table = plain_table("name", "type", "driven", "from", "to", "speed", "unit", *losses)
     for joint in facts["joints"]:
         has_limits = joint["nq"] == 1
         table.add_row(
@@ -116,14 +112,14 @@ def _joints(facts: Mapping[str, Any]) -> Table:
 
 
 def _actuators(facts: Mapping[str, Any]) -> Table:
-    table = _table("name", "limit", "unit")
+    table = plain_table("name", "limit", "unit")
     for actuator in facts["actuators"]:
         table.add_row(actuator["name"], _limit(actuator["limit"]), actuator["unit"])
     return table
 
 
 def _elements(facts: Mapping[str, Any]) -> Table:
-    table = _table("name", "type", "between", "numbers")
+    table = plain_table("name", "type", "between", "numbers")
     for element in [*facts["constraints"], *facts["forces"]]:
         keys = ("length", "ratio", "offset", "stiffness", "damping", "coefficient")
         numbers = [f"{key} {element[key]:g}" for key in keys if key in element]
@@ -132,13 +128,6 @@ def _elements(facts: Mapping[str, Any]) -> Table:
             numbers.append(f"{kept} of {len(element['rows'])} rows")
         ends = element.get("frames") or element["joints"]
         table.add_row(element["name"], element["type"], " - ".join(ends), ", ".join(numbers))
-    return table
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="italic")
-    for column in columns:
-        table.add_column(column, overflow="fold")
     return table
 
 

@@ -7,9 +7,8 @@ import math
 from pathlib import Path
 
 import typer
-from rich.table import Table
 
-from mbocp.cli.console import output
+from mbocp.cli.console import output, plain_table
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
@@ -41,9 +40,8 @@ def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_j
     if as_json:
         typer.echo(json.dumps([_facts(link) for link in found], indent=2))
         return
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="italic")
-    for column in ("link", "spheres", "from", "largest radius", "sticks out", "not covered", "by"):
-        table.add_column(column, overflow="fold")
+    columns = ("link", "spheres", "from", "largest radius", "sticks out", "not covered", "by")
+    table = plain_table(*columns)
     for link in found:
         table.add_row(
             link.link,

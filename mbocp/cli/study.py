@@ -27,7 +27,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mbocp.cli import signals
-from mbocp.cli.console import output
+from mbocp.cli.console import output, plain_table
 from mbocp.cli.report import INTERRUPTED
 from mbocp.cli.solve import IMAGES, check_output
 from mbocp.exceptions import ResultFileError, StudyError
@@ -212,7 +212,7 @@ def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, P
 def _table(summary: Summary) -> Table:
     from mbocp.study.summary import word
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    table = plain_table(header_style="bold")
     for name in summary.by:
         table.add_column(Text(name), no_wrap=True)
     for name in ("tasks", "success", "iterations", "time/task", "time/iteration", "cost"):

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.cli.console import output
+from mbocp.cli.console import count, output, plain_table
 from mbocp.integrators.schemes import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot.parts import Label
@@ -20,6 +19,7 @@ from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
     from mbocp.problem import Goal, Problem
+    from mbocp.problem.reasons.cause import Cause
     from mbocp.robot import Robot
     from mbocp.solution import Accuracy, ActiveLimit, Solution
 
@@ -64,16 +64,25 @@ def _cause(solution: Solution, problem: Problem) -> Text:
     """Why there is no solution; nothing where there is one, or somebody stopped the search."""
     if solution.status.is_stationary or str(solution.status) in _STOPPED:
         return Text()
-    from mbocp.cli.cause import first_cause
+    from mbocp.problem.reasons.causes import causes_of
 
-    why = first_cause(problem) or "unknown; `mbocp explain` looks for the limit that has to give"
+    why = "unknown; `mbocp explain` looks for the limit that has to give"
+    if causes := causes_of(problem):
+        why = causes[0].words if causes[0].is_certain else f"probably: {causes[0].words}"
     return Text(why, style="bold")
+
+
+def cause_rows(causes: Sequence[Cause]) -> _Rows:
+    """Return what arithmetic says against a problem, ready for `print_rows`."""
+    named = {True: ("impossible", "bold red"), False: ("doubtful", "yellow")}
+    found = ((named[cause.is_certain], cause.words) for cause in causes)
+    return [(name, Text(words, style=style)) for (name, style), words in found]
 
 
 def print_rows(title: str, rows: Sequence[tuple[str, str | Text]]) -> None:
     """Print a title and named rows on stdout."""
     console = output()
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
+    table = plain_table(show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     for name, text in rows:
@@ -292,7 +301,7 @@ def _named_phases(solution: Solution) -> _Rows:
     for phase in solution.named_phases:
         begins, ends = times[phase.name]
         free = f", free between {phase.shortest:g} and {phase.longest:g} s," if phase.is_free else ""
-        steps = _count(phase.last - phase.first - phase.has_impact - phase.has_parting, "step")
+        steps = count(phase.last - phase.first - phase.has_impact - phase.has_parting, "step")
         steps = f"an impact and {steps}" if phase.has_impact else steps
         lines.append(f"{phase.name}: {ends - begins:.6g} s{free} in {steps}, until {ends:.6g} s")
     return [("phases", "\n".join(lines))] if lines else []
@@ -318,9 +327,9 @@ def _scheme(solution: Solution) -> str:
 
 def robot_words(name: str, nv: int, nu: int, nc: int) -> str:
     """Say how much can move, and how much of it by itself."""
-    free = f"{_count(nv - nc, 'degree')} of freedom"
-    held = f" ({nv} velocities, {_count(nc, 'constraint')})" if nc else ""
-    return f"{name}: {free}{held}, {_count(nu, 'control')}"
+    free = f"{count(nv - nc, 'degree')} of freedom"
+    held = f" ({nv} velocities, {count(nc, 'constraint')})" if nc else ""
+    return f"{name}: {free}{held}, {count(nu, 'control')}"
 
 
 def payload_words(payloads: Sequence[Mapping[str, Any]]) -> str:
@@ -470,7 +479,3 @@ def _seconds(value: float) -> str:
     if math.isnan(value):
         return "unknown time"
     return f"{value * 1e3:.3g} ms" if value < 1.0 else f"{value:.3g} s"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"

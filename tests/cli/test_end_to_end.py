@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.cli.progress import Progress, Record
-from mbocp.solution import Solution, Status
+from mbocp.cli.progress import Progress
+from mbocp.solution import IterationRecord, Solution, Status
 
 from .conftest import Run
 
@@ -31,7 +31,7 @@ def test_solve_save_and_warm_start(tmp_path: Path, run: Run) -> None:
 
 
 def test_ctrl_c_while_solving(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(progress: Progress, record: Record) -> None:
+    def stop(progress: Progress, record: IterationRecord) -> None:
         if record.iteration == 2:
             raise KeyboardInterrupt
 
