@@ -34,21 +34,21 @@ _FOREIGN = (
 )  # fmt: skip
 
 
-def image_of(content: FileContent, format_version: int = FORMAT_VERSION) -> bytes:
+def image_of(content: FileContent) -> bytes:
     """Write an HDF5 image, to be put behind a user block of 512 bytes."""
     # Attributes of more than 64 kB, the names of very many columns, need what came with HDF5 1.8.
     with h5py.File(
         "result", "w", driver="core", backing_store=False, userblock_size=SEAL_SIZE, libver=("v108", "v108")
     ) as file:
-        _write(file, content, format_version)
+        _write(file, content)
         file.flush()
         image: bytes = file.id.get_file_image()
     return image
 
 
-def _write(file: h5py.File, content: FileContent, format_version: int) -> None:
+def _write(file: h5py.File, content: FileContent) -> None:
     file.attrs["format"] = FORMAT
-    file.attrs["format_version"] = format_version
+    file.attrs["format_version"] = FORMAT_VERSION
     file.attrs["description"] = "Solution of an optimal control problem of a multibody system, by mbocp"
     summary = file.create_group("summary")
     for name, value in content.summary.items():

@@ -155,9 +155,7 @@ def strip_legend(axes: Axes, handles: Sequence[Any], names: Sequence[str], *, pe
     axes.set_title(axes.get_title(loc="left"), loc="left", pad=5 + 11 * rows)
 
 
-def finish_axes(
-    axes: Axes, *, title: str, ylabel: str, xlabel: str = "time $t$ [s]", yticks: int = 5
-) -> None:
+def finish_axes(axes: Axes, *, title: str, ylabel: str, xlabel: str = "time $t$ [s]") -> None:
     """Label the axes and keep the ticks few."""
     axes.set_title(title, loc="left")
     axes.set_xlabel(xlabel)
@@ -165,7 +163,7 @@ def finish_axes(
     if axes.get_yscale() == "log":
         _whole_decades(axes)
     else:
-        axes.yaxis.set_major_locator(MaxNLocator(yticks, steps=[1, 2, 2.5, 5, 10]))
+        axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
         axes.ticklabel_format(axis="y", useOffset=False, scilimits=(-3, 4))
         axes.yaxis.get_offset_text().set_horizontalalignment(
             "right"
