@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.interactive.wish import Wish, goal_placement
+from mbocp.interactive.wish import Wish
 from mbocp.problem import Goal, Problem
 from mbocp.robot import Robot
+from mbocp.view.meshcat.goals import goal_placements
 
 _FURTHEST = 2.0 * np.pi  # [rad, m] from the goal, where a joint has no limits
 _FREE = (True, True, True)
@@ -118,7 +119,7 @@ def _of_frame(problem: Problem, place: int) -> PoseHandle:
     in_world = not turns and target.relative_to == "world"  # its axes are the world's
 
     def placement(goal: Goal, q: Array) -> pin.SE3:
-        found = goal_placement(robot, goal.frames[place].target, q)
+        (found,) = goal_placements(robot, [goal.frames[place].target], q)
         return pin.SE3(np.eye(3), found.translation) if in_world else found
 
     def moved(wish: Wish, pose: pin.SE3, q: Array) -> Wish:

@@ -78,12 +78,6 @@ def weight_keys(problem: Problem) -> list[str]:
     return [key for key in dict.fromkeys(keys) if key != "terminal" or problem.goal.is_penalised]
 
 
-def goal_placement(robot: Robot, target: FrameTarget, q: Array) -> pin.SE3:
-    """Placement in the world of a goal of a frame; what it leaves free is as at q."""
-    reference = robot.frame_placement(target.relative_to, q)
-    return reference * target.complete(robot.frame_placement(target.name, q, target.relative_to))
-
-
 def _moved_goal(problem: Problem, wish: Wish, q_near: Array) -> Goal:
     """The goal with frames and joints elsewhere."""
     robot, goal = problem.robot, problem.goal

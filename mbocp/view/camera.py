@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 
@@ -60,11 +61,7 @@ def upright(gravity: Array) -> Array:
     if size < 1e-9:
         return np.eye(3)
     up = -np.asarray(gravity, dtype=np.float64) / size
-    axis, cosine = np.cross(up, [0.0, 0.0, 1.0]), float(up[2])
-    if cosine < -1.0 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    K = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    return np.asarray(np.eye(3) + K + K @ K / (1.0 + cosine))
+    return np.array(pin.Quaternion.FromTwoVectors(up, np.array([0.0, 0.0, 1.0])).matrix())
 
 
 def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | None = None) -> Camera:

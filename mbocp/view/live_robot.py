@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import webbrowser
-from types import TracebackType
 
 import numpy as np
 import pinocchio as pin
@@ -49,9 +48,7 @@ class LiveRobot:
     def __enter__(self) -> LiveRobot:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._live.close()
 
     def show(self, q: ArrayLike) -> None:

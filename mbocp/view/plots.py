@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
-from mbocp._arrays import Array
 from mbocp.solution import Solution
 from mbocp.terms import RATE_TERMS
 from mbocp.view.figures import panels as panels
@@ -79,7 +77,7 @@ def plot_invariants(solution: Solution, robot: Robot | None = None) -> Figure:
     rows: list[panels.Panel | LinePanel] = [panels.hamiltonian_panel(solution)]
     if solution.control_momenta.size:
         rows.append(panels.momentum_panel(solution))
-    rows.append(panels.drift_panel(solution, _violation(solution, robot)))
+    rows.append(panels.drift_panel(solution, robot))
     return _stack(solution, rows)
 
 
@@ -129,7 +127,7 @@ def overview(solution: Solution, robot: Robot | None = None, *, style: str | Pat
     tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
     tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
-        tiles.append(panels.drift_panel(solution, _violation(solution, robot)))
+        tiles.append(panels.drift_panel(solution, robot))
     with house_style(style):
         paths = frame_paths(robot, solution.qs) if robot is not None and robot.trace_frames else None
         figure, places, path_place = _page(len(tiles), paths)
@@ -245,9 +243,3 @@ def _title(figure: Figure, solution: Solution) -> None:
         fontsize=10.5,
         color=matplotlib.rcParams["text.color"] if solution.converged else WARNING,
     )
-
-
-def _violation(solution: Solution, robot: Robot | None) -> Array | None:
-    if robot is None or not solution.nc:
-        return None
-    return np.array([robot.constraint_residual(q) for q in solution.qs])

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import MbocpError, ReplayError
-from mbocp.solution.atomic import replace_file
 from mbocp.view.marks import marks_of
-from mbocp.view.meshcat.page import render_page
+from mbocp.view.meshcat.page import render_page, write_page
 from mbocp.view.meshcat.scene import build_scene
 from mbocp.view.motion import sample_motion
 
@@ -48,10 +46,7 @@ def write_preview(problem: Problem, path: str | Path) -> Path:
     )
     subtitle = f"{robot.name} · start, and the goal as a ghost" if ghosts else f"{robot.name} · start"
     page = render_page(scene, title=problem.name, subtitle=subtitle, speed=1.0)
-    try:
-        return replace_file(path, page.encode("utf-8", errors="replace"))
-    except MbocpError as error:
-        raise ReplayError(f"page {error}") from error
+    return write_page(page, path, "page")
 
 
 def _ghost_poses(problem: Problem) -> list[Array]:

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp.exceptions import MbocpError, ReplayError
-from mbocp.solution.atomic import replace_file
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
 from mbocp.view.meshcat.live import LiveReplay, ends_gently
-from mbocp.view.meshcat.page import Below, render_page
+from mbocp.view.meshcat.page import Below, render_page, write_page
 from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, pose_at, sample_motion
 
@@ -126,10 +125,7 @@ def write_replay(
         speed=speed,
         samples_per_second=samples_per_second,
     )
-    try:
-        return replace_file(path, page.encode("utf-8", errors="replace"))  # names of files may be no text
-    except MbocpError as error:
-        raise ReplayError(f"replay {error}") from error
+    return write_page(page, path, "replay")
 
 
 def replay_page(

@@ -8,10 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution import Load, loads_of
-from mbocp.solution.atomic import replace_file
-from mbocp.view.meshcat.page import Below
+from mbocp.view.meshcat.page import Below, write_page
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import replay_page
 from mbocp.view.reports.plots import motion_figures, multiplier_figures, other_figures, why_zigzag
@@ -56,10 +54,7 @@ def write_report(
         script=(_RESOURCES / "below.js").read_text(encoding="utf-8"),
     )
     page = replay_page(shown, solution.t, solution.qs, below=below, **drawn_of(solution, shown))
-    try:
-        return replace_file(path, page.encode("utf-8", errors="replace"))
-    except MbocpError as error:
-        raise ReplayError(f"report {error}") from error
+    return write_page(page, path, "report")
 
 
 def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:

@@ -297,8 +297,9 @@ def momentum_panel(solution: Solution) -> LinePanel:
     )
 
 
-def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]:
+def _violations(solution: Solution, robot: Robot) -> list[tuple[str, Array]]:
     """Name and absolute value of each constraint of the robot, or of the worst where they are many."""
+    violation = np.array([robot.constraint_residual(q) for q in solution.qs])
     count = violation.shape[1]
     if count > _MAX_CONSTRAINTS:
         return [(f"worst of {count}", np.abs(violation).max(axis=1))]
@@ -309,10 +310,10 @@ def _violations(solution: Solution, violation: Array) -> list[tuple[str, Array]]
     return [(name, np.abs(violation[:, i])) for i, name in enumerate(names)]
 
 
-def drift_panel(solution: Solution, violation: Array | None) -> Panel:
+def drift_panel(solution: Solution, robot: Robot | None) -> Panel:
     """Return errors in logarithmic scale: drift of control momenta and rotations, constraints.
 
-    `violation` has the shape (N + 1, nc); None leaves it out.
+    Without `robot`, those of constraints are left out.
     """
 
     def draw(axes: Axes) -> None:
@@ -322,10 +323,9 @@ def drift_panel(solution: Solution, violation: Array | None) -> Panel:
             _log_points(
                 axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
             )
-        if violation is not None and violation.size:
-            for name, values in _violations(solution, violation):
-                _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
-                shown += 1
+        for name, values in [] if robot is None or not solution.nc else _violations(solution, robot):
+            _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
+            shown += 1
         _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)
         what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
         finish_axes(

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.view.forces import ForceMark
-from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_property, shape_object
+from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
 from mbocp.view.meshcat.connectors import directions
 from mbocp.view.meshcat.shapes import cone, nice_length, tube
 from mbocp.view.meshcat.viewer import mg
@@ -81,20 +82,18 @@ def force_arrows(marks: Sequence[ForceMark], motion: Motion, root: str, size: fl
         ]
         for name, shape, position, scale in parts:
             values = {"position": position, "quaternion": turn, "scale": scale}
-            _add(found, f"{path}/{name}", shape, values, motion.times)
+            drawn, moved = animate(f"{path}/{name}", _draw(shape), values, motion.times)
+            found.commands.extend(drawn)
+            found.tracks.extend(moved)
     return found
 
 
-def _add(found: ForceArrows, path: str, shape: mg.Geometry, values: dict[str, Array], times: Array) -> None:
+def _draw(shape: mg.Geometry) -> dict[str, Any]:
     through = {"transparent": True, "depthTest": False, "depthWrite": False}  # after all that is opaque
     material = mg.MeshPhongMaterial(color=colour_number(_COLOUR), side=_FRONT_FACES, **through)
     drawn = shape_object(shape, material)
     drawn["object"]["renderOrder"] = _DRAWN_LAST
-    found.commands.append(set_object(path, drawn))
-    for name, value in values.items():
-        found.commands.append(set_property(path, name, [float(x) for x in value[0]]))
-        if np.ptp(value, axis=0).any():
-            found.tracks.append(Track(path, name, times, value))
+    return drawn
 
 
 def _forces(mark: ForceMark, motion: Motion) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -87,13 +87,23 @@ def set_property(path: str, name: str, value: Any) -> Command:
     return Command({"type": "set_property", "path": path, "property": name, "value": value})
 
 
-def set_animation(tracks: Iterable[Track], duration: float, *, play: bool = True) -> Command:
+def animate(
+    path: str, drawn: dict[str, Any], values: Mapping[str, Array], times: Array
+) -> tuple[list[Command], list[Track]]:
+    """Draw an object at a node, whose properties have these values at these times [s], a row each."""
+    commands = [set_object(path, drawn)]
+    commands += [set_property(path, name, [float(x) for x in rows[0]]) for name, rows in values.items()]
+    moving = ((name, rows) for name, rows in values.items() if np.ptp(rows, axis=0).any())
+    return commands, [Track(path, name, times, rows) for name, rows in moving]
+
+
+def set_animation(tracks: Iterable[Track], duration: float) -> Command:
     """Animate nodes; `duration` [s] may exceed the last key, which then holds until the loop starts again."""
     paths: dict[str, list[Track]] = {}
     for track in tracks:
         paths.setdefault(track.path, []).append(track)
     animations = [{"path": path, "clip": _clip(group, duration)} for path, group in paths.items()]
-    options = {"play": play, "repetitions": FOREVER}
+    options = {"play": True, "repetitions": FOREVER}
     return Command({"type": "set_animation", "path": "", "animations": animations, "options": options})
 
 

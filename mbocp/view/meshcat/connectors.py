@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_property, shape_object
+from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
 from mbocp.view.meshcat.shapes import coil, tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
@@ -42,11 +43,9 @@ def connector_commands(
         stretch = np.ones((len(lengths), 3))
         stretch[:, 2] = np.maximum(lengths / usual, 1e-6)  # a scale of zero has no inverse
         values = {"position": start, "quaternion": directions(span, lengths), "scale": stretch}
-        commands.append(set_object(path, _draw(connector, usual, size)))
-        for name, value in values.items():
-            commands.append(set_property(path, name, [float(x) for x in value[0]]))
-            if np.ptp(value, axis=0).any():
-                tracks.append(Track(path, name, motion.times, value))
+        drawn, moved = animate(path, _draw(connector, usual, size), values, motion.times)
+        commands += drawn
+        tracks += moved
     return commands, tracks
 
 
@@ -63,26 +62,10 @@ def _draw(connector: Connector, length: float, size: float) -> dict[str, Any]:
 def directions(span: Array, lengths: Array) -> Array:
     """Quaternions xyzw (F, 4) that turn +z along `span` (F, 3), each the nearest to the one before."""
     quaternions = np.empty((len(span), 4))
-    direction, quaternion = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.0, 1.0])
+    direction, turn = np.array([0.0, 0.0, 1.0]), pin.Quaternion.Identity()
     for i, (vector, length) in enumerate(zip(span, lengths, strict=True)):
         if length > 1e-9:
-            quaternion = _compose(_between(direction, vector / length), quaternion)
-            quaternion = quaternion / np.linalg.norm(quaternion)
+            turn = (pin.Quaternion.FromTwoVectors(direction, vector / length) * turn).normalized()
             direction = vector / length
-        quaternions[i] = quaternion
+        quaternions[i] = turn.coeffs()
     return quaternions
-
-
-def _between(a: Array, b: Array) -> Array:
-    """Shortest rotation from unit vector a to unit vector b, quaternion xyzw."""
-    w = 1.0 + float(a @ b)
-    if w < 1e-12:  # opposite: half a turn about anything across
-        axis = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-        return np.array([*(axis / np.linalg.norm(axis)), 0.0])
-    quaternion = np.array([*np.cross(a, b), w])
-    return np.asarray(quaternion / np.linalg.norm(quaternion))
-
-
-def _compose(p: Array, q: Array) -> Array:
-    """Quaternion product p q, xyzw."""
-    return np.array([*(p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])), p[3] * q[3] - p[:3] @ q[:3]])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,12 +87,15 @@ def other_commands(others: Sequence[Other], root: str) -> Iterator[Command]:
 def other_tracks(others: Sequence[Other], root: str) -> Iterator[Track]:
     """Their motions."""
     for k, other in enumerate(others):
-        motion = other.motion
-        for joint in range(1, motion.model.njoints):
-            if motion.moves(joint):
-                node = _node(f"{root}/other_{k}", joint)
-                yield Track(node, "position", motion.times, motion.positions[:, joint])
-                yield Track(node, "quaternion", motion.times, motion.quaternions[:, joint])
+        yield from joint_tracks(other.motion, partial(_node, f"{root}/other_{k}"))
+
+
+def joint_tracks(motion: Motion, node: Callable[[int], str]) -> Iterator[Track]:
+    """The motion of each joint, at its node."""
+    for joint in range(1, motion.model.njoints):
+        if motion.moves(joint):
+            yield Track(node(joint), "position", motion.times, motion.positions[:, joint])
+            yield Track(node(joint), "quaternion", motion.times, motion.quaternions[:, joint])
 
 
 def _copy(

@@ -8,7 +8,6 @@ import signal
 import threading
 import webbrowser
 from collections.abc import Iterator
-from types import TracebackType
 
 import zmq
 
@@ -27,9 +26,7 @@ class LiveReplay:
     def __enter__(self) -> LiveReplay:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property

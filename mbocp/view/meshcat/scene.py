@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +30,7 @@ from mbocp.view.meshcat.ghosts import (
     Other,
     ghost_commands,
     ghost_points,
+    joint_tracks,
     other_commands,
     other_tracks,
     path_points,
@@ -153,6 +155,7 @@ def build_scene(
         direction,
     )
     along, tracks_along = motion_commands(robot, motion, frames, size)
+    node = partial(joint_node, motion)
     arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
     commands = [
         *stage_commands(swept, size, camera, ROOT),
@@ -161,13 +164,13 @@ def build_scene(
         *along,
         *goal_commands([*goals, *other_goals], placements, WORLD, size, bold=len(goals)),
         *mark_commands(robot, drawn_marks, motion, WORLD, size),
-        *obstacle_commands(robot, drawn_marks.obstacles, lambda joint: joint_node(motion, joint), size),
-        *sphere_commands(robot, spheres, lambda joint: joint_node(motion, joint)),
+        *obstacle_commands(robot, drawn_marks.obstacles, node, size),
+        *sphere_commands(robot, spheres, node),
         *ghost_commands(robot, ghosts, WORLD),
         *other_commands(others, WORLD),
         *arrows.commands,
     ]
-    tracks = [*_joint_tracks(motion), *tracks_along, *arrows.tracks, *other_tracks(others, WORLD)]
+    tracks = [*joint_tracks(motion, node), *tracks_along, *arrows.tracks, *other_tracks(others, WORLD)]
     duration = max([motion.duration, *(other.motion.duration for other in others)])
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
     animation = set_animation(timed, duration / speed + HOLD) if timed else None
@@ -223,14 +226,6 @@ def _robot_commands(robot: Robot, motion: Motion) -> tuple[list[Command], dict[i
         ]
         corners.setdefault(joint, []).append(points)
     return commands, corners
-
-
-def _joint_tracks(motion: Motion) -> Iterator[Track]:
-    for joint in range(1, motion.model.njoints):
-        if motion.moves(joint):
-            node = joint_node(motion, joint)
-            yield Track(node, "position", motion.times, motion.positions[:, joint])
-            yield Track(node, "quaternion", motion.times, motion.quaternions[:, joint])
 
 
 def _poses(motion: Motion) -> NDArray[np.int64]:

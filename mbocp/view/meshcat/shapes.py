@@ -1,4 +1,4 @@
-"""Triangle meshes that meshcat has no primitive for: tubes, coils, capsules; and the floor's lines."""
+"""Triangle meshes that meshcat has no primitive for: tubes, coils, cones; and the floor's lines."""
 
 from __future__ import annotations
 
@@ -94,11 +94,6 @@ def coil(length: float, radius: float, turns: int = 9) -> mg.Geometry:
     )
     points = np.vstack([[[0.0, 0.0, 0.0]], helix, [[0.0, 0.0, length]]])
     return tube(points, 0.16 * radius, sides=6)
-
-
-def capsule(start: Array, end: Array, radius: float) -> mg.Geometry:
-    """A rod with tapered ends between two points [m]."""
-    return tube(np.array([start, end], dtype=np.float64), radius, sides=12)
 
 
 def floor_lines(centre: Array, reach: float, cell: float, inner: Colour, outer: Colour) -> mg.Geometry:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot.payload import shape_name
 from mbocp.view.meshcat.commands import shape_object
-from mbocp.view.meshcat.shapes import capsule
+from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def skeleton(model: pin.Model, joints: set[int]) -> Iterator[tuple[int, list[dic
         sticks = [shape_object(mg.Sphere(radius), ball_material)] if joint else []
         for point in points:
             if np.linalg.norm(point) > radius:
-                sticks.append(shape_object(capsule(np.zeros(3), point, 0.6 * radius), rod_material))
+                rod = tube(np.array([np.zeros(3), point]), 0.6 * radius, sides=12)
+                sticks.append(shape_object(rod, rod_material))
         if sticks:
             yield (
                 joint,

@@ -83,22 +83,7 @@ def _sun(position: Array, intensity: float, shadow_size: float | None = None) ->
         "type": "DirectionalLight",
         "color": 0xFFFFFF,
         "intensity": intensity,
-        "matrix": [
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            *(float(x) for x in position),
-            1.0,
-        ],
+        "matrix": [*np.eye(4).ravel()[:12].tolist(), *(float(x) for x in position), 1.0],  # by columns
     }
     if shadow_size is not None:
         half = 1.1 * shadow_size

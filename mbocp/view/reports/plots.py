@@ -93,24 +93,18 @@ def why_zigzag(solution: Solution) -> str:
 
 def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
     """Convergence, Hamiltonian and drifts as HTML."""
-    tiles: list[tuple[str, panels.Panel | LinePanel]] = [
+    tiles: list[tuple[str, panels.Panel]] = [
         ("convergence", panels.convergence_panel(solution)),
         ("cost of the iterates", panels.cost_panel(solution)),
         ("control Hamiltonian", panels.hamiltonian_panel(solution)),
     ]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
-        violation = None
-        if solution.nc:
-            violation = np.array([robot.constraint_residual(q) for q in solution.qs])
-        tiles.append(("drift of what is conserved", panels.drift_panel(solution, violation)))
+        tiles.append(("drift of what is conserved", panels.drift_panel(solution, robot)))
     for title, tile in tiles:
         with house_style():
             figure = new_figure(*_SIZE)
             axes = figure.add_subplot()
-            if isinstance(tile, LinePanel):
-                tile.draw(axes, [line_style(i) for i in range(len(tile.names))])
-            else:
-                tile.draw(axes)
+            tile.draw(axes)
             picture = _picture(figure)
         yield _figure(picture, title)
 
