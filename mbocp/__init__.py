@@ -12,8 +12,6 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all that is here
 if TYPE_CHECKING:
-    from typing import Any
-
     from mbocp.exceptions import MbocpError as MbocpError
     from mbocp.exceptions import NotConverged as NotConverged
     from mbocp.interactive import live as live
@@ -31,24 +29,6 @@ if TYPE_CHECKING:
     from mbocp.view.plots import plot_solution as plot_solution
 
 __version__ = "0.1.0"
-
-_HOME = {
-    "MbocpError": "mbocp.exceptions",
-    "Motions": "mbocp.many",
-    "NotConverged": "mbocp.exceptions",
-    "Problem": "mbocp.problem",
-    "RecedingHorizon": "mbocp.receding",
-    "Robot": "mbocp.robot",
-    "Solution": "mbocp.solution",
-    "live": "mbocp.interactive",
-    "load_problem": "mbocp.problem",
-    "load_robot": "mbocp.robot",
-    "plot_solution": "mbocp.view.plots",
-    "replay_solution": "mbocp.view.of_solution",
-    "solve": "mbocp.solving",
-    "solve_many": "mbocp.many",
-    "stop": "mbocp.stopping",
-}
 
 __all__ = [
     "MbocpError",
@@ -70,13 +50,10 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
-    if home is None:
-        raise AttributeError(f"module 'mbocp' has no attribute {name!r}")
-    import importlib
+def __getattr__(name: str) -> object:
+    from mbocp._exports import names_of  # only for those who ask for a name
 
-    return getattr(importlib.import_module(home), name)
+    return names_of(__name__, __file__)(name)
 
 
 def __dir__() -> list[str]:

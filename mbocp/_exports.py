@@ -49,12 +49,8 @@ def homes_in(source: str) -> dict[str, tuple[str, str]]:
 
 
 def _imports(source: str) -> Iterator[tuple[str, ast.alias]]:
-    for block in (node for node in ast.parse(source).body if isinstance(node, ast.If)):
-        if (
-            isinstance(block, ast.If)
-            and isinstance(block.test, ast.Name)
-            and block.test.id == "TYPE_CHECKING"
-        ):
+    for block in ast.parse(source).body:
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING":
             for node in block.body:
                 if isinstance(node, ast.ImportFrom) and node.module is not None:
                     yield from ((node.module, alias) for alias in node.names)
