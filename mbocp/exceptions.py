@@ -70,6 +70,14 @@ class Unreadable(MbocpError):
         super().__init__(reason)
 
 
+class _FileError(MbocpError):
+    """Something about a file, and a key in it where there is one."""
+
+    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
+        self.path, self.reason, self._key = Path(path), reason, key
+        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
+
+
 class DimensionMismatch(MbocpError):
     """An array does not have the shape that the robot or problem asks for."""
 
@@ -127,12 +135,8 @@ class UnknownRobot(RobotError):
         )
 
 
-class RobotFileError(RobotError):
+class RobotFileError(_FileError, RobotError):
     """A URDF, robot.toml or package folder that cannot be read or does not say what it must."""
-
-    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self._key = Path(path), reason, key
-        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
 class UnknownJoint(RobotError):
@@ -172,12 +176,8 @@ class ProblemError(MbocpError):
     """Something about the optimal control problem."""
 
 
-class ProblemFileError(ProblemError):
+class ProblemFileError(_FileError, ProblemError):
     """A problem file that is missing, malformed, or has a wrong key or value."""
-
-    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self._key = Path(path), reason, key
-        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
 class InconsistentStart(ProblemError):
@@ -267,24 +267,16 @@ class NotConverged(SolverError):
         super().__init__(f"{solution.status}: {solution.advice}")
 
 
-class ResultFileError(MbocpError):
+class ResultFileError(_FileError):
     """A result file that cannot be read or written."""
-
-    def __init__(self, path: Path | str, reason: str) -> None:
-        self.path, self.reason, self._key = Path(path), reason, None
-        super().__init__(f"{path}: {reason}")
 
 
 class StudyError(MbocpError):
     """Something about many problems at once: their table, or the executor that runs them."""
 
 
-class StudyFileError(StudyError):
+class StudyFileError(_FileError, StudyError):
     """A study file that is missing, malformed, or has a wrong key or value."""
-
-    def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
-        self.path, self.reason, self._key = Path(path), reason, key
-        super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
 
 
 class ReplayError(MbocpError):
