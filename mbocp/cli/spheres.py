@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from mbocp._arrays import plain_json
 from mbocp.cli.console import output, plain_table
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import PAGES, check_output
@@ -38,7 +39,7 @@ def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_j
         title = f"Spheres of {robot.name}"
         write_replay(robot, [0.0], [robot.q0], replay, trace=(), spheres=found, title=title)
     if as_json:
-        typer.echo(json.dumps([_facts(link) for link in found], indent=2))
+        typer.echo(json.dumps(plain_json([_facts(link) for link in found]), indent=2))
         return
     columns = ("link", "spheres", "from", "largest radius", "sticks out", "not covered", "by")
     table = plain_table(*columns)
@@ -63,16 +64,12 @@ def _facts(link: LinkSpheres) -> dict[str, object]:
     return {
         "link": link.link,
         "origin": link.origin,
-        "centers": link.centers.tolist(),
-        "radii": link.radii.tolist(),
-        "sticks_out": _number(link.sticks_out),
-        "uncovered": _number(link.uncovered),
-        "gap": _number(link.gap),
+        "centers": link.centers,
+        "radii": link.radii,
+        "sticks_out": link.sticks_out,
+        "uncovered": link.uncovered,
+        "gap": link.gap,
     }
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value
 
 
 def _length(value: float) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, plain_json
 from mbocp.solution.atomic import atomic_path
 from mbocp.solution.data import TOLD, SolutionData
 from mbocp.solution.records import Column
@@ -85,12 +85,9 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "num_steps": solution.num_steps,
         "duration": solution.duration,
         "via_times": solution.via_times,
-        "phase_times": {name: list(times) for name, times in solution.phase_times.items()},
+        "phase_times": solution.phase_times,
         "wall_time_s": solution.wall_time_s,
-        "phases": [
-            {"name": p.name, "iterations": p.iterations, "wall_time_s": p.wall_time_s}
-            for p in solution.phases
-        ],
+        "phases": [dataclasses.asdict(phase) for phase in solution.phases],
         "history": [
             {"residual": r.residual, "increment": r.increment, "cost": r.cost, "step_length": r.step_length}
             for r in solution.history
@@ -99,23 +96,16 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "control_hamiltonian": solution.control_hamiltonian,
         "control_momentum_drift": solution.control_momentum_drift,
         "conserved": [dataclasses.asdict(quantity) for quantity in solution.conserved],
-        "q_final": solution.q_final.tolist(),
-        "p_final": solution.p_final.tolist(),
-        "u_first": solution.u_first.tolist(),
-        "u_last": solution.u_last.tolist(),
-        "eta": solution.eta.tolist(),
+        "q_final": solution.q_final,
+        "p_final": solution.p_final,
+        "u_first": solution.u_first,
+        "u_last": solution.u_last,
+        "eta": solution.eta,
         "starts": [
             {"guess": s.guess, "status": str(s.status), "cost": s.cost, "iterations": s.iterations}
             | ({} if s.goal is None else {"goal": s.goal})
             for s in solution.starts
         ],
     }
-    return {key: _finite(value) for key, value in result.items()}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _finite(v) for key, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, list) else value
+    found: dict[str, Any] = plain_json(result)
+    return found

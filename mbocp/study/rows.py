@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from mbocp._arrays import plain_json
 from mbocp.exceptions import StudyError, suggest
 from mbocp.problem import Problem
 from mbocp.problem.goals.frames import pose_errors
@@ -81,19 +82,6 @@ def failure_row(status: str, message: str, seconds: float = math.nan) -> dict[st
 def solver_seconds(solution: Solution) -> float:
     """Wall time of the solver's phases, without compilation, guess and diagnostics [s]."""
     return sum(phase.wall_time_s for phase in solution.phases if phase.name not in NO_SOLVER)
-
-
-def plain_json(value: Any) -> Any:
-    """Turn arrays into lists, and what JSON has no number for into None."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        value = value.tolist()
-    if isinstance(value, Mapping):
-        return {str(key): plain_json(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_json(entry) for entry in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, (bool, int)) else str(value)
 
 
 def _recordable() -> set[str]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+
+from mbocp._arrays import plain_json
 
 MISSED = "off the goal"  # converged, but further from the goal than a success may be
 
@@ -32,7 +34,8 @@ class Spread:
 
     def to_dict(self) -> dict[str, float | None]:
         """As plain values, for JSON."""
-        return {"mean": _finite(self.mean), "deviation": _finite(self.deviation)}
+        found: dict[str, float | None] = plain_json(asdict(self))
+        return found
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,3 @@ def _end(row: Mapping[str, Any], goal_distance: float | None) -> str:
 def _per_iteration(row: Mapping[str, Any]) -> float | None:
     seconds, iterations = row.get("solver_time_s"), row.get("iterations")
     return seconds / iterations if seconds is not None and iterations else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
