@@ -302,22 +302,14 @@ class _Collected:
         """Solve problem k by itself."""
         with _in_problem(k):
             s = solve(self.problem.with_(**self.changes[k]))
-        self.put(k, s.status, s.iterations, s.cost, s.residual, (s.t, s.qs, s.vs, s.us))
+        self.put(k, s, (s.t, s.qs, s.vs, s.us))
         if s.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
 
-    def put(
-        self,
-        k: int,
-        status: Status,
-        iterations: int,
-        cost: float,
-        residual: float,
-        motion: tuple[Array, Array, Array, Array],
-    ) -> None:
+    def put(self, k: int, found: Solution | _Found, motion: tuple[Array, Array, Array, Array]) -> None:
         """Fill row k."""
-        self.statuses[k], self.iterations[k] = status, iterations
-        self.costs[k], self.residuals[k] = cost, residual
+        self.statuses[k], self.iterations[k] = found.status, found.iterations
+        self.costs[k], self.residuals[k] = found.cost, found.residual
         self.t[k], self.qs[k], self.vs[k], self.us[k] = motion
 
     def motions(self) -> Motions:
@@ -417,6 +409,5 @@ class _Batch:
         t = times_of(formulation.problem, motion.dts)
         status, _, _ = judge(formulation, motion, t, found.status, "")
         if status is Status.CONVERGED:
-            numbers = (t, motion.qs, motion.vs, motion.us)
-            self._collected.put(k, status, found.iterations, found.cost, found.residual, numbers)
+            self._collected.put(k, found, (t, motion.qs, motion.vs, motion.us))
         return status is Status.CONVERGED

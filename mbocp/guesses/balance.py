@@ -43,12 +43,10 @@ def balances(
         If the deadline, a time of `time.perf_counter`, passes.
     """
     motion = _in_time(zip(qs, vs, accelerations, strict=True), deadline)
-    if table is not None:
-        rows = table.along(qs, constraint_jacobians(robot, qs)) * ~table.is_impact[:, None, None]
-        balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
-        return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
-    if robot.nc or robot.has_forces or robot.actuation.frame_actuators:
+    if table is not None or robot.nc or robot.has_forces or robot.actuation.frame_actuators:
         rows = constraint_jacobians(robot, qs)
+        if table is not None:
+            rows = table.along(qs, rows) * ~table.is_impact[:, None, None]
         balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
         return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
     data, columns = working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
+from mbocp.robot.nodes import between
 
 
 def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> Iterate:
@@ -28,13 +28,11 @@ def finer(coarse: Formulation, iterate: Iterate, formulation: Formulation) -> It
     formulation : Formulation
         Of the same robot, with the same rows and the same duration.
     """
-    problem, model = formulation.problem, formulation.problem.robot.model
-    motion, dts = coarse.motion_of(iterate), formulation.problem.timeline.lengths()
+    problem, motion = formulation.problem, coarse.motion_of(iterate)
+    dts = problem.timeline.lengths()
     few, many = coarse.problem.num_steps, problem.num_steps
     nodes, share = _between(np.linspace(0.0, few, many + 1), few)
-    qs = np.array(
-        [pin.interpolate(model, motion.qs[i], motion.qs[i + 1], s) for i, s in zip(nodes, share, strict=True)]
-    )
+    qs = between(problem.robot, motion.qs[nodes], motion.qs[nodes + 1], share)
     vs = _interpolate(motion.vs, nodes, share)
     middles, share = _between((np.arange(many) + 0.5) * few / many - 0.5, few - 1)
     us = _interpolate(motion.us, middles, share)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray
 from mbocp._warn import warn_caller
@@ -19,6 +18,7 @@ from mbocp.mechanics import dual_of_velocity
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import BoundMultipliers, Iterate
+from mbocp.robot.nodes import between
 from mbocp.solution import Solution
 from mbocp.solution.rest import place_at, place_of_start
 
@@ -130,9 +130,7 @@ def _motion(saved: Solution, formulation: Formulation, places: _Places) -> Motio
     """The saved motion with the steps of a formulation."""
     problem, nodes = formulation.problem, places.nodes
     shares = formulation.pieces.signature.control_values.shares
-    given = zip(places.left, places.share, strict=True)
-    model = problem.robot.model
-    qs = np.array([pin.interpolate(model, saved.qs[i], saved.qs[i + 1], share) for i, share in given])
+    qs = between(problem.robot, saved.qs[places.left], saved.qs[places.left + 1], places.share)
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
     dts = dts if problem.timeline.has_free_lengths else problem.timeline.lengths()
     us, values = saved.us[places.middle], _values(saved, nodes, shares)

@@ -123,18 +123,11 @@ class SolutionData:
             object.__setattr__(self, name, value)
         if math.isnan(self.manifold_drift) and np.isfinite(self.manifold_drifts).all():
             object.__setattr__(self, "manifold_drift", float(self.manifold_drifts.max()))
-        object.__setattr__(self, "status", Status(self.status))
         object.__setattr__(self, "control_momentum_names", tuple(map(str, self.control_momentum_names)))
         object.__setattr__(self, "control_momentum_meanings", self._meanings())
-        object.__setattr__(self, "phases", tuple(self.phases))
-        object.__setattr__(self, "history", tuple(self.history))
-        object.__setattr__(self, "starts", tuple(self.starts))
-        for name in WORDS:
-            object.__setattr__(self, name, str(getattr(self, name)))
-        for name in NUMBERS:
-            object.__setattr__(self, name, float(getattr(self, name)))
-        for name in COUNTS:
-            object.__setattr__(self, name, int(getattr(self, name)))
+        for kind, names in _KINDS.items():
+            for name in names:
+                object.__setattr__(self, name, kind(getattr(self, name)))
         for name in ("robot_spec", "options", "versions"):
             object.__setattr__(self, name, json_copy(name, getattr(self, name)))
         sizes = {"q": self.nq, "v": self.nv, "p": self.nv, "u": self.nu, "mu": 2 * self.nv}
@@ -370,6 +363,9 @@ def _with(mark: str) -> tuple[str, ...]:
 
 
 WORDS, COUNTS, NUMBERS = _of_kind("str"), _of_kind("int"), _of_kind("float")
+_RECORDS = ("phases", "history", "starts")
+_KINDS: dict[type, tuple[str, ...]]
+_KINDS = {str: WORDS, int: COUNTS, float: NUMBERS, tuple: _RECORDS, Status: ("status",)}
 TOLD, SIGNED = _with("is_told"), _with("is_signed")
 for _field in fields(SolutionData):
     setattr(SolutionData, _field.name, Later(_field.name))
