@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,8 @@ from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, pose_at, sample_motion
 
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
 _STEEPEST = 89.0  # [deg]; from straight above there is no upright
@@ -42,6 +44,27 @@ class OtherMotion:
     t: ArrayLike
     qs: ArrayLike
     name: str
+
+
+class Shown(TypedDict, total=False):
+    """What a replay shows with the robot, see `write_replay`."""
+
+    trace: Sequence[str] | None
+    goals: Sequence[FrameTarget]
+    other_goals: Sequence[FrameTarget]
+    marks: Marks | None
+    spheres: Sequence[LinkSpheres]
+
+
+class Drawn(Shown, total=False):
+    """What a replay shows, and how, see `write_replay`."""
+
+    ghosts: Sequence[float]
+    others: Sequence[OtherMotion]
+    direction: tuple[float, float] | None
+    title: str
+    speed: float
+    samples_per_second: float
 
 
 def write_replay(
@@ -129,63 +152,15 @@ def write_replay(
 
 
 def replay_page(
-    robot: Robot,
-    t: ArrayLike,
-    qs: ArrayLike,
-    *,
-    trace: Sequence[str] | None = None,
-    goals: Sequence[FrameTarget] = (),
-    other_goals: Sequence[FrameTarget] = (),
-    marks: Marks | None = None,
-    spheres: Sequence[LinkSpheres] = (),
-    ghosts: Sequence[float] = (),
-    others: Sequence[OtherMotion] = (),
-    direction: tuple[float, float] | None = None,
-    title: str = "",
-    speed: float = 1.0,
-    samples_per_second: float = 60.0,
-    below: Below | None = None,
+    robot: Robot, t: ArrayLike, qs: ArrayLike, *, below: Below | None = None, **drawn: Unpack[Drawn]
 ) -> str:
     """The page that `write_replay` writes, as text; `below` is what stands under the picture."""
-    motion = _motion(robot, t, qs, speed, samples_per_second)
-    beside = _others(others, speed, samples_per_second)
-    scene = build_scene(
-        robot,
-        motion,
-        trace=trace,
-        goals=goals,
-        other_goals=other_goals,
-        marks=marks,
-        spheres=spheres,
-        ghosts=_ghosts(robot, t, qs, ghosts),
-        others=beside,
-        direction=_direction(direction),
-    )
-    return render_page(
-        scene,
-        title=title or robot.name,
-        subtitle=_subtitle(robot, motion, title, beside),
-        speed=speed,
-        below=below,
-    )
+    scene, title, subtitle = _compose(robot, t, qs, **drawn)
+    return render_page(scene, title=title, subtitle=subtitle, speed=drawn.get("speed", 1.0), below=below)
 
 
 def open_replay(
-    robot: Robot,
-    t: ArrayLike,
-    qs: ArrayLike,
-    *,
-    trace: Sequence[str] | None = None,
-    goals: Sequence[FrameTarget] = (),
-    other_goals: Sequence[FrameTarget] = (),
-    marks: Marks | None = None,
-    ghosts: Sequence[float] = (),
-    others: Sequence[OtherMotion] = (),
-    direction: tuple[float, float] | None = None,
-    title: str = "",
-    speed: float = 1.0,
-    samples_per_second: float = 60.0,
-    browser: bool = True,
+    robot: Robot, t: ArrayLike, qs: ArrayLike, *, browser: bool = True, **drawn: Unpack[Drawn]
 ) -> None:
     """Show a motion on a live meshcat page until Ctrl-C; arguments as in `write_replay`.
 
@@ -204,20 +179,37 @@ def open_replay(
     UnknownFrame
         If a traced frame does not exist.
     """
+    scene, title, _ = _compose(robot, t, qs, is_live=True, **drawn)
+    serve(scene, title=title, browser=browser)
+
+
+def _compose(
+    robot: Robot,
+    t: ArrayLike,
+    qs: ArrayLike,
+    *,
+    is_live: bool = False,
+    ghosts: Sequence[float] = (),
+    others: Sequence[OtherMotion] = (),
+    direction: tuple[float, float] | None = None,
+    title: str = "",
+    speed: float = 1.0,
+    samples_per_second: float = 60.0,
+    **shown: Unpack[Shown],
+) -> tuple[Scene, str, str]:
+    """The scene, title and subtitle of a replay; a live one has its speed in the scene."""
     motion = _motion(robot, t, qs, speed, samples_per_second)
+    beside = _others(others, speed, samples_per_second)
     scene = build_scene(
         robot,
         motion,
-        trace=trace,
-        goals=goals,
-        other_goals=other_goals,
-        marks=marks,
         ghosts=_ghosts(robot, t, qs, ghosts),
-        others=_others(others, speed, samples_per_second),
-        speed=speed,
+        others=beside,
+        speed=speed if is_live else 1.0,
         direction=_direction(direction),
+        **shown,
     )
-    serve(scene, title=title or robot.name, browser=browser)
+    return scene, title or robot.name, _subtitle(robot, motion, title, beside)
 
 
 def serve(scene: Scene, *, title: str, browser: bool) -> None:
@@ -277,7 +269,7 @@ def _direction(degrees: tuple[float, float] | None) -> tuple[float, float] | Non
     return float(np.deg2rad(azimuth)), float(np.deg2rad(elevation))
 
 
-def _subtitle(robot: Robot, motion: Motion, title: str, others: Sequence[Other] = ()) -> str:
+def _subtitle(robot: Robot, motion: Motion, title: str, others: Sequence[Other]) -> str:
     shown = f"{motion.duration:.3g} s" if motion.duration > 0.0 else "one pose"
     words = [robot.name] if title and title != robot.name else []
     beside = [
