@@ -17,7 +17,7 @@ from mbocp.solution import Solution
 from mbocp.solution.reading import read_solution
 from mbocp.solution.records import StartRecord
 from mbocp.solution.rest import Rest, place_at
-from mbocp.solvers import Outcome, Phase, Status
+from mbocp.solvers import Outcome, Phase, SolverSettings, Status
 from mbocp.solvers.records import Callback
 from mbocp.solvers.strategies.patience import Patience
 
@@ -158,6 +158,14 @@ class Strategy(Protocol):
 
     def run(self, job: Job) -> Solution:
         """Do the job."""
+
+
+def settings_of(formulation: Formulation, threads: int | None = None) -> SolverSettings:
+    """Settings of the solver that a problem asks for; with other `threads`, if given."""
+    problem, options = formulation.problem, formulation.problem.solver
+    threads = options.num_threads if threads is None else threads
+    is_bounded = problem.is_bounded
+    return SolverSettings.of(options, formulation.programme, has_inequalities=is_bounded, threads=threads)
 
 
 def _patience(problem: Problem, deadline: float) -> Patience:

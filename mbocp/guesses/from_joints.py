@@ -8,9 +8,10 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.features.switches import filled_impulses
 from mbocp.guesses.kinds import guess_candidates, none_made, plain_guess
+from mbocp.job import settings_of
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
-from mbocp.solvers import SolverResult, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers import SolverResult, Start, Status, run_strategy
 
 
 def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
@@ -19,12 +20,6 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     best: SolverResult | None = None
     joint = problem.with_(coordinates="joint", guess=Guess(), solver=replace(problem.solver, method="auto"))
     stepwise = formulate(joint)
-    settings = SolverSettings.of(
-        joint.solver,
-        stepwise.programme,
-        has_inequalities=joint.is_bounded,
-        threads=joint.solver.num_threads,
-    )
     failed: dict[str, ProblemError] = {}
     taken = 0
     for kind in guess_candidates(joint):
@@ -34,7 +29,7 @@ def from_joints(formulation: Formulation) -> tuple[Iterate, str]:
             failed[kind] = error
             continue
         start = Start(stepwise.programme, guess)
-        result = run_strategy(settings, start).result
+        result = run_strategy(settings_of(stepwise), start).result
         if result.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         taken += sum(not record.is_guess for record in result.history)

@@ -12,7 +12,7 @@ from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
 from mbocp.guesses.kinds import none_made
 from mbocp.guesses.ranking import is_better, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
-from mbocp.job import Job
+from mbocp.job import Job, settings_of
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.newton_method.polish import can_be_polished
@@ -66,10 +66,8 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
 
 
 def _settings(job: Job, formulation: Formulation) -> SolverSettings:
-    problem, programme = formulation.problem, formulation.programme
-    threads, is_bounded = problem.solver.num_threads, problem.is_bounded
-    settings = SolverSettings.of(problem.solver, programme, has_inequalities=is_bounded, threads=threads)
-    if job.brief and settings.options.method == "auto" and can_be_polished(programme):
+    settings = settings_of(formulation)
+    if job.brief and settings.options.method == "auto" and can_be_polished(formulation.programme):
         asked = settings.options.max_iterations
         most = job.brief if asked is None else min(job.brief, asked)
         brief = replace(settings.options, method="monolithic", max_iterations=most)

@@ -19,7 +19,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
-from mbocp.job import Job
+from mbocp.job import Job, settings_of
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.deadline import time_until
@@ -112,14 +112,7 @@ class _Task:
 
     def settings(self, deadline: float) -> SolverSettings:
         """Settings of the solver, with the time that is left."""
-        problem = self.formulation.problem
-        settings = SolverSettings.of(
-            problem.solver,
-            self.formulation.programme,
-            has_inequalities=problem.is_bounded,
-            threads=self.threads,
-        )
-        return replace(settings, time_limit=time_until(deadline))
+        return replace(settings_of(self.formulation, self.threads), time_limit=time_until(deadline))
 
 
 @dataclass(eq=False)

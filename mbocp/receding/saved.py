@@ -105,7 +105,8 @@ def write_horizon(
     table = {
         "version": [_VERSION],
         **_of_programme(programme, native),
-        **_of_robot(formulation),
+        **{name: [getattr(formulation.problem.robot, name)] for name in ("nq", "nv", "nu")},
+        "dt": [formulation.problem.dt],
         **_of_horizon(horizon, settings, programme),
         **{name: [place.start, place.stop] if place.stop > 0 else [] for name, place in places.items()},
         **numbers,
@@ -160,12 +161,6 @@ def _of_programme(programme: StagewiseProgramme, native: KernelProgramme) -> dic
             **{name: getattr(native, name) for name in ("slack", "z_lower", "z_upper")},
         }
     return found
-
-
-def _of_robot(formulation: Formulation) -> dict[str, object]:
-    robot = formulation.problem.robot
-    sizes = {name: [getattr(robot, name)] for name in ("nq", "nv", "nu")}
-    return {**sizes, "dt": [formulation.problem.dt]}
 
 
 def _of_horizon(

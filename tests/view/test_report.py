@@ -15,8 +15,8 @@ from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.view import browser
-from mbocp.view.figures.space import frame_panels
 from mbocp.view.report import write_report
+from mbocp.view.reports.plots import frame_panels
 from tests.view.test_replay_browser import SIZE, browse
 
 T, STEPS = 2.0, 20

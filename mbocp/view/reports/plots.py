@@ -11,16 +11,20 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.problem.obstacles.approach import clearances_along
+from mbocp.robot.large import working_data
+from mbocp.solution import Column
 from mbocp.view.figures import panels
-from mbocp.view.figures.lines import LinePanel
-from mbocp.view.figures.space import clearance_panels, frame_panels
+from mbocp.view.figures.lines import LinePanel, line_panels
 from mbocp.view.figures.style import house_style, line_style, mark_phases, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from mbocp.problem import Problem
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
@@ -131,3 +135,39 @@ def _round(values: Array) -> list[float | None]:
 def _plain(words: str) -> Any:
     """A label without what matplotlib reads as mathematics."""
     return re.sub(r"\$|\\Delta |\\mathrm|[{}\\]", "", words).strip()
+
+
+def frame_panels(solution: Solution, robot: Robot) -> list[LinePanel]:
+    """Return where the frames that the robot traces are, and how fast they go, in the world's axes."""
+    names = robot.trace_frames
+    places, speeds = _follow_frames(robot, solution)
+    found = []
+    for name, place in zip(names, places, strict=True):
+        axes = [Column(axis, "m") for axis in "xyz"]
+        found += line_panels(f"Position of {name}", "$p$", axes, solution.t, place)
+    columns = [Column(name, "m/s") for name in names]
+    return [*found, *line_panels("Speed in space", "$|\\dot p|$", columns, solution.t, speeds)]
+
+
+def _follow_frames(robot: Robot, solution: Solution) -> tuple[Array, Array]:
+    """Positions of the traced frames, shape (frames, N + 1, 3) [m], and speeds, (N + 1, frames) [m/s]."""
+    ids = [robot.frame_id(name) for name in robot.trace_frames]
+    model, data = robot.model, working_data(robot.model)
+    places = np.empty((len(ids), len(solution.t), 3))
+    speeds = np.empty((len(solution.t), len(ids)))
+    for n, (q, v) in enumerate(zip(solution.qs, solution.vs, strict=True)):
+        pin.forwardKinematics(model, data, q, v)
+        for i, frame in enumerate(ids):
+            places[i, n] = pin.updateFramePlacement(model, data, frame).translation
+            velocity = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED)
+            speeds[n, i] = np.linalg.norm(velocity.linear)
+    return places, speeds
+
+
+def clearance_panels(solution: Solution, problem: Problem) -> list[LinePanel]:
+    """Return the smallest distance of what the problem keeps apart, at the nodes; nothing without such."""
+    if problem.clearance is None:
+        return []
+    columns = [Column("nearest pair of those that are checked", "m")]
+    distances = clearances_along(problem.clearance, solution.qs)[:, None]
+    return line_panels("Clearance", "$d$", columns, solution.t, distances)
