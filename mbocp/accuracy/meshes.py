@@ -9,7 +9,7 @@ A / n^q have :math:`n \propto A^{1/(q+1)}`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -25,31 +25,35 @@ _COARSEST = 4  # of which numbers are multiples: there are half and a quarter of
 _FLOOR = 1e-3  # of the mean share: where errors vanish steps do not
 
 
-class Mesh(Protocol):
-    """Steps, coarse ones, of which each is halved for the finer solution."""
+@dataclass(frozen=True, eq=False)
+class _Lengths:
+    """Steps of given lengths [s], shape (N,): coarse ones, of which each is halved for the finer solution."""
+
+    dts: Array
 
     @property
     def num_steps(self) -> int:
         """How many there are."""
-        ...
+        return len(self.dts)
 
     def of(self, problem: Problem) -> Problem:
         """The problem with these steps."""
-        ...
+        return problem.with_(accuracy=None, num_steps=self.num_steps, lengths=self.dts)
 
-    def halve(self) -> Mesh:
+    def halve(self) -> _Lengths:
         """Twice as many."""
-        ...
+        return _Lengths(halve(self.dts))
 
-    def coarser(self) -> Mesh:
+    def coarser(self) -> _Lengths:
         """Half as many, two by two."""
-        ...
+        return _Lengths(self.dts[::2] + self.dts[1::2])
 
-    def even(self, factor: int) -> Mesh:
+    def even(self, factor: int) -> _Lengths:
         """As many times the steps, and as long as each other where lengths are given."""
-        ...
+        count = factor * self.num_steps
+        return _Lengths(np.full(count, self.dts.sum() / count))
 
-    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Mesh:
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
         """Steps whose errors, halved, are as wanted.
 
         Parameters
@@ -60,40 +64,10 @@ class Mesh(Protocol):
             Their local errors [rad, m] and shares in the error of the cost.
         wanted : Wanted
         """
-        ...
-
-    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Mesh:
-        """Steps whose errors are as wanted as they are, from the same; nobody halves these or takes two."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class _Lengths:
-    """Steps of given lengths [s], shape (N,)."""
-
-    dts: Array
-
-    @property
-    def num_steps(self) -> int:
-        return len(self.dts)
-
-    def of(self, problem: Problem) -> Problem:
-        return problem.with_(accuracy=None, num_steps=self.num_steps, lengths=self.dts)
-
-    def halve(self) -> _Lengths:
-        return _Lengths(halve(self.dts))
-
-    def coarser(self) -> _Lengths:
-        return _Lengths(self.dts[::2] + self.dts[1::2])
-
-    def even(self, factor: int) -> _Lengths:
-        count = factor * self.num_steps
-        return _Lengths(np.full(count, self.dts.sum() / count))
-
-    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
         return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS + 2))
 
     def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
+        """Steps whose errors are as wanted as they are, from the same; nobody halves these or takes two."""
         return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS, in_pairs=False))
 
 
@@ -102,7 +76,7 @@ _Whole: TypeAlias = tuple[int, ...]
 
 @dataclass(frozen=True)
 class _Counts:
-    """Numbers of equal steps, of each phase or of all; found as multiples of `bases`."""
+    """The same for numbers of equal steps, of each phase or of all; found as multiples of `bases`."""
 
     counts: _Whole
     bases: _Whole
@@ -150,6 +124,9 @@ class _Counts:
         factors = np.clip(np.fmax(local, needed), 1.0 / _COARSER, _FINER)
         found: Array = factors * fine
         return found
+
+
+Mesh: TypeAlias = _Lengths | _Counts
 
 
 def _multiples(counts: Array, bases: _Whole) -> _Counts:

@@ -12,7 +12,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager
 from multiprocessing import connection, forkserver, process
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from pebble import CONSTS, ProcessExpired, ProcessPool
 
@@ -28,29 +28,6 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEX
 # goes on much longer hangs in one of them, and is killed.
 _GRACE, _GRACE_SHARE = 2.0, 0.2  # [s], and of the time limit
 _LOCKED_OUT = 10.0  # [s] longer than stopping another process takes, which locks them out rightly
-
-
-class Pool(Protocol):
-    """What runs tasks, and says what an exception of theirs means."""
-
-    @property
-    def in_flight(self) -> int:
-        """As many tasks keep it busy."""
-
-    def submit(self, function: Callable[..., Any], *args: Any, limit: float | None = None) -> Future[Any]:
-        """Run a function of a module, with a time limit [s] where this can be done."""
-
-    def failure(self, error: BaseException, limit: float | None) -> Row | None:
-        """Row of a task that ended so; None where the task is not to blame and has to run again.
-
-        Raises
-        ------
-        StudyError
-            If nothing can be run any more.
-        """
-
-    def close(self) -> None:
-        """Give up whatever still runs."""
 
 
 class LocalPool:
@@ -79,7 +56,7 @@ class LocalPool:
             return self._pool.schedule(function, args=args, timeout=timeout)
 
     def failure(self, error: BaseException, limit: float | None) -> Row | None:
-        """Time-outs and crashes are rows; a task whose pool broke away under it is not to blame."""
+        """Row of a task that ended so; None where its pool broke away under it, and it has to run again."""
         if isinstance(error, ProcessExpired):
             return failure_row(CRASHED, f"its process died: {_death(error.exitcode)}")
         if isinstance(error, (FutureTimeoutError, TimeoutError)):
@@ -129,7 +106,13 @@ class ExecutorPool:
         return future
 
     def failure(self, error: BaseException, limit: float | None) -> Row | None:
-        """Tasks raise nothing, so what an executor raises is a worker that died, or its own end."""
+        """Tasks raise nothing, so what an executor raises is a worker that died, or its own end.
+
+        Raises
+        ------
+        StudyError
+            If nothing can be run any more.
+        """
         if isinstance(error, (BrokenExecutor, CancelledError)):
             raise _given_up(error) from error
         return failure_row(CRASHED, f"its worker failed: {type(error).__name__}: {error}")
@@ -138,6 +121,9 @@ class ExecutorPool:
         """Take back what has not begun; the executor itself is not ours to shut down."""
         for future in list(self._pending):
             future.cancel()
+
+
+Pool: TypeAlias = LocalPool | ExecutorPool
 
 
 def _given_up(error: BaseException) -> StudyError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
 from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ def run_study(
         if progress is not None:
             progress(len(done), len(study))
         if len(done) < len(study):
-            pool = ExecutorPool(executor, workers) if executor is not None else LocalPool(workers)
+            pool: Pool = ExecutorPool(executor, workers) if executor is not None else LocalPool(workers)
             opened.callback(pool.close)
             run = _Run(study, pool, file, solve, callback, progress, len(done))
             run.rehearse(kinds)
@@ -168,22 +169,18 @@ def _header(study: Study) -> dict[str, Any]:
     }
 
 
+@dataclass(eq=False)
 class _Run:
     """The tasks under way and the rows that come back."""
 
-    def __init__(
-        self,
-        study: Study,
-        pool: Pool,
-        file: RowFile,
-        solve: Solve | None,
-        callback: Callable[[Mapping[str, Any]], object] | None,
-        progress: Progress | None,
-        done: int,
-    ) -> None:
-        self.study, self.pool, self.file, self.solve = study, pool, file, solve
-        self.callback, self.progress, self.done = callback, progress, done
-        self.tries: dict[int, int] = {}
+    study: Study
+    pool: Pool
+    file: RowFile
+    solve: Solve | None
+    callback: Callable[[Mapping[str, Any]], object] | None
+    progress: Progress | None
+    done: int
+    tries: dict[int, int] = field(default_factory=dict)
 
     def rehearse(self, kinds: Sequence[Task]) -> None:
         """Compile what each kind of task needs, outside the tasks' time."""

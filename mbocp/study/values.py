@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,7 +80,7 @@ def grid_dimensions(written: Mapping[str, Any]) -> Iterator[Dimension]:
     """One dimension for each key of [grid]."""
     for key, entry in written.items():
         where = f"grid.{key}"
-        _check_key(key, None if _is_range(entry) else entry, where)
+        _check_key(key, None if _is_table_of(entry, _RANGES) else entry, where)
         values = _grid_values(entry, where)
         yield Dimension("grid", tuple(Point({key: value}, {key: value}) for value in values))
 
@@ -128,7 +128,7 @@ def sample_dimension(written: Mapping[str, Any], seed: int) -> Dimension:
     columns = []
     for key in keys:
         where = f"sample.{key}"
-        _check_key(key, None if _is_draw(written[key]) else written[key], where)
+        _check_key(key, None if _is_table_of(written[key], _DRAWS) else written[key], where)
         generator = np.random.default_rng([seed, zlib.crc32(key.encode())])
         columns.append(_draw(written[key], count, generator, where))
     rows = [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
@@ -156,12 +156,8 @@ def _check_key(key: str, value: Any, where: str) -> None:
         raise StudyError(f"{where}: {error.reason}") from error
 
 
-def _is_range(entry: Any) -> bool:
-    return isinstance(entry, Mapping) and set(entry) <= set(_RANGES)
-
-
-def _is_draw(entry: Any) -> bool:
-    return isinstance(entry, Mapping) and set(entry) <= set(_DRAWS)
+def _is_table_of(entry: Any, names: Container[str]) -> bool:
+    return isinstance(entry, Mapping) and all(name in names for name in entry)
 
 
 def _grid_values(entry: Any, where: str) -> list[Any]:
