@@ -16,7 +16,7 @@ from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
-from mbocp.job import Attempt, Job, Strategy, Warm
+from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.obstacles.reserves import (
@@ -28,6 +28,7 @@ from mbocp.problem.obstacles.reserves import (
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
+from mbocp.solution.reading import Attempt
 from mbocp.solvers import Phase, Status
 
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins

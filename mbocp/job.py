@@ -14,50 +14,13 @@ from mbocp.problem import Problem
 from mbocp.problem.reasons.causes import why_in_vain
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
-from mbocp.solution.reading import read_solution
-from mbocp.solution.records import StartRecord
+from mbocp.solution.reading import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at
-from mbocp.solvers import Outcome, Phase, SolverSettings, Status
+from mbocp.solvers import SolverSettings
 from mbocp.solvers.records import Callback
 from mbocp.solvers.strategies.patience import Patience
 
 Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """What a solver came to, before anything is read from it.
-
-    Attributes
-    ----------
-    formulation : Formulation
-    outcome : Outcome
-    phases : tuple of Phase
-    guess_used, left_out : str
-        Words for the guess, and for end conditions that were left out.
-    begun : float
-        Time of `time.perf_counter` at which it began.
-    starts : tuple of StartRecord
-        What each start came to, where there were several.
-    """
-
-    formulation: Formulation
-    outcome: Outcome
-    phases: tuple[Phase, ...]
-    guess_used: str
-    left_out: str
-    begun: float
-    starts: tuple[StartRecord, ...] = ()
-
-    @property
-    def is_converged(self) -> bool:
-        """Whether the solver says so."""
-        return self.outcome.result.status is Status.CONVERGED
-
-    @property
-    def carried(self) -> Carried:
-        """Where a problem of other path constraints may begin."""
-        return Carried.of(self.outcome.result.iterate, self.formulation.programme)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,17 +103,7 @@ class Job:
 
     def read(self, attempt: Attempt) -> Solution:
         """Return the solution of what was asked for, from what a solver came to."""
-        return read_solution(
-            attempt.formulation,
-            attempt.outcome,
-            list(attempt.phases),
-            guess_used=attempt.guess_used,
-            left_out=attempt.left_out,
-            begun=attempt.begun,
-            starts=attempt.starts,
-            asked=self.asked,
-            with_gains=self.has_gains,
-        )
+        return read_solution(attempt, self.asked, with_gains=self.has_gains)
 
 
 class Strategy(Protocol):

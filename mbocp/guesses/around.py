@@ -52,13 +52,10 @@ def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
         return with_pairs(problem, near_pairs(clearance, qs))
     shares = np.linspace(0.0, 1.0, problem.num_steps + 1)
     shares, q_start = shares**3 * (10 - 15 * shares + 6 * shares**2), np.asarray(problem.q_start)
-    corners = [*_stops(problem), np.asarray(problem.goal.q)]
+    stops = [np.asarray(point.via.goal.q) for point in problem.timeline.waypoints]
+    corners = [*stops, np.asarray(problem.goal.q)]
     found = (given_way(problem) or around(problem) or through(robot, corners))(q_start, shares)
     return with_first_reserve(with_pairs(problem, near_pairs(clearance, found)), found)
-
-
-def _stops(problem: Problem) -> list[Array]:
-    return [np.asarray(point.via.goal.q) for point in problem.timeline.waypoints]
 
 
 def around(problem: Problem, seed: int = 0) -> Way | None:

@@ -9,8 +9,9 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.guesses.end_rates import with_rates_at_end
 from mbocp.guesses.in_turn import solve_from_guesses
-from mbocp.job import Attempt, Job
+from mbocp.job import Job
 from mbocp.programme.carried import Carried
+from mbocp.solution.reading import Attempt
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase
 from mbocp.solvers.records import time_phase

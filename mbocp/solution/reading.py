@@ -6,7 +6,7 @@ import math
 import platform
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -28,7 +28,8 @@ from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.write import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
-from mbocp.robot import Robot, RobotFiles, singular_closure
+from mbocp.programme.carried import Carried
+from mbocp.robot import Robot, singular_closure
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import defer
@@ -38,45 +39,61 @@ from mbocp.solvers import Outcome, Phase, SolverResult, Status
 from mbocp.solvers.records import time_phase
 
 
-def read_solution(
-    formulation: Formulation,
-    outcome: Outcome,
-    phases: list[Phase],
-    *,
-    guess_used: str,
-    left_out: str,
-    begun: float,
-    starts: tuple[StartRecord, ...] = (),
-    asked: Problem | None = None,
-    with_gains: bool = False,
-) -> Solution:
-    """Solution of a formulation from what its solver has come to.
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a solver came to, before anything is read from it.
 
-    Parameters
+    Attributes
     ----------
     formulation : Formulation
     outcome : Outcome
-    phases : list of Phase
-        Of the solve; reading is added to them.
+    phases : tuple of Phase
     guess_used, left_out : str
-        Words for the guess, and for rows of the end condition that were left out.
+        Words for the guess, and for end conditions that were left out.
     begun : float
-        Time of `time.perf_counter` at which the solve began.
+        Time of `time.perf_counter` at which it began.
     starts : tuple of StartRecord
         What each start came to, where there were several.
-    asked : Problem, optional
-        What was asked for, if that is not the problem of the formulation: it has several goals, or smaller
-        margins.
+    """
+
+    formulation: Formulation
+    outcome: Outcome
+    phases: tuple[Phase, ...]
+    guess_used: str
+    left_out: str
+    begun: float
+    starts: tuple[StartRecord, ...] = ()
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether the solver says so."""
+        return self.outcome.result.status is Status.CONVERGED
+
+    @property
+    def carried(self) -> Carried:
+        """Where a problem of other path constraints may begin."""
+        return Carried.of(self.outcome.result.iterate, self.formulation.programme)
+
+
+def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False) -> Solution:
+    """Solution of what was asked for, from what a solver has come to.
+
+    Parameters
+    ----------
+    attempt : Attempt
+    asked : Problem
+        That of the formulation, or one of several goals, or of smaller margins.
     with_gains : bool
         Whether to work out the feedback gains.
     """
+    formulation, outcome, phases = attempt.formulation, attempt.outcome, list(attempt.phases)
     problem, result = formulation.problem, outcome.result
     approach: Approach | None = None
     last = result.record
     with time_phase(phases, "diagnostics"):
         motion = formulation.motion_of(result.iterate)
         t = times_of(problem, motion.dts)
-        told = left_out + _singular(problem.robot, motion.qs)
+        told = attempt.left_out + _appended(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
             told += _appended(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
         status, advice, excess = judge(formulation, motion, t, result.status, result.advice)
@@ -84,12 +101,13 @@ def read_solution(
     if with_gains and result.status.is_stationary:
         with time_phase(phases, "gains"):
             gains = feedback_gains(formulation, result.iterate)
-    clearance = problem.clearance if asked is None else asked.clearance
+    clearance = asked.clearance
     if clearance is not None:
         with time_phase(phases, "clearance"):
             if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE):
                 approach = nearest_approach(clearance, t, motion.qs)
         status, advice = _tell_contact(approach, status, advice)
+    stored = problem.robot.stored
     now = {
         "status": status,
         "advice": advice + _compiled_long(problem, result, phases) + told,
@@ -102,7 +120,7 @@ def read_solution(
         "residual": float(last.residual),
         "increment": float(last.increment),
         "unknowns": formulation.programme.num_unknowns,
-        "wall_time_s": time.perf_counter() - begun,
+        "wall_time_s": time.perf_counter() - attempt.begun,
         "phases": tuple(phases),
         "history": result.history,
         "t": frozen_array(t),
@@ -116,15 +134,15 @@ def read_solution(
         "coordinates": problem.coordinates,
         "problem_name": problem.name,
         "robot_name": problem.robot.name,
-        "guess_used": guess_used,
-        "starts": starts,
+        "guess_used": attempt.guess_used,
+        "starts": attempt.starts,
         "accuracy": Accuracy(),
-        "robot_files": _files(problem.robot),
+        "robot_files": None if stored is None else stored.with_spec(problem.robot.spec),
     }
     if clearance is None or approach is not None:
         now |= _told(approach)
-    now["problem"] = asked or problem
-    rest = partial(_rest, formulation, result.iterate, asked or problem, t, motion.qs)
+    now["problem"] = asked
+    rest = partial(_rest, formulation, result.iterate, asked, t, motion.qs)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
     alone["facts_kept"] = partial(facts_of, problem)
@@ -183,11 +201,6 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
     }
 
 
-def _files(robot: Robot) -> RobotFiles | None:
-    """Files of a robot that came with a result."""
-    return None if robot.stored is None else robot.stored.with_spec(robot.spec)
-
-
 def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     """What the control momenta of the named symmetries are, in words."""
     if not names:
@@ -203,11 +216,6 @@ def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) 
     if limit is None or result.status is not Status.TIME_LIMIT or seconds < limit / 2:
         return ""
     return f"; compiling took {seconds:.1f} s of it, which the next run of this shape is spared"
-
-
-def _singular(robot: Robot, qs: Array) -> str:
-    """Say where the constraints of a mechanism lose their rank on the way."""
-    return _appended(singular_closure(robot, qs))
 
 
 def _appended(words: str | None) -> str:
