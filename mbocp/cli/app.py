@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ParamSpec
 
 import typer
 from typer.models import CommandInfo
@@ -15,6 +15,8 @@ from mbocp.cli import signals
 from mbocp.cli.examples import examples
 from mbocp.cli.report import reporting
 from mbocp.cli.robot_options import RobotOptions
+
+_P = ParamSpec("_P")
 
 app = typer.Typer(
     name="mbocp",
@@ -45,6 +47,11 @@ def _added_commands() -> Iterator[CommandInfo]:
         except ImportError as error:
             name = point.dist.name if point.dist else point.value
             typer.echo(f"warning: the commands of {name} cannot be loaded: {error}", err=True)
+
+
+def _command(function: Callable[_P, None]) -> Callable[_P, None]:
+    """A command of the function's name, with its examples."""
+    return app.command(epilog=examples(function.__name__))(reporting(function))
 
 
 def _argument(metavar: str, words: str) -> Any:
@@ -117,8 +124,7 @@ def _options(
     return RobotOptions(tuple(package_dirs or ()), free_flyer, dynamics, tuple(locks or ()))
 
 
-@app.command(epilog=examples("new"))
-@reporting
+@_command
 def new(
     name: Robot,
     output: Annotated[Path | None, _output("FILE.toml", "File to write. [default: ROBOT.toml]")] = None,
@@ -138,8 +144,7 @@ def new(
     write_new(name, output, _options(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
 
 
-@app.command(epilog=examples("solve"))
-@reporting
+@_command
 def solve(
     file: Annotated[
         Path, _argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
@@ -182,8 +187,7 @@ def solve(
     raise typer.Exit(status)
 
 
-@app.command(epilog=examples("check"))
-@reporting
+@_command
 def check(
     file: ProblemFile,
     settings: Settings = None,
@@ -199,8 +203,7 @@ def check(
     check_file(file, settings or [], output, quiet=quiet)
 
 
-@app.command(epilog=examples("explain"))
-@reporting
+@_command
 def explain(
     file: Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")],
     settings: Settings = None,
@@ -219,8 +222,7 @@ def explain(
     explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
 
 
-@app.command(epilog=examples("replay"))
-@reporting
+@_command
 def replay(
     results: Annotated[
         list[Path],
@@ -271,8 +273,7 @@ def replay(
     replay_results(results, output, look, Recording(frames, movie, fps, size), live=live, quiet=quiet)
 
 
-@app.command(epilog=examples("live"))
-@reporting
+@_command
 def live(
     file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
@@ -291,8 +292,7 @@ def live(
     live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
 
 
-@app.command(epilog=examples("plot"))
-@reporting
+@_command
 def plot(
     result: ResultFile,
     output: Annotated[
@@ -313,8 +313,7 @@ def plot(
     plot_result(result, output, style, quiet=quiet)
 
 
-@app.command(epilog=examples("report"))
-@reporting
+@_command
 def report(
     result: ResultFile,
     output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
@@ -329,8 +328,7 @@ def report(
     report_result(result, output, quiet=quiet)
 
 
-@app.command(epilog=examples("info"))
-@reporting
+@_command
 def info(result: ResultFile, as_json: Json = False) -> None:
     """Say what a result is and how good it is."""
     from mbocp.cli.results import print_info
@@ -338,8 +336,7 @@ def info(result: ResultFile, as_json: Json = False) -> None:
     print_info(result, as_json=as_json)
 
 
-@app.command(epilog=examples("export"))
-@reporting
+@_command
 def export(
     result: ResultFile,
     output: Annotated[
@@ -383,8 +380,7 @@ def export(
         raise typer.Exit(1)
 
 
-@app.command(epilog=examples("robots"))
-@reporting
+@_command
 def robots(
     name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
     package_dir: PackageDirs = None,
@@ -402,8 +398,7 @@ def robots(
         print_robot(name, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
-@app.command(epilog=examples("spheres"))
-@reporting
+@_command
 def spheres(
     name: Robot,
     replay: Annotated[
@@ -422,8 +417,7 @@ def spheres(
     print_spheres(name, replay, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
-@app.command(epilog=examples("study"))
-@reporting
+@_command
 def study(
     file: Annotated[Path | None, _argument("STUDY", "Study file (TOML).")] = None,
     output: Annotated[Path | None, _output("FILE.jsonl", "Where the rows go.")] = None,
@@ -464,8 +458,7 @@ def study(
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
 
 
-@app.command(epilog=examples("schema"))
-@reporting
+@_command
 def schema(
     output: Annotated[Path | None, _output("FILE.json", "File to write. [default: the screen]")] = None,
 ) -> None:
@@ -478,8 +471,7 @@ def schema(
     write_schema(output)
 
 
-@app.command(epilog=examples("doctor"))
-@reporting
+@_command
 def doctor(as_json: Json = False) -> None:
     """Say what works on this machine, and how to mend what does not.
 

@@ -17,7 +17,6 @@ from mbocp.cli.report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 
 if TYPE_CHECKING:
-    from mbocp.cli.progress import Progress
     from mbocp.problem import Problem
     from mbocp.solution import Solution
 
@@ -107,6 +106,7 @@ def run(
     """
     outputs.check(file)
     _import(outputs)
+    import mbocp
     from mbocp.cli.progress import Progress
 
     signals.leave_in_order()
@@ -115,7 +115,7 @@ def run(
         progress.say("loading the robot")
         problem = problem_of(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")
-        solution = _solve(problem, progress, accuracy)
+        solution = mbocp.solve(problem, callback=progress, accuracy=accuracy)
     written = _write(solution, problem, outputs)
     if as_json:
         typer.echo(solution.to_json(indent=2))
@@ -166,12 +166,6 @@ def problem_and_solution(file: Path, settings: Sequence[str]) -> tuple[Problem, 
     from mbocp.problem import load_problem
 
     return load_problem(file, settings), None
-
-
-def _solve(problem: Problem, progress: Progress, accuracy: bool | None) -> Solution:
-    import mbocp
-
-    return mbocp.solve(problem, callback=progress, accuracy=accuracy)
 
 
 def _write(solution: Solution, problem: Problem, outputs: Outputs) -> list[tuple[str, Path]]:

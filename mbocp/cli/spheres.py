@@ -13,7 +13,8 @@ from mbocp.cli.console import output, plain_table
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot import LinkSpheres
+
+_FACTS = ("link", "origin", "centers", "radii", "sticks_out", "uncovered", "gap")
 
 
 def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_json: bool) -> None:
@@ -39,7 +40,8 @@ def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_j
         title = f"Spheres of {robot.name}"
         write_replay(robot, [0.0], [robot.q0], replay, trace=(), spheres=found, title=title)
     if as_json:
-        typer.echo(json.dumps(plain_json([_facts(link) for link in found]), indent=2))
+        facts = [{name: getattr(link, name) for name in _FACTS} for link in found]
+        typer.echo(json.dumps(plain_json(facts), indent=2))
         return
     columns = ("link", "spheres", "from", "largest radius", "sticks out", "not covered", "by")
     table = plain_table(*columns)
@@ -58,18 +60,6 @@ def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_j
     console.print(table)
     if replay is not None:
         console.print(f"replay: {replay}")
-
-
-def _facts(link: LinkSpheres) -> dict[str, object]:
-    return {
-        "link": link.link,
-        "origin": link.origin,
-        "centers": link.centers,
-        "radii": link.radii,
-        "sticks_out": link.sticks_out,
-        "uncovered": link.uncovered,
-        "gap": link.gap,
-    }
 
 
 def _length(value: float) -> str:

@@ -122,8 +122,7 @@ def _of_frame(problem: Problem, place: int) -> PoseHandle:
         (found,) = goal_placements(robot, [goal.frames[place].target], q)
         return pin.SE3(np.eye(3), found.translation) if in_world else found
 
-    def moved(wish: Wish, pose: pin.SE3, q: Array) -> Wish:
-        del q
+    def moved(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
         return replace(wish, poses={**wish.poses, place: pose})
 
     axes = (x, y, z) if in_world else _FREE
@@ -134,8 +133,7 @@ def _of_body(robot: Robot, name: str) -> PoseHandle:
     joint, at = robot.model.getJointId(name), robot.configuration_indices(name)
     base, is_planar = robot.model.jointPlacements[joint], _joint(robot, name).nv == 3
 
-    def placement(goal: Goal, q: Array) -> pin.SE3:
-        del goal
+    def placement(_: Goal, q: Array) -> pin.SE3:
         if is_planar:
             x, y, cosine, sine = q[at]
             turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
@@ -158,12 +156,10 @@ def _of_body(robot: Robot, name: str) -> PoseHandle:
 def _of_tool(robot: Robot) -> PoseHandle:
     name = robot.trace_frames[0]
 
-    def placement(goal: Goal, q: Array) -> pin.SE3:
-        del goal
+    def placement(_: Goal, q: Array) -> pin.SE3:
         return robot.frame_placement(name, q)
 
-    def moved(wish: Wish, pose: pin.SE3, q: Array) -> Wish:
-        del q
+    def moved(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
         return replace(wish, q=None, tool=pose)
 
     return PoseHandle(name, _FREE, True, True, placement, moved)

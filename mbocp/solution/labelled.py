@@ -45,18 +45,15 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
         letter, rows = entry.columns, _DIMENSIONS.get(entry.axes[0], "")
         if not rows or entry.axes[1:] != (letter,) or not (columns := solution.columns(key)):
             continue
-        names, words = f"{letter}_name", {"symbol": entry.symbol, "description": entry.description}
-        variables[letter] = ((rows, names), getattr(solution, key), words)
+        names = f"{letter}_name"
+        variables[letter] = ((rows, names), getattr(solution, key), _words(key))
         coordinates[names] = (names, _distinct(columns))
         coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
     if not solution.has_constant_controls:
-        entry = QUANTITIES["u_values"]
-        words = {"symbol": entry.symbol, "description": entry.description}
-        variables["u_within"] = (("step", "share", "u_name"), solution.u_values, words)
+        variables["u_within"] = (("step", "share", "u_name"), solution.u_values, _words("u_values"))
         coordinates["share"] = ("share", solution.u_shares, {"description": "part of the step"})
     if np.isfinite(solution.control_hamiltonians).any():
-        entry = QUANTITIES["control_hamiltonians"]
-        words = {"symbol": entry.symbol, "description": entry.description, "units": "cost/s"}
+        words = {**_words("control_hamiltonians"), "units": "cost/s"}
         variables["control_hamiltonian"] = ("step", solution.control_hamiltonians, words)
     facts = {
         "problem": solution.problem_name,
@@ -65,6 +62,10 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
         "cost": solution.cost,
     }
     return xarray.Dataset(variables, coordinates, facts)
+
+
+def _words(key: str) -> dict[str, str]:
+    return {"symbol": QUANTITIES[key].symbol, "description": QUANTITIES[key].description}
 
 
 def _distinct(columns: tuple[Column, ...]) -> list[str]:

@@ -142,7 +142,8 @@ def build_scene(
     placements = goal_placements(robot, [*goals, *other_goals], motion.qs[-1])
     ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
     drawn_marks = marks or Marks()
-    lines = [*paths, *_connector_ends(robot, motion), *ends, *mark_points(robot, drawn_marks, motion)]
+    tips = (motion.frame_positions(tip) for c in robot.connectors for tip in (c.frame_a, c.frame_b))
+    lines = [*paths, *tips, *ends, *mark_points(robot, drawn_marks, motion)]
     lines += [np.tile(point, (len(motion.times), 1)) for point in ghost_points(robot, ghosts)]
     swept = (
         np.vstack([_sweep(motion, corners, lines), *(path_points(other.motion) for other in others)]) @ turn.T
@@ -248,14 +249,6 @@ def _sweep(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Arra
     low, high = moving.min(axis=0), moving.max(axis=0)
     margin = 0.3 * float(np.linalg.norm(high - low))  # of a long rail or a large table only the part near by
     return np.vstack([moving, np.clip(standing, low - margin, high + margin)])
-
-
-def _connector_ends(robot: Robot, motion: Motion) -> list[Array]:
-    return [
-        motion.frame_positions(frame)
-        for connector in robot.connectors
-        for frame in (connector.frame_a, connector.frame_b)
-    ]
 
 
 def _trace_commands(

@@ -43,11 +43,8 @@ def _bare(
     seen = {robot.model.frames[visual.parentFrame].name for visual in visuals}
     drawn = {source.prefix + link for source in robot.shapes for link in source.drawn}
     links = {link for link in drawn - seen if link.startswith(prefix)}
-    return {frame.parentJoint for frame in robot.model.frames if frame.name in links and _is_body(frame)}
-
-
-def _is_body(frame: pin.Frame) -> bool:
-    return bool(frame.type == pin.FrameType.BODY)
+    bodies = (frame for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
+    return {frame.parentJoint for frame in bodies if frame.name in links}
 
 
 def skeleton(model: pin.Model, joints: set[int]) -> Iterator[tuple[int, list[dict[str, Any]], Array]]:

@@ -15,35 +15,27 @@ from types import ModuleType
 
 
 @contextmanager
-def _without(*names: str) -> Iterator[None]:
-    """Let modules that have not been imported seem to be missing."""
-    hidden = [name for name in names if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None stands for a module that cannot be imported
+def _standing_in(modules: dict[str, ModuleType | None]) -> Iterator[None]:
+    """Let others stand in for modules that have not been imported; None for one that cannot be."""
+    new = {name: module for name, module in modules.items() if name not in sys.modules}
+    sys.modules.update(new)  # type: ignore[arg-type]  # None
     try:
         yield
     finally:
-        for name in hidden:
+        for name in new:
             sys.modules.pop(name, None)
 
 
-@contextmanager
-def _without_ipython() -> Iterator[None]:
-    """Let the class that meshcat asks IPython for be plain text, unless IPython has been imported."""
+def _ipython() -> dict[str, ModuleType | None]:
+    """IPython whose class that meshcat asks for is plain text; nothing where it has been imported."""
     if "IPython" in sys.modules:
-        yield
-        return
+        return {}
     display = ModuleType("IPython.display")
     display.HTML = str  # type: ignore[attr-defined]
-    names = {"IPython": ModuleType("IPython"), "IPython.display": display}
-    sys.modules.update(names)
-    try:
-        yield
-    finally:
-        for name in names:
-            del sys.modules[name]
+    return {"IPython": ModuleType("IPython"), "IPython.display": display}
 
 
-with warnings.catch_warnings(), _without("viser", "trimesh"), _without_ipython():
+with warnings.catch_warnings(), _standing_in({"viser": None, "trimesh": None, **_ipython()}):
     warnings.simplefilter("ignore", DeprecationWarning)
     import meshcat
     from meshcat import geometry as mg
