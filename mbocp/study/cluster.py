@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
 from mbocp._environment import available_workers
+from mbocp._processes import signal_handler
 from mbocp.exceptions import StudyError
 
 _TIMEOUT = 10.0  # [s] for a scheduler to answer
@@ -33,7 +33,8 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
     with dask.config.set(settings):
         if address == "local":
             count = workers or available_workers()
-            with _ignoring_ctrl_c():
+            # Ctrl-C reaches all processes of a terminal; those that are started now leave it to this one.
+            with signal_handler(signal.SIGINT, signal.SIG_IGN):
                 cluster = LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
             with cluster, Client(cluster) as client:
                 yield client.get_executor(), count
@@ -47,16 +48,3 @@ def dask_executor(address: str, workers: int | None = None) -> Iterator[tuple[Ex
             if not threads:
                 raise StudyError(f"--scheduler {address}: the scheduler has no workers yet; start some")
             yield client.get_executor(), workers or threads
-
-
-@contextmanager
-def _ignoring_ctrl_c() -> Iterator[None]:
-    """Ctrl-C reaches all processes of a terminal; those that are started now leave it to this one."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,11 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mbocp._processes import signal_handler
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
-from mbocp.view.meshcat.live import LiveReplay, ends_gently
+from mbocp.view.meshcat.live import LiveReplay
 from mbocp.view.meshcat.page import Below, render_page, write_page
 from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, pose_at, sample_motion
@@ -214,7 +216,8 @@ def _compose(
 
 def serve(scene: Scene, *, title: str, browser: bool) -> None:
     """Serve a scene until Ctrl-C."""
-    with ends_gently(), LiveReplay() as live:
+    # SIGTERM acts like Ctrl-C, so that the server does not outlive its parent.
+    with signal_handler(signal.SIGTERM, signal.default_int_handler), LiveReplay() as live:
         print(f"{title}: open {live.url} in a browser (Ctrl-C ends the replay)", flush=True)
         try:
             if browser:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-import signal
-import threading
 import webbrowser
-from collections.abc import Iterator
 
 import zmq
 
@@ -91,16 +88,3 @@ def _start() -> meshcat.Visualizer:
             return meshcat.Visualizer()
         except (OSError, RuntimeError, ValueError, zmq.ZMQError) as error:
             raise ReplayError(f"the live page cannot be served: {error}; write a file instead") from error
-
-
-@contextlib.contextmanager
-def ends_gently() -> Iterator[None]:
-    """Let SIGTERM act like Ctrl-C inside the block, so that the server does not outlive its parent."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread hears signals
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
