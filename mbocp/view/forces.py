@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
-    from mbocp.solution import Solution
+from mbocp.robot import Robot
+from mbocp.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import webbrowser
-
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -38,7 +36,7 @@ class LiveRobot:
         self._live = LiveReplay()
         print(f"{robot.name}: open {self._live.url} in a browser", flush=True)
         try:
-            webbrowser.open(self._live.url, new=2)
+            self._live.open_browser()
             self._live.wait_for_browser(timeout)
             self._live.send(build_scene(robot, self._motion, trace=()))
         except BaseException:

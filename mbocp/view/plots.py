@@ -10,13 +10,14 @@ import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
+from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.terms import RATE_TERMS
 from mbocp.view.figures import panels as panels
@@ -34,9 +35,6 @@ from mbocp.view.figures.style import (
     strip_legend,
 )
 from mbocp.view.figures.zigzag import SHORT_NOTE
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _LETTERS = 11  # on a line of the title, by inch
 

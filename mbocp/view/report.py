@@ -6,17 +6,13 @@ import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from mbocp.solution import Load, loads_of
+from mbocp.robot import Robot
+from mbocp.solution import ActiveLimit, Load, Solution, loads_of
 from mbocp.view.meshcat.page import Below, write_page
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import replay_page
 from mbocp.view.reports.plots import motion_figures, multiplier_figures, other_figures, why_zigzag
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
-    from mbocp.solution import ActiveLimit, Solution
 
 _RESOURCES = Path(__file__).parent / "reports"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,12 +12,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from mbocp._arrays import Array
+from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
 from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _HINGES = ("revolute", "continuous", "spherical")
 _NUM_ARROWS = 7

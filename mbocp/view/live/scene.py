@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,15 +11,13 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
+from mbocp.robot import FrameTarget, Robot
 from mbocp.view.live.triangles import Triangles, triangles_of
+from mbocp.view.marks import Marks
 from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import WORLD, build_scene, joint_node, motion_commands
 from mbocp.view.meshcat.shapes import nice_length
 from mbocp.view.motion import Motion
-
-if TYPE_CHECKING:
-    from mbocp.robot import FrameTarget, Robot
-    from mbocp.view.marks import Marks
 
 _MOVES = ("position", "quaternion", "scale")
 _GRID = 40.0  # side of the floor in sizes of the scene

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.meshes.parts import MeshPart
+from mbocp.robot import LinkSpheres, Robot
+from mbocp.robot.collision.hull import Hull
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
 from mbocp.view.meshcat.viewer import load_primitive, mg
 from mbocp.view.meshcat.visuals import MergedGeometry
-
-if TYPE_CHECKING:
-    from mbocp.robot import LinkSpheres, Robot
-    from mbocp.robot.collision.hull import Hull
-    from mbocp.robot.collision.obstacle import Obstacle
 
 _SPHERE = (0.10, 0.45, 0.85)  # RGB
 _OPACITY = 0.35

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot import Connector
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
 from mbocp.view.meshcat.shapes import coil, tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
-
-if TYPE_CHECKING:
-    from mbocp.robot import Connector
 
 _LINE_RADIUS = 0.0015  # of the scene's size
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ReplayError
+from mbocp.robot import Robot
 from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform
 from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _OPACITY = 0.35
 _OTHER_OPACITY = 0.55

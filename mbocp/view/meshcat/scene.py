@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import Array
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
+from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.arrows import force_arrows
@@ -42,9 +42,6 @@ from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion import Motion
-
-if TYPE_CHECKING:
-    from mbocp.robot import FrameTarget, LinkSpheres, Robot
 
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot import Robot
 from mbocp.robot.payload import shape_name
 from mbocp.view.meshcat.commands import shape_object
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _BALL, _ROD = 0xD9822B, 0x5B7FA6
 

@@ -11,7 +11,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coal
 import numpy as np
@@ -26,11 +26,9 @@ from mbocp.meshes.parts import MeshPart, Surface, check_parts
 from mbocp.meshes.pictures import Picture, picture_folders, read_picture
 from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
 from mbocp.meshes.stl import binary_stl
+from mbocp.robot import Robot
 from mbocp.view.meshcat.commands import colour_number, shape_object
 from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
