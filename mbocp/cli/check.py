@@ -111,18 +111,14 @@ def _limits(problem: Problem) -> _Rows:
 
 
 def _others(problem: Problem) -> _Rows:
-    rows: _Rows = []
-    if problem.via:
-        rows.append(("via points", ", ".join(point.name for point in problem.timeline.waypoints)))
-    if problem.frame_constraints:
-        rows.append(("paths", ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints)))
-    if problem.obstacle:
-        rows.append(("obstacles", ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle)))
-    if problem.clearance is not None:
-        rows.append(("kept apart", "\n".join(problem.clearance.words)))
-    if problem.phase:
-        rows.append(("phases", ", ".join(phase.name for phase in problem.phase)))
-    return rows
+    words = {
+        "via points": ", ".join(point.name for point in problem.timeline.waypoints) if problem.via else "",
+        "paths": ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints),
+        "obstacles": ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle),
+        "kept apart": "" if problem.clearance is None else "\n".join(problem.clearance.words),
+        "phases": ", ".join(phase.name for phase in problem.phase),
+    }
+    return [(name, said) for name, said in words.items() if said]
 
 
 def _cost(problem: Problem) -> str:

@@ -8,16 +8,18 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from mbocp.exceptions import ProblemError
-from mbocp.formulation import Formulation
+from mbocp.formulation import Formulation, Motion
 from mbocp.guesses.along import follows_path
 from mbocp.guesses.around import around
-from mbocp.guesses.hold import can_hold, hold
+from mbocp.guesses.balance import balance, balances, required_force
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.simulated import guess_by_simulation
 from mbocp.guesses.ways import given_way
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
+
+_EQUILIBRIUM = 1e-8  # relative part of the gravity force that the controls may leave uncompensated
 
 
 def guess_candidates(problem: Problem) -> tuple[str, ...]:
@@ -82,3 +84,22 @@ def none_made(failed: Mapping[str, ProblemError]) -> ProblemError:
         return next(iter(failed.values()))
     reasons = "; ".join(f"{kind}: {str(error).removeprefix('guess: ')}" for kind, error in failed.items())
     return ProblemError(f"guess: none could be made; {reasons}")
+
+
+def can_hold(problem: Problem) -> bool:
+    """Whether controls and constraints, with what the first step holds, can keep the robot at its start."""
+    robot, q, table = problem.robot, problem.q_start, problem.timeline.switches
+    rest = np.zeros(robot.nv)
+    G = robot.constraint_jacobian(q) if table is None else table.in_step(q, 0)
+    u, lam = balance(robot, q, rest, rest, G)
+    wanted = required_force(robot, q, rest, rest)
+    left = wanted - robot.actuation_matrix(q) @ u + G.T @ lam
+    return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))
+
+
+def hold(formulation: Formulation, deadline: float = math.inf) -> Iterate:
+    """Stay at the start, with the controls and multipliers that come nearest to balancing it."""
+    problem, N = formulation.problem, formulation.problem.num_steps
+    qs, vs = np.tile(problem.q_start, (N + 1, 1)), np.zeros((N + 1, problem.robot.nv))
+    us, lams = balances(problem.robot, qs[1:], vs[1:], vs[1:], problem.timeline.switches, deadline)
+    return formulation.iterate_of(Motion(qs, vs, us, problem.timeline.lengths()), lams)

@@ -75,17 +75,8 @@ class Group:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, for JSON."""
-        return {
-            "values": list(self.values),
-            "tasks": self.tasks,
-            "successes": self.successes,
-            "success_rate": self.success_rate,
-            "iterations": self.iterations.to_dict(),
-            "seconds": self.seconds.to_dict(),
-            "seconds_per_iteration": self.seconds_per_iteration.to_dict(),
-            "cost": self.cost.to_dict(),
-            "others": dict(self.others),
-        }
+        found: dict[str, Any] = plain_json(asdict(self))
+        return {**found, "success_rate": self.success_rate}
 
 
 @dataclass(frozen=True)

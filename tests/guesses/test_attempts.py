@@ -11,7 +11,7 @@ import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, starts
-from mbocp.guesses.hold import can_hold, hold
+from mbocp.guesses.kinds import can_hold, hold
 from tests.phases.test_partings import cell
 
 pytestmark = pytest.mark.usefixtures("interpreted")
