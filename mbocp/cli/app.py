@@ -55,7 +55,7 @@ def _command(function: Callable[_P, None]) -> Callable[_P, None]:
 
 
 def _argument(metavar: str, words: str) -> Any:
-    """A word that has to be given."""
+    """A word that a command takes."""
     return typer.Argument(metavar=metavar, help=words, show_default=False)
 
 

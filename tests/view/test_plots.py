@@ -267,6 +267,12 @@ def test_invariants_with_the_violation_of_constraints() -> None:
     assert figure.axes[2].get_yscale() == "log"
 
 
+def test_invariants_where_bodies_have_constraints_and_the_robot_has_none() -> None:
+    """As in natural coordinates."""
+    figure = plot_invariants(pendulum(), load_robot("ur5"))
+    assert not any("Phi" in name for name in legend(figure.axes[-1]))
+
+
 def test_what_is_constant_looks_constant() -> None:
     momentum = panel(plot_invariants(arm()), "Control momentum")
     low, high = momentum.get_ylim()

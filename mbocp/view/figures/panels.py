@@ -297,8 +297,10 @@ def momentum_panel(solution: Solution) -> LinePanel:
     )
 
 
-def _violations(solution: Solution, robot: Robot) -> list[tuple[str, Array]]:
+def _violations(solution: Solution, robot: Robot | None) -> list[tuple[str, Array]]:
     """Name and absolute value of each constraint of the robot, or of the worst where they are many."""
+    if robot is None or not (solution.nc and robot.nc):
+        return []
     violation = np.array([robot.constraint_residual(q) for q in solution.qs])
     count = violation.shape[1]
     if count > _MAX_CONSTRAINTS:
@@ -323,7 +325,7 @@ def drift_panel(solution: Solution, robot: Robot | None) -> Panel:
             _log_points(
                 axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
             )
-        for name, values in [] if robot is None or not solution.nc else _violations(solution, robot):
+        for name, values in _violations(solution, robot):
             _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
             shown += 1
         _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)

@@ -15,10 +15,10 @@ from types import ModuleType
 
 
 @contextmanager
-def _standing_in(modules: dict[str, ModuleType | None]) -> Iterator[None]:
-    """Let others stand in for modules that have not been imported; None for one that cannot be."""
+def _replace_missing(modules: dict[str, ModuleType | None]) -> Iterator[None]:
+    """Put others in the place of modules that have not been imported; None: it cannot be."""
     new = {name: module for name, module in modules.items() if name not in sys.modules}
-    sys.modules.update(new)  # type: ignore[arg-type]  # None
+    sys.modules.update(new)  # type: ignore[arg-type]  # None: it cannot be imported
     try:
         yield
     finally:
@@ -35,7 +35,7 @@ def _ipython() -> dict[str, ModuleType | None]:
     return {"IPython": ModuleType("IPython"), "IPython.display": display}
 
 
-with warnings.catch_warnings(), _standing_in({"viser": None, "trimesh": None, **_ipython()}):
+with warnings.catch_warnings(), _replace_missing({"viser": None, "trimesh": None, **_ipython()}):
     warnings.simplefilter("ignore", DeprecationWarning)
     import meshcat
     from meshcat import geometry as mg
