@@ -1,7 +1,7 @@
 """Gaits of solo12 at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
 
-Four phases of 0.2 s on a level ground with friction 0.7, from rest to rest, at up to 0.4 m/s in any
-direction, turned by up to half a radian; torques and positions within the limits of `solo12_trot.toml`.
+Four phases of 0.2 s, and one in which it stands, on a level ground with friction 0.7, from rest to rest, at up
+to 0.4 m/s in any direction, turned by up to half a radian, within the limits of `solo12_trot.toml`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ import mbocp
 from benchmarks.machine import header
 from benchmarks.tables import Table, show
 from mbocp.problem import Problem
+from mbocp.robot import load_robot
 
 __all__ = ["GAITS", "gait", "gait_table", "record_of"]
 
 _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
+FEET = ["FL", "FR", "HL", "HR"]
 GAITS: Mapping[str, Sequence[Sequence[str]]] = {
     "trot": [["FL", "HR"], ["FR", "HL"]] * 2,
     "pace": [["FL", "HL"], ["FR", "HR"]] * 2,
@@ -34,18 +36,20 @@ def gait(name: str, number: int) -> Problem:
     """One motion; it depends on nothing but the gait and its number."""
     rng = np.random.default_rng([number, sorted(GAITS).index(name)])
     speed, heading, turn = rng.uniform([0.0, -np.pi, -_TURN], [_FASTEST, np.pi, _TURN])
+    robot = load_robot("solo12")
+    legs = {label.name: angle for label, angle in zip(robot.q_labels[7:], robot.q0[7:], strict=True)}
     way = speed * _SECONDS * len(GAITS[name])
     place = [way * np.cos(heading), way * np.sin(heading), 0.235]
     phases = [
         {"name": f"{k}", "steps": _STEPS, "duration": _SECONDS, "contacts": list(feet)}
-        for k, feet in enumerate(GAITS[name], start=1)
+        for k, feet in enumerate([*GAITS[name], FEET], start=1)
     ]
     return Problem.create(
-        "solo12",
+        robot,
         phase=phases,
-        ground={"feet": {foot: f"{foot}_FOOT" for foot in ("FL", "FR", "HL", "HR")}, "friction": 0.7},
+        ground={"feet": {foot: f"{foot}_FOOT" for foot in FEET}, "friction": 0.7},
         start={"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}},
-        goal={"v": 0, "frame": {"name": "base_link", "position": place, "rpy": [0, 0, turn]}},
+        goal={"v": 0, "q": legs, "frame": {"name": "base_link", "position": place, "rpy": [0, 0, turn]}},
         cost={"effort": 1.0, "velocity": 0.01},
         limits={"effort": 2.7, "position": True},
         scheme="se1",
