@@ -15,7 +15,6 @@ running costs at the begin of each step, which is of first order; so theirs is o
 from __future__ import annotations
 
 import argparse
-import csv
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -352,8 +351,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         warnings.simplefilter("ignore")  # coarse steps are told to be coarse
         table = order_table(options.names, told=True)
     if options.docs:
-        with _ALL.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([table.columns, *table.rows])
+        table.to_csv(_ALL)
     present([header(), by_scheme(table.rows)], _DOCS, _BEGIN, into_page=options.docs)
 
 
