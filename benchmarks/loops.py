@@ -34,6 +34,7 @@ _METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolit
 _HALVINGS = (50, 100, 200, 400)
 _DOCS = Path(__file__).parent.parent / "docs" / "loops.md"
 _BEGIN = "<!-- tables: python -m benchmarks.loops --docs -->"
+_CONVERGENCE = Path(__file__).with_suffix(".csv")
 
 
 class Simulation:
@@ -169,8 +170,8 @@ def convergence_table(robots: Sequence[str] = ROBOTS) -> Table:
                 gap = float(np.abs(natural.qs - joint.qs).max())
                 rows.append(
                     (
-                        name if steps == _HALVINGS[0] else "",
-                        scheme if steps == _HALVINGS[0] else "",
+                        name,
+                        scheme,
                         f"{problem.dt:.4g}",
                         f"{joint.cost:.7g}",
                         f"{natural.cost:.7g}",
@@ -192,7 +193,9 @@ def convergence_table(robots: Sequence[str] = ROBOTS) -> Table:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print all tables, or put them into the documentation."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.loops", description=__doc__)
-    parser.add_argument("--docs", action="store_true", help=f"write them into docs/{_DOCS.name}")
+    parser.add_argument(
+        "--docs", action="store_true", help=f"write them into docs/{_DOCS.name} and {_CONVERGENCE.name}"
+    )
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="NAME")
     options = parser.parse_args(arguments)
     one_core()
@@ -201,7 +204,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         tables.append(make(options.robots))
         show(tables[-1])
     if options.docs:
-        put_into(_DOCS, _BEGIN, tables)
+        put_into(_DOCS, _BEGIN, tables[:-1])
+        tables[-1].to_csv(_CONVERGENCE)
 
 
 if __name__ == "__main__":

@@ -38,10 +38,21 @@ from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
 
-__all__ = ["SYSTEMS", "Found", "OrderCase", "Orders", "Row", "order_table", "orders_of", "rows_of"]
+__all__ = [
+    "SYSTEMS",
+    "Found",
+    "OrderCase",
+    "Orders",
+    "Row",
+    "by_scheme",
+    "order_table",
+    "orders_of",
+    "rows_of",
+]
 
 _DOCS = Path(__file__).parent.parent / "docs" / "mathematics.md"
 _BEGIN = "<!-- tables: python -m benchmarks.orders --docs -->"
+_ALL = Path(__file__).with_suffix(".csv")
 _TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force
 GIVEN = "given"  # controls that are not optimised
 
@@ -320,17 +331,28 @@ def order_table(names: Sequence[str] = (), *, told: bool = False) -> Table:
     return Table("Orders measured", columns, made)
 
 
+def by_scheme(rows: Sequence[tuple[str, ...]]) -> Table:
+    """One row for each scheme and kind of controls: the least and the largest order on all systems."""
+    orders: dict[tuple[str, str, str], list[float]] = {}
+    for _, scheme, controls, _, expected, *found in rows:
+        orders.setdefault((scheme, controls, expected), []).extend(float(cell) for cell in found if cell)
+    made = [(*key, f"{min(some):.2f}", f"{max(some):.2f}") for key, some in sorted(orders.items())]
+    return Table("Orders measured", ("scheme", "controls", "expected", "least", "largest"), made)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, or put it into the documentation."""
+    """Print the tables, or put them into the documentation and all rows into a file beside this one."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.orders", description=__doc__.split("\n")[0])
-    parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write into docs/{_DOCS.name} and {_ALL.name}")
     parser.add_argument("names", nargs="*", help="words of the systems' names; all, if there are none")
     options = parser.parse_args(arguments)
     one_core()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # coarse steps are told to be coarse
         table = order_table(options.names, told=True)
-    present([header(), table], _DOCS, _BEGIN, into_page=options.docs)
+    if options.docs:
+        table.to_csv(_ALL)
+    present([header(), by_scheme(table.rows)], _DOCS, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

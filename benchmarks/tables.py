@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,11 @@ class Table:
         lines = [f"**{self.title}**", "", _line(self.columns), _line(["---"] * len(self.columns))]
         lines += [_line(row) for row in self.rows]
         return "\n".join(lines + (["", self.note] if self.note else []))
+
+    def to_csv(self, path: Path) -> None:
+        """Write the rows into a file, for tables that are too long for a page."""
+        with path.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows([self.columns, *self.rows])
 
     def rich(self) -> RichTable:
         """As a rich table; `Text`, because brackets around units are no markup."""

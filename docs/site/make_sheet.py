@@ -1,4 +1,4 @@
-"""The README's picture of wishes: `python docs/site/make_sheet.py`, from the pictures of the gallery."""
+"""The picture of docs/wishes.md: `python docs/site/make_sheet.py`, from the pictures of the gallery."""
 
 from __future__ import annotations
 

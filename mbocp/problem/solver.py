@@ -142,8 +142,8 @@ class SolverTable(Table):
         Finite | None,
         positive("s"),
         Key(
-            "wall time after which the solve is given up, compiling included; without it a solve whose first "
-            "attempt fails goes on for [twenty times as long](solver.md#when-attempts-fail)",
+            "wall time of the solve, compiling included; without it one whose first attempt fails goes on "
+            "for [twenty times as long](solver.md#when-attempts-fail)",
             "s",
         ),
     ] = SolverOptions.time_limit

@@ -30,7 +30,7 @@ class Effort(Weighted):
         effort: Annotated[
             ControlWeights,
             Key(
-                "alpha: one weight for all, or one for each control; 0 only where a control has a "
+                "alpha, one for all or one for each control; 0 only where a control has a "
                 "`control_rate` or limits"
             ),
         ] = 1.0
@@ -200,7 +200,7 @@ class Velocity(Weighted):
         velocity: Annotated[
             ControlOrAuto,
             Key(
-                'W, diagonal: one weight for all, or one for each component of v; `"auto"`: '
+                'W, one for all or one for each component of v; `"auto"`: '
                 "[from forces and duration](#a-problem-without-cost)",
                 default='0; `"auto"` without [cost]',
             ),
@@ -276,8 +276,7 @@ class Acceleration(Weighted):
         acceleration: Annotated[
             ControlWeights,
             Key(
-                "diagonal weights on the accelerations of the joints: one for all, or one for each "
-                "component of v",
+                "weights on the accelerations of the joints, one for all or one for each component of v",
                 default="0",
             ),
         ] = None
@@ -304,8 +303,8 @@ class Fuel(Weighted):
         fuel: Annotated[
             ControlWeights,
             Key(
-                "weights on the controls themselves, not on their squares, for those that are limited from "
-                "below: one for all, or one for each control"
+                "weights on controls that are limited from below, not on their squares: one for all or "
+                "one for each"
             ),
         ] = 0.0
 

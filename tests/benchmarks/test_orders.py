@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from benchmarks.orders import GIVEN, OrderCase, Row, orders_of, rows_of
+from benchmarks.orders import GIVEN, OrderCase, Row, by_scheme, orders_of, rows_of
 from mbocp.integrators import PAIRS
 
 _QUICK = {
@@ -48,3 +51,11 @@ def test_every_system_has_what_converges() -> None:
         assert {GIVEN, "constant"} <= kinds
     assert set(PAIRS) - {"gauss1"} <= {row.scheme for _, row in rows if row.controls == "stages"}
     assert "gauss1" in {row.scheme for _, row in rows}
+
+
+def test_the_page_sums_up_the_file() -> None:
+    root = Path(__file__).parents[2]
+    with (root / "benchmarks" / "orders.csv").open(encoding="utf-8", newline="") as file:
+        _, *rows = map(tuple, csv.reader(file))
+    assert by_scheme(rows).markdown() in (root / "docs" / "mathematics.md").read_text("utf-8")
+    assert {(case.name, row.scheme, row.controls) for case, row in rows_of()} == {row[:3] for row in rows}

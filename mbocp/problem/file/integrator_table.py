@@ -22,11 +22,10 @@ class IntegratorTable(Table):
         choice((AUTO_SCHEME, *SCHEMES)),
         Key(
             '`"auto"`: [what suits the problem](#the-scheme-that-suits); `"se1"`, `"se2"`, `"midpoint"` or '
-            '`"semi_implicit_euler"`: see [the schemes](mathematics.md#one-step-the-tau-family); '
+            '`"semi_implicit_euler"` of the [tau family](mathematics.md#one-step-the-tau-family); '
             "[of higher order](mathematics.md#symplectic-methods-of-higher-order), in joint coordinates: "
-            '`"gauss1"`, `"gauss2"`, `"gauss3"`, without holonomic constraints, `"radau2"`, `"radau3"` '
-            'likewise, for stiff losses, `"lobatto2"`, `"lobatto3"`, with or without; or explicit: '
-            '`"euler"`, `"heun"`, `"rk4"`, `"rkf5"`',
+            '`"lobatto2"`, `"lobatto3"`, without holonomic constraints `"gauss1"`, `"gauss2"`, `"gauss3"` '
+            'and, for stiff losses, `"radau2"`, `"radau3"`; explicit: `"euler"`, `"heun"`, `"rk4"`, `"rkf5"`',
             takes="string",
         ),
     ] = AUTO_SCHEME

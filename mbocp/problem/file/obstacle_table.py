@@ -30,7 +30,7 @@ class ObstacleTable(Table):
     name: Annotated[
         str | None,
         Key(
-            "what an [obstacle](obstacles.md) is called; one table `[[obstacle]]` each",
+            "its name; one table `[[obstacle]]` each",
             "",
             "shape and number",
         ),

@@ -34,7 +34,7 @@ class PathHead(Table):
     name: Annotated[
         str | None,
         Key(
-            "what a [path constraint](#path-constraints) is called; one table `[[path]]` each",
+            "its name; one table `[[path]]` each",
             "",
             "kind and frame",
         ),

@@ -130,7 +130,7 @@ class PhaseTable(Table):
 
     name: Annotated[
         str,
-        Key("what a [phase](phases.md) is called; one table `[[phase]]` each, in the place of `[horizon]`"),
+        Key("its name; one table `[[phase]]` each, in the place of `[horizon]`"),
     ]
     steps: Annotated[
         int,
@@ -145,7 +145,7 @@ class PhaseTable(Table):
     limits: Annotated[
         LimitsTable,
         Key(
-            "keys of `[limits]` that hold in it, component by component in the place of the problem's",
+            "keys of `[limits]`, component by component in the place of the problem's",
             "",
             "those of the problem",
         ),

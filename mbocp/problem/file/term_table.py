@@ -26,8 +26,7 @@ class TermHead(Table):
     name: Annotated[
         str,
         Key(
-            "a [term of one's own](terms.md), its role, and a digest of its function, which is not in the "
-            "file",
+            "its name and role, and a digest of its function, which is not in the file",
             beside=("role", "digest"),
         ),
     ]

@@ -26,7 +26,7 @@ class ViaTable(Table):
 
     name: Annotated[
         str | None,
-        Key("what a [via point](#via-points) is called; one table `[[via]]` each", "", "its number"),
+        Key("its name; one table `[[via]]` each", "", "its number"),
     ] = None
     time: Annotated[
         ViaTime,
