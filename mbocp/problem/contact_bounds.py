@@ -142,11 +142,13 @@ class ContactBounds(BoundedTerm):
     def bounds_of_impulses(self, *, is_inner: bool) -> tuple[Array, Array]:
         """Bounds of the values in impacts, or of the expression: cones and signs, with room for none.
 
-        What is a number of newtons bounds no impulse.
+        What is a number of newtons bounds no impulse. Of a cone the room is that of the expression,
+        (mu f_n)^2 - |f_t|^2 >= -room^2, at the least f_n = -room.
         """
         room = np.full(self.rows, _ROOM if is_inner else _ROOM * self.scale)
-        if is_inner and self.term.has_cone:
-            room[1] = _ROOM**2
+        if self.term.has_cone:
+            mu = float(self.contact.friction or 0.0)
+            room[1] *= _ROOM if is_inner else mu + math.hypot(1.0, mu)
         return np.where(self.lower >= 0.0, -room, -np.inf), np.full(self.rows, np.inf)
 
     @property
