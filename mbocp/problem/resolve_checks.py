@@ -21,7 +21,7 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.together import check_has_actuators, check_method
-from mbocp.problem.warn import warn_alternating
+from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
 from mbocp.terms import BoundedTerm, OwnTerm
 
@@ -119,6 +119,7 @@ def check_inequalities(
     check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_lengths=num_lengths)
     frames = [one for one in path if isinstance(one, PathConstraint)]
     warn_alternating(frames, goal, scheme, num_steps=num_steps, dt=dt)
+    warn_held_anywhere(robot, timeline, frames)
 
 
 def check_solver(

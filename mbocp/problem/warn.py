@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._text import list_names
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp._warn import warn_caller
 from mbocp.integrators import SCHEMES
@@ -14,7 +16,9 @@ from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.redundancy import singular_pose
 
 _BESIDE = (
@@ -58,6 +62,30 @@ def has_equations_throughout(constraint: PathConstraint, num_steps: int, dt: flo
     is_equation[list(term.rows_with_progress)] = False
     always = span.has_start and span.has_end(num_steps, dt)
     return bool(always and is_equation.any() and not term.has_velocity)
+
+
+def warn_held_anywhere(robot: Robot, timeline: Timeline, path: Iterable[PathConstraint]) -> None:
+    """Say which points are held by the world from the middle of a motion on, wherever they are then.
+
+    Feet of which nothing else is said land in the air, or below the ground.
+    """
+    asked = {node for waypoint in timeline.waypoints for node in (waypoint.node, waypoint.node + 1)}
+    constraints = [(one.frame, one.nodes(timeline.num_steps, timeline.dt)) for one in path]
+    anywhere = []
+    for before, phase in pairwise(timeline.phases):
+        known, node = {held.hold for held in before.holds}, before.last
+        for hold in (held.hold for held in phase.holds if held.hold not in known):
+            is_open = hold.kind == "point" and hold.to == WORLD and hold.at == "where_it_is"
+            frame = robot.frame_id(hold.frame)
+            is_said = node in asked or any(at == frame and nodes[node - 1].any() for at, nodes in constraints)
+            if is_open and not is_said:
+                anywhere.append(f"{hold.name} in {phase.name}")
+    if anywhere:
+        warn_caller(
+            f"points are held wherever they are then, in the air, too: {list_names(anywhere, 4)}; say where: "
+            "by [ground] and contacts, or by a via point or path constraint at the end of the phase before",
+            ProblemWarning,
+        )
 
 
 def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:

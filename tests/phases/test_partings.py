@@ -117,6 +117,7 @@ def test_optima_are_those_of_ipopt(scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.filterwarnings("ignore:points are held wherever")
 def test_momenta_are_kept(scheme: str) -> None:
     """A free body on a spherical joint, then welded, then free: partings and an impact on its way."""
     asked = drone(scheme, holds=(), impacts=())

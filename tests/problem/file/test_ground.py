@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError
-from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.contact_bounds import ContactBounds
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -132,3 +132,15 @@ def test_what_cannot_stand_is_refused(phase: list[Any], ground: dict[str, Any], 
 def test_contacts_without_a_ground_are_refused() -> None:
     with pytest.raises(ProblemError, match=r"phase 's0': contacts: of which feet\? Say it in \[ground\]"):
         Problem.create("solo12", phase=steps(["FL"]), goal={"v": 0})
+
+
+def test_feet_that_land_anywhere_are_told() -> None:
+    hold = [{"name": "FL", "frame": "FL_FOOT", "kind": "point"}]
+    phase = [
+        {"name": "fall", "steps": 4, "duration": 0.1},
+        {"name": "stand", "steps": 4, "duration": 0.1, "hold": hold},
+    ]
+    with pytest.warns(ProblemWarning, match=r"points are held wherever .*: 'FL in stand'; say"):
+        Problem.create("solo12", phase=phase, goal={"v": 0}, scheme="se1")
+    phase[0]["path"] = [{"kind": "position", "frame": "FL_FOOT", "z": [0.0, 0.1]}]
+    Problem.create("solo12", phase=phase, goal={"v": 0}, scheme="se1")
