@@ -72,7 +72,7 @@ def unnamed(name: str) -> str:
         ("arms/ur5_reach", "gauss2", "open chain"),
         ("arms/panda_reach", "gauss2", "open chain"),
         ("arms/smooth_torques", "gauss2", "vary within steps"),
-        ("arms/pick_and_place", "midpoint", "begin or end"),
+        ("arms/pick_and_place", "se1", "contacts that begin or end"),
         ("loops/five_bar", "lobatto3", "small closed loops"),
         ("loops/delta", "midpoint", "closed loops"),
         ("loops/polish", "midpoint", "begin or end"),
