@@ -25,6 +25,7 @@ from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
 from mbocp.problem.file.via_table import ViaTable
+from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.terms import ContactTerm
@@ -62,7 +63,11 @@ class GroundTable(Table):
 
 
 def on_ground(
-    phase_table: list[PhaseTable], ground_table: GroundTable | None, robot: Robot, said_q_start: Array
+    phase_table: list[PhaseTable],
+    ground_table: GroundTable | None,
+    robot: Robot,
+    said_q_start: Array,
+    start_free: FreeStart | None,
 ) -> tuple[list[PhaseTable], list[Any]]:
     """Return the phases with what follows from their contacts, and path constraints of the whole motion.
 
@@ -78,6 +83,8 @@ def on_ground(
         return phase_table, []
     if not phase_table:
         raise ProblemError("ground: phases say which feet stand; give one [[phase]] with contacts at least")
+    if start_free is not None and start_free.q.any():
+        raise ProblemError("ground: it is as high as feet stand at the start, which start.free leaves open")
     ground = _Ground.of(ground_table, robot, said_q_start)
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])

@@ -130,6 +130,13 @@ def test_what_cannot_stand_is_refused(phase: list[Any], ground: dict[str, Any], 
         solo(phase, ground, **({} if phase else {"duration": 0.5, "steps": 10}))
 
 
+def test_a_free_start_is_refused() -> None:
+    with pytest.raises(
+        ProblemError, match=r"ground: it is as high as feet stand at the start, which start\.free"
+    ):
+        solo(steps(["FL"])).with_(start={"free": "q"})
+
+
 def test_contacts_without_a_ground_are_refused() -> None:
     with pytest.raises(ProblemError, match=r"phase 's0': contacts: of which feet\? Say it in \[ground\]"):
         Problem.create("solo12", phase=steps(["FL"]), goal={"v": 0})
