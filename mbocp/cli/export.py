@@ -83,11 +83,11 @@ def _robot_excesses(sent: Sent, solution: Solution) -> tuple[Excess, ...]:
     if not (np.isfinite(solution.limits_u).any() or solution.facts.path):
         return ()
     try:
-        found = check_sent(sent, problem_without(solution, solution.load_robot, "terms"))
+        excesses, unknown = check_sent(sent, problem_without(solution, solution.load_robot, "terms"))
     except MbocpError as error:
         warnings.warn(f"efforts and paths are not looked at as they are sent: {error}", stacklevel=1)
         return ()
-    if found.unknown:
-        names = list_names(found.unknown, _MOST_NAMES)
+    if unknown:
+        names = list_names(unknown, _MOST_NAMES)
         warnings.warn(f"not looked at as it is sent, positions do not say it: {names}", stacklevel=1)
-    return found.excesses
+    return excesses

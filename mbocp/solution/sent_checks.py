@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbocp.problem import Problem
@@ -12,23 +10,7 @@ from mbocp.solution.sent_path import path_excesses
 from mbocp.solution.sent_torques import has_torques, torque_excesses
 
 
-@dataclass(frozen=True)
-class Checked:
-    """What was found.
-
-    Attributes
-    ----------
-    excesses : tuple of Excess
-        Of torques, the worst first, and of path constraints.
-    unknown : tuple of str
-        What was not looked at, in words.
-    """
-
-    excesses: tuple[Excess, ...]
-    unknown: tuple[str, ...]
-
-
-def check_sent(sent: Sent, problem: Problem) -> Checked:
+def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[str, ...]]:
     """Look at the torques that a motion takes as it is sent, and at path constraints and obstacles.
 
     Parameters
@@ -36,6 +18,13 @@ def check_sent(sent: Sent, problem: Problem) -> Checked:
     sent : Sent
     problem : Problem
         What the motion is a solution of; terms of one's own may be missing.
+
+    Returns
+    -------
+    excesses : tuple of Excess
+        Of torques, the worst first, and of path constraints.
+    unknown : tuple of str
+        What was not looked at: efforts, and path constraints by name.
     """
     excesses, unseen = path_excesses(sent, problem)
     rows = {label.name for constraint in problem.path for label in constraint.labels}
@@ -45,4 +34,4 @@ def check_sent(sent: Sent, problem: Problem) -> Checked:
             excesses = (*torque_excesses(sent, problem.robot), *excesses)
         else:
             unknown.insert(0, "efforts")
-    return Checked(excesses, tuple(unknown))
+    return excesses, tuple(unknown)

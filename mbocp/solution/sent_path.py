@@ -41,6 +41,8 @@ def path_excesses(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tup
     unseen : tuple of str
         Constraints with rows that were not looked at: they ask for forces, or for joints that are not sent.
     """
+    if not problem.path:
+        return (), ()
     motion, excesses, unseen = _Motion.of(sent, problem), list[Excess](), list[str]()
     for constraint in problem.path:
         if isinstance(constraint, Clearance):  # floating things are where the solution has them

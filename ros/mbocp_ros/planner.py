@@ -109,7 +109,7 @@ class Planner:
         solution = mbocp.solve(problem, check=True, time_limit=self.time_limit)
         sent = motion_as_sent(solution, is_joined=True, fit=True)
         here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]
-        sent = replace(sent, excesses=(*sent.excesses, *check_sent(sent, problem).excesses))
+        sent = replace(sent, excesses=(*sent.excesses, *check_sent(sent, problem)[0]))
         motion = Motion(solution, sent, 2.0 * np.pi * np.round(here / (2.0 * np.pi)))
         if motion.words:
             raise ProblemError(f"the motion leaves limits as it is sent: {motion.words}; give it more steps")
