@@ -152,3 +152,20 @@ def test_feet_that_land_anywhere_are_told() -> None:
         Problem.create("solo12", phase=phase, goal={"v": 0}, scheme="se1")
     phase[0]["path"] = [{"kind": "position", "frame": "FL_FOOT", "z": [0.0, 0.1]}]
     Problem.create("solo12", phase=phase, goal={"v": 0}, scheme="se1")
+
+
+def test_soles_stay_flat_and_land_flat() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "talos_step.toml")
+    solution = mbocp.solve(problem, check=True)
+    assert solution.limit_violation < 1e-8
+    shift, step, stand = solution.named_phases
+    for frame, phases in (("left_sole_link", (shift, step, stand)), ("right_sole_link", (shift, stand))):
+        for place in phases:
+            nodes = solution.qs[place.first : place.last + 1]
+            soles = [problem.robot.frame_placement(frame, q) for q in nodes]
+            assert max(abs(sole.translation[2]) for sole in soles) < 1e-5  # as high as at the start
+            assert min(sole.rotation[2, 2] for sole in soles) > 1.0 - 1e-5
+    middle = problem.robot.frame_placement("right_sole_link", solution.qs[(step.first + step.last) // 2])
+    assert middle.translation[2] > 0.04 - 1e-6
+    landed = problem.robot.frame_placement("right_sole_link", solution.qs[step.last])
+    assert landed.translation[0] == pytest.approx(0.2, abs=1e-8)
