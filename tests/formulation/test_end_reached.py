@@ -141,6 +141,7 @@ def standing(problem: Problem, hip: float, knee: float) -> np.ndarray:
     return q
 
 
+@pytest.mark.filterwarnings("ignore:points are held wherever")
 def test_conditions_on_velocities_are_chosen_where_the_feet_stand() -> None:
     """Almost straight, four knees and the pitch are free of each other; of bent legs they are not."""
     problem = a_jump()
