@@ -8,24 +8,22 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import sys
 import tempfile
 import time
 import warnings
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from pebble import ProcessPool
 
 import mbocp
 from benchmarks.scenes import scene
 from benchmarks.touching import Touching
 from mbocp.problem import Problem
 from tests.sent.cases import LEAST, ROBOTS, TOLERANCE, violations
+from tests.sent.rows import add_options, rows_of
 
 TOOLS = {"ur5e": "tool0", "fr3": "panda_hand"}
 SCENES = {"ur5e": "ur5", "fr3": "panda"}
@@ -89,21 +87,9 @@ def _touched(problem: Problem, file: Path, name: str) -> dict[str, Any]:
 def main() -> int:
     """Run or go on; 1 if a converged motion leaves a limit, touches something, or misses its goal."""
     parser = argparse.ArgumentParser(prog="python -m tests.sent.scenes", description=__doc__)
-    parser.add_argument("--count", type=int, default=100, help="of each robot")
-    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("-o", "--out", type=Path, default=Path("build/scenes.jsonl"), help="rows; resumed")
+    add_options(parser, 100, "build/scenes.jsonl")
     options = parser.parse_args()
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = options.out.read_text().splitlines() if options.out.exists() else []
-    rows = [json.loads(line) for line in lines]
-    with options.out.open("a") as file, ProcessPool(max_workers=options.workers) as pool:
-        for name in options.robots:
-            left = sorted(set(range(options.count)) - {row["seed"] for row in rows if row["robot"] == name})
-            for row in pool.map(partial(row_of, name), left, chunksize=1).result():
-                rows.append(row)
-                file.write(json.dumps(row) + "\n")
-                file.flush()
+    rows = rows_of(options, row_of)
     print("| robot | scenes | converged | seconds: median, 90 % | touch something | largest violation |")
     print("|---|---|---|---|---|---|")
     is_good = True
