@@ -57,6 +57,10 @@ class GroundTable(Table):
         Pair,
         Key("sides of the soles about the frames of feet, which do not tilt then", "m", "feet are points"),
     ] = None
+    lift: Annotated[
+        NonNegative,
+        Key("how far feet in the air are above the ground in the middle of a phase at least", "m"),
+    ] = 0.0
     meeting: Annotated[
         str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest already')
     ] = "impact"
@@ -140,9 +144,10 @@ class _Ground:
             HoldTable(name=name, frame=self.table.feet[name], kind=kind, meeting=self.table.meeting)
             for name in stands
         ]
-        above = [self._above(table, name, name in lands) for name in self.table.feet if name not in stands]
+        swings = [name for name in self.table.feet if name not in stands]
+        above = [path for name in swings for path in self._above(table, name, lands=name in lands)]
         at_end = [self._landed(name) for name in self.table.feet if name in lands]
-        update = {"hold": [*table.hold, *holds], "path": [*table.path, *filter(None, above)]}
+        update = {"hold": [*table.hold, *holds], "path": [*table.path, *above]}
         return table.model_copy(update={**update, "via": _with_frames(table.via, at_end)})
 
     def force(self, name: str) -> Any:
@@ -153,18 +158,21 @@ class _Ground:
         found |= {} if sole is None else {"pressure": sole}
         return PathTable(**found)
 
-    def _above(self, table: PhaseTable, name: str, lands: bool) -> Any:
+    def _above(self, table: PhaseTable, name: str, *, lands: bool) -> list[Any]:
         """Keep a foot above the ground within a phase, and at its end unless it lands there."""
         last = table.steps - 1 if lands else table.steps
         if last < 1:
-            return None
-        found: dict[str, Any] = {
-            "kind": "position",
-            "frame": self.table.feet[name],
-            "z": [self.height, np.inf],
-        }
-        found |= {"from": Share(1.0 / table.steps), "until": Share(last / table.steps)}
-        return PathTable(name=f"{name} above the ground in {table.name}", **found)
+            return []
+        shares = {"above the ground": (1.0 / table.steps, last / table.steps, 0.0)}
+        if self.table.lift > 0.0:
+            shares["lifted"] = (0.5, 0.5, self.table.lift)
+        found = []
+        for words, (since, until, lift) in shares.items():
+            keys: dict[str, Any] = {"name": f"{name} {words} in {table.name}", "kind": "position"}
+            keys |= {"frame": self.table.feet[name], "z": [self.height + lift, np.inf]}
+            keys |= {"from": Share(since), "until": Share(until)}
+            found.append(PathTable(**keys))
+        return found
 
     def _landed(self, name: str) -> FrameGoalTable:
         """A foot on the ground, a sole as level as at the start."""
