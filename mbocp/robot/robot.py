@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._warn import warn_caller
@@ -18,8 +18,7 @@ from mbocp.robot.collision.geometry import read_geometry
 from mbocp.robot.collision.spheres import LinkSpheres, link_spheres
 from mbocp.robot.large import working_data
 from mbocp.robot.loops import projection
-from mbocp.robot.loops.residual import Closure
-from mbocp.robot.model import RobotModel
+from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.payload import Payload, attach
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
 from mbocp.robot.poses.rows import placement_of
@@ -32,7 +31,7 @@ _ROUND_OFF = 1e-9  # a norm this close to 1 is normalised without a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Robot(RobotModel):
+class Robot(Mechanism):
     r"""A multibody system, immutable.
 
     .. math:: M(q)\,\dot v + h(q, v) + \Phi_q(q)^T \lambda = B(q)\,u + f(q, v), \qquad \Phi(q) = 0
@@ -137,16 +136,6 @@ class Robot(RobotModel):
                 warn_caller(f"{where}: norm {norm:.6g}, normalised to 1", NormalisationWarning)
             out[group] /= norm
         return frozen_array(out)
-
-    def integrate(self, q: ArrayLike, dv: ArrayLike) -> Array:
-        """Move from `q` along the tangent vector `dv`: q ∘ exp(dv), shape (nq,)."""
-        q, dv = self._vector(q, self.nq, "q"), self._vector(dv, self.nv, "dv")
-        return frozen_array(pin.integrate(self.model, q, dv))
-
-    def difference(self, q0: ArrayLike, q1: ArrayLike) -> Array:
-        """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
-        q0, q1 = self._vector(q0, self.nq, "q0"), self._vector(q1, self.nq, "q1")
-        return frozen_array(pin.difference(self.model, q0, q1))
 
     # Closed loops
 
@@ -270,10 +259,6 @@ class Robot(RobotModel):
 
     # Mechanics, numerically
 
-    def mass_matrix(self, q: ArrayLike) -> Array:
-        """Joint-space mass matrix M(q), shape (nv, nv) [kg, kg m, kg m^2]."""
-        return frozen_array(kinematics.mass_matrix(self.model, self._vector(q, self.nq, "q")))
-
     def momentum(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Canonical momentum p = M(q) v, shape (nv,) [N s, N m s]."""
         return frozen_array(self.mass_matrix(q) @ self._vector(v, self.nv, "v"))
@@ -296,49 +281,6 @@ class Robot(RobotModel):
             columns.append((jacobian.T @ actuator.direction)[:, None])
         columns.append(np.zeros((self.nv, len(self.drives))))
         return frozen_array(np.hstack(columns))
-
-    def constraint_residual(self, q: ArrayLike) -> Array:
-        """Phi(q), the rows that the equations keep, shape (nc,) [m, rad, m^2]."""
-        return frozen_array(self.closure_residual(q)[self._kept])
-
-    def constraint_jacobian(self, q: ArrayLike) -> Array:
-        """dPhi_dq in tangent coordinates, the rows that the equations keep, shape (nc, nv)."""
-        return frozen_array(self.closure_jacobian(q)[self._kept])
-
-    def closure_residual(self, q: ArrayLike) -> Array:
-        """Residual of all rows of the constraints, the redundant ones included [m, rad, m^2]."""
-        return frozen_array(self._closure.residual(self._vector(q, self.nq, "q")))
-
-    def closure_jacobian(self, q: ArrayLike) -> Array:
-        """Derivative of `closure_residual` in tangent coordinates, shape (rows, nv)."""
-        return frozen_array(self._closure.jacobian(self._vector(q, self.nq, "q")))
-
-    def closure_along(self, qs: ArrayLike) -> tuple[Array, Array]:
-        """`closure_residual` and `closure_jacobian` at many configurations, faster than one by one.
-
-        Parameters
-        ----------
-        qs : array_like, shape (n, nq)
-
-        Returns
-        -------
-        residuals : ndarray, shape (n, rows)
-            [m, rad, m^2].
-        jacobians : ndarray, shape (n, rows, nv)
-        """
-        array = frozen_array(qs, shape=(None, self.nq), name=f"robot {self.name!r}: qs")
-        if not np.isfinite(array).all():
-            raise InvalidValue(f"robot {self.name!r}: qs", "numbers that are not finite", "finite numbers")
-        residuals, jacobians = self._closure.along(array)
-        return frozen_array(residuals), frozen_array(jacobians)
-
-    @cached_property
-    def _closure(self) -> Closure:
-        return Closure(self.model, self.constraints)
-
-    @property
-    def _kept(self) -> NDArray[np.intp]:
-        return np.array(self.kept_rows, dtype=np.intp)
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of gravity and of the force elements [J]."""
@@ -409,9 +351,3 @@ class Robot(RobotModel):
         if lam is not None:
             force = force + self.constraint_jacobian(q).T @ self._vector(lam, self.nc, "lam")
         return frozen_array([drives.drive_column(self.model, drive, q) @ force for drive in self.drives])
-
-    def _vector(self, value: ArrayLike, size: int, name: str) -> Array:
-        array = frozen_array(value, shape=(size,), name=f"robot {self.name!r}: {name}")
-        if not np.isfinite(array).all():
-            raise InvalidValue(f"robot {self.name!r}: {name}", array.tolist(), "finite numbers")
-        return array

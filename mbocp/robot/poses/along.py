@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.bounds import joint_bounds
-from mbocp.robot.poses.inverse_kinematics import Posable
 from mbocp.robot.poses.rows import PoseRows
 from mbocp.robot.poses.search import reach
 from mbocp.robot.poses.target import FrameTarget
@@ -20,13 +20,13 @@ _LEAP, _FACTOR = 0.5, 4.0  # [rad, m] beyond so many times the step of what is n
 
 
 def along_poses(
-    robot: Posable, poses: Sequence[Sequence[FrameTarget]], near: Array, limits: tuple[Array, Array]
+    robot: Mechanism, poses: Sequence[Sequence[FrameTarget]], near: Array, limits: tuple[Array, Array]
 ) -> Array | None:
     """Configurations that reach one set of targets after the other.
 
     Parameters
     ----------
-    robot : Posable
+    robot : Mechanism
     poses : sequence of sequence of FrameTarget
         Targets of each configuration.
     near : ndarray, shape (n, nq)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
-from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import assemble, components, violations
-from mbocp.robot.parts import Label, Limits
+from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.bounds import JointBounds, inside, joint_bounds
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.robot.poses.search import reach
@@ -31,29 +30,6 @@ _SAME = 1e-3  # [rad, m] between configurations that count as one
 _MIN_PUSH = 1e-6  # [m, rad] by [rad, m] that a joint at a limit would gain beyond it
 _CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2]
 _MIN_TOLERANCE = 1e-12  # [m, rad] above round-off of some metres
-
-
-class Posable(Mechanism, Protocol):
-    """A mechanism whose joints have limits, see `mbocp.robot.Robot`."""
-
-    @property
-    def nq(self) -> int:
-        """Length of q."""
-
-    @property
-    def limits(self) -> Limits:
-        """Bounds on u, v and q."""
-
-    @property
-    def q_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each number of q."""
-
-    @property
-    def v_labels(self) -> tuple[Label, ...]:
-        """Name and unit of each number of v."""
-
-    def frame_id(self, name: str) -> int:
-        """Index of a frame by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +83,7 @@ class InverseKinematics:
 class _Search:
     """One question, and what every attempt at it needs."""
 
-    robot: Posable
+    robot: Mechanism
     rows: PoseRows
     bounds: JointBounds
     lower: Array
@@ -151,7 +127,7 @@ class _Search:
 
 
 def solve_inverse_kinematics(
-    robot: Posable,
+    robot: Mechanism,
     targets: Targets,
     start: Array,
     *,
@@ -202,13 +178,13 @@ def solve_inverse_kinematics(
 
 
 def closed_anywhere(
-    robot: Posable, start: Array, fixed: Sequence[str] = (), *, restarts: int = 40, seed: int = 0
+    robot: Mechanism, start: Array, fixed: Sequence[str] = (), *, restarts: int = 40, seed: int = 0
 ) -> Array | None:
     """A configuration within the limits that closes the loops, found from the start or from random ones.
 
     Parameters
     ----------
-    robot : Posable
+    robot : Mechanism
     start : ndarray, shape (nq,)
         Configuration where the search begins.
     fixed : sequence of str
@@ -256,7 +232,7 @@ def _check(branches: int | None, restarts: int, tolerance: float) -> None:
         raise InvalidValue("tolerance", tolerance, f"a number of at least {_MIN_TOLERANCE:g} [m, rad]")
 
 
-def _limits(robot: Posable, choice: LimitChoice) -> tuple[Array, Array]:
+def _limits(robot: Mechanism, choice: LimitChoice) -> tuple[Array, Array]:
     if choice is True:
         return robot.limits.position_lower, robot.limits.position_upper
     if choice is False:
@@ -271,7 +247,7 @@ def _limits(robot: Posable, choice: LimitChoice) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _leaders_and_followers(robot: Posable) -> frozenset[int]:
+def _leaders_and_followers(robot: Mechanism) -> frozenset[int]:
     """Joints whose whole turns count since others follow them."""
     leaders: Sequence[int] = robot.model.mimicked_joints
     return frozenset([*leaders, *(joint for c in robot.constraints for joint in c.joint_ids)])

@@ -21,8 +21,8 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.mechanism import Mechanism
 from mbocp.robot.loops.projection import closure_by_angle
+from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
 
 CLOSURE_WEIGHT = 30.0  # of rows of closed loops beside those of a pose that is out of reach
