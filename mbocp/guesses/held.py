@@ -30,7 +30,7 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
 from mbocp.robot.poses.bounds import joint_bounds
 from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of

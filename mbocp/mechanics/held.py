@@ -28,7 +28,7 @@ from mbocp._arrays import Array
 from mbocp.mechanics.joint import JointMechanics
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.robot import Label, Robot
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 
 _Mechanics: TypeAlias = JointMechanics | NaturalMechanics
 _KEPT = 16  # functions

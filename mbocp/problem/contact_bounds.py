@@ -15,7 +15,8 @@ from mbocp.integrators import SCHEMES
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
-from mbocp.robot.loops.constraints import Constraint, perpendiculars
+from mbocp.robot.loops.kinds.axes import perpendiculars
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.terms import BoundedTerm, ContactTerm, SidesInSteps, Span
 from mbocp.terms.span import Place
 

@@ -18,18 +18,15 @@ if TYPE_CHECKING:
     from mbocp.robot.loading.checks import SingularMassMatrix
     from mbocp.robot.loading.load import load_parts, load_robot, robot_from_spec
     from mbocp.robot.loading.sources import RobotEntry, list_robots
-    from mbocp.robot.loops.constraints import (
-        Constraint,
-        Coupling,
-        Hinge,
-        Kinematics,
-        Point,
-        PointOnLine,
-        PointOnPlane,
-        Rod,
-        Screw,
-        Weld,
-    )
+    from mbocp.robot.loops.kinds.base import Constraint, Kinematics
+    from mbocp.robot.loops.kinds.coupling import Coupling
+    from mbocp.robot.loops.kinds.hinge import Hinge
+    from mbocp.robot.loops.kinds.line import PointOnLine
+    from mbocp.robot.loops.kinds.plane import PointOnPlane
+    from mbocp.robot.loops.kinds.point import Point
+    from mbocp.robot.loops.kinds.rod import Rod
+    from mbocp.robot.loops.kinds.screw import Screw
+    from mbocp.robot.loops.kinds.weld import Weld
     from mbocp.robot.loops.redundancy import singular_closure
     from mbocp.robot.parts import (
         Actuation,

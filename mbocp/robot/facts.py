@@ -11,7 +11,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.formats import format_of
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
 

@@ -16,7 +16,7 @@ from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import PlacedRobot

@@ -30,7 +30,9 @@ from mbocp.mechanics.held import HeldFrame
 from mbocp.problem._checks import check_choice
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loops.constraints import HOLDS, Axis, FrameConstraint
+from mbocp.robot.loops.constraints import HOLDS
+from mbocp.robot.loops.kinds.axes import Axis
+from mbocp.robot.loops.kinds.base import FrameConstraint
 
 Spans = tuple[tuple[int, int], ...]
 
@@ -88,7 +90,7 @@ class Hold:
     @property
     def keys(self) -> tuple[str, ...]:
         """Names of the fields that its kind has beside its frames."""
-        return HOLDS[self.kind].hold_keys or ()
+        return tuple(HOLDS[self.kind].hold_keys or ())
 
     def as_frame(self, robot: Robot) -> HeldFrame:
         """What its equations are written of."""

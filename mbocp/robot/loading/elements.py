@@ -12,7 +12,7 @@ from mbocp.robot import joints
 from mbocp.robot.collision.source import CollisionSphere
 from mbocp.robot.loading.schema import QuarticSpringTable, RobotTable
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import (
     Connector,
     QuarticSpring,

@@ -10,7 +10,7 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot import kinematics
 from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.schema import RobotTable
-from mbocp.robot.loops.constraints import ConstraintKeys
+from mbocp.robot.loops.kinds.base import ConstraintKeys
 
 
 def with_joint_frames(

@@ -35,7 +35,8 @@ from mbocp.robot.loading.table_types import (
     Vector3,
     is_zero,
 )
-from mbocp.robot.loops.constraints import CONSTRAINTS, ConstraintKeys
+from mbocp.robot.loops.constraints import CONSTRAINTS
+from mbocp.robot.loops.kinds.base import ConstraintKeys
 
 if TYPE_CHECKING:
     ConstraintTable: TypeAlias = ConstraintKeys

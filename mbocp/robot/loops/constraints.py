@@ -1,13 +1,11 @@
 """All kinds of holonomic constraints, in the order of the documentation.
 
-A kind is one file of `mbocp.robot.loops.kinds`, and an entry here. Their modules are imported here and
-nowhere else.
+A kind is one file of `mbocp.robot.loops.kinds`, and an entry here.
 """
 
 from __future__ import annotations
 
-from mbocp.robot.loops.kinds.axes import Axis, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import Constraint, ConstraintKeys, FrameConstraint, Kinematics
+from mbocp.robot.loops.kinds.base import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
 from mbocp.robot.loops.kinds.hinge import Hinge
 from mbocp.robot.loops.kinds.line import PointOnLine
@@ -16,26 +14,6 @@ from mbocp.robot.loops.kinds.point import Point
 from mbocp.robot.loops.kinds.rod import Rod
 from mbocp.robot.loops.kinds.screw import Screw
 from mbocp.robot.loops.kinds.weld import Weld
-
-__all__ = [
-    "CONSTRAINTS",
-    "HOLDS",
-    "Axis",
-    "Constraint",
-    "ConstraintKeys",
-    "Coupling",
-    "FrameConstraint",
-    "Hinge",
-    "Kinematics",
-    "Point",
-    "PointOnLine",
-    "PointOnPlane",
-    "Rod",
-    "Screw",
-    "Weld",
-    "perpendiculars",
-    "unit_axis",
-]
 
 _KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling, Screw)
 

@@ -15,7 +15,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
 from mbocp.robot.mechanism import Mechanism
 

@@ -12,7 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.constraints import Constraint
+from mbocp.robot.loops.kinds.base import Constraint
 
 
 class Closure:

@@ -9,8 +9,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot import load_robot
-from mbocp.robot.loops.constraints import Coupling, Rod
+from mbocp.robot import Coupling, Rod, load_robot
 from tests.robot.urdfs import chain, write
 
 KINDS = {

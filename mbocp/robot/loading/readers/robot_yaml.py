@@ -31,7 +31,9 @@ from mbocp.robot.loading.readers.safe_yaml import parse_yaml
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.schema import ActuationTable, RobotTable
-from mbocp.robot.loops.constraints import ConstraintKeys, Point, Weld
+from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loops.kinds.point import Point
+from mbocp.robot.loops.kinds.weld import Weld
 from mbocp.robot.warnings import IgnoredKeysWarning
 
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB

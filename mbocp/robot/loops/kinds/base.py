@@ -12,12 +12,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import casadi as ca
-import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table
 from mbocp.robot.loops.kinds.axes import Axis
 from mbocp.robot.parts import Label
@@ -36,30 +36,6 @@ class Kinematics(Protocol):
         """Angle or length of a joint that has one displacement [rad, m]."""
 
 
-class Places(Protocol):
-    """What the names in a table mean in a model, see `mbocp.robot.loading.table_reader`."""
-
-    @property
-    def model(self) -> pin.Model:
-        """Tree of joints and frames."""
-
-    @property
-    def locked(self) -> tuple[str, ...]:
-        """Names of the joints that were locked."""
-
-    def joint(self, name: str) -> int:
-        """Index of a joint that moves by itself."""
-
-    def pair(self, names: tuple[str, str], where: str) -> tuple[int, int]:
-        """Indices of two frames on bodies that move against each other."""
-
-    def distance(self, a: int, b: int) -> float:
-        """Distance of the origins of two frames at the initial pose [m]."""
-
-    def refuse(self, key: str, reason: str) -> NoReturn:
-        """Raise the error for a key of the file."""
-
-
 class ConstraintKeys(Table):
     """Keys of a `[[constraint]]` that every kind has."""
 
@@ -73,7 +49,7 @@ class ConstraintKeys(Table):
         return ()
 
     @abstractmethod
-    def make(self, name: str, where: str, places: Places) -> Constraint:
+    def make(self, name: str, where: str, places: TableReader) -> Constraint:
         """Make the constraint; `where` names the table in messages.
 
         Raises
@@ -187,14 +163,15 @@ class FrameConstraint(Constraint):
 
     Attributes
     ----------
-    hold_keys : tuple of str, optional
-        What a hold of this kind says beside its frames; None if there is no such hold.
+    hold_keys : mapping of str to tuple of str, optional
+        What a hold of this kind says beside its frames, and the fields that it is; None if there is no such
+        hold.
     """
 
     frame_a: int
     frame_b: int
 
-    hold_keys: ClassVar[tuple[str, ...] | None] = None
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]] | None] = None
 
     @property
     @abstractmethod
@@ -216,7 +193,8 @@ class FrameConstraint(Constraint):
         cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
     ) -> FrameConstraint:
         """Make what a hold keeps, from the values of `hold_keys`."""
-        raise NotImplementedError(f"{cls.kind} is no kind of hold")
+        fields = {field: given[key] for key, of_key in (cls.hold_keys or {}).items() for field in of_key}
+        return cls(name, *frame_ids, frames=frames, **fields)  # type: ignore[call-arg]  # fields of kinds
 
     def offset(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
         """Origin of frame a from that of frame b in the world [m]."""

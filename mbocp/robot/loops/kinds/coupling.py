@@ -13,8 +13,9 @@ from pydantic import model_validator
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import FramePair, Number
-from mbocp.robot.loops.kinds.base import Constraint, ConstraintKeys, Kinematics, Places
+from mbocp.robot.loops.kinds.base import Constraint, ConstraintKeys, Kinematics
 from mbocp.robot.parts import Label
 
 _INTEGER_TOLERANCE = 1e-12  # a ratio this close to a whole number is one
@@ -72,7 +73,7 @@ class Coupling(Constraint):
                 raise ValueError("ratio must not be zero; to hold a joint still, lock it")
             return self
 
-        def make(self, name: str, where: str, places: Places) -> Coupling:
+        def make(self, name: str, where: str, places: TableReader) -> Coupling:
             """Make the coupling of joints that have one velocity each."""
             for locked in (joint for joint in self.joints if joint in places.locked):
                 places.refuse(

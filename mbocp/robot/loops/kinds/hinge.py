@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places, position_rows
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
 
 
@@ -43,7 +44,7 @@ class Hinge(FrameConstraint):
     axis_b: Axis = Z
 
     kind: ClassVar[str] = "hinge"
-    hold_keys: ClassVar[tuple[str, ...]] = ("axis",)
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {"axis": ("axis_a", "axis_b")}
     fixes_origin: ClassVar[bool] = True
 
     class Keys(FrameKeys):
@@ -53,7 +54,7 @@ class Hinge(FrameConstraint):
         axis: Direction = Z
         axis_b: Direction | None = None
 
-        def make(self, name: str, where: str, places: Places) -> Hinge:
+        def make(self, name: str, where: str, places: TableReader) -> Hinge:
             """Make the hinge; its axis is the same in both frames if one is given."""
             a, b = places.pair(self.frames, where)
             return Hinge(name, a, b, self.frames, self.axis, self.axis_b or self.axis)
@@ -61,13 +62,6 @@ class Hinge(FrameConstraint):
     def __post_init__(self) -> None:
         for key in ("axis_a", "axis_b"):
             object.__setattr__(self, key, unit_axis(getattr(self, key), f"hinge {self.name!r}: {key}"))
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> Hinge:
-        """The origin and an axis are held."""
-        return cls(name, *frame_ids, frames, given["axis"], given["axis"])
 
     @property
     def rows(self) -> tuple[Label, ...]:

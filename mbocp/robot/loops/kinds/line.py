@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 
@@ -39,7 +40,7 @@ class PointOnLine(FrameConstraint):
     axis: Axis = Z
 
     kind: ClassVar[str] = "line"
-    hold_keys: ClassVar[tuple[str, ...]] = ("axis",)
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {"axis": ("axis",)}
     is_directed: ClassVar[bool] = True
 
     class Keys(FrameKeys):
@@ -48,19 +49,12 @@ class PointOnLine(FrameConstraint):
         type: Literal["line"]
         axis: Direction = Z
 
-        def make(self, name: str, where: str, places: Places) -> PointOnLine:
+        def make(self, name: str, where: str, places: TableReader) -> PointOnLine:
             """Make the line."""
             return PointOnLine(name, *places.pair(self.frames, where), self.frames, self.axis)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "axis", unit_axis(self.axis, f"line {self.name!r}: axis"))
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> PointOnLine:
-        """The origin is held on a line."""
-        return cls(name, *frame_ids, frames, given["axis"])
 
     @property
     def rows(self) -> tuple[Label, ...]:

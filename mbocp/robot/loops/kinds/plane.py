@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 
@@ -37,7 +38,7 @@ class PointOnPlane(FrameConstraint):
     normal: Axis = Z
 
     kind: ClassVar[str] = "plane"
-    hold_keys: ClassVar[tuple[str, ...]] = ("axis",)
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {"axis": ("normal",)}
     is_directed: ClassVar[bool] = True
 
     class Keys(FrameKeys):
@@ -46,19 +47,12 @@ class PointOnPlane(FrameConstraint):
         type: Literal["plane"]
         normal: Direction = Z
 
-        def make(self, name: str, where: str, places: Places) -> PointOnPlane:
+        def make(self, name: str, where: str, places: TableReader) -> PointOnPlane:
             """Make the plane."""
             return PointOnPlane(name, *places.pair(self.frames, where), self.frames, self.normal)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "normal", unit_axis(self.normal, f"plane {self.name!r}: normal"))
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> PointOnPlane:
-        """The origin is held in a plane."""
-        return cls(name, *frame_ids, frames, given["axis"])
 
     @property
     def rows(self) -> tuple[Label, ...]:

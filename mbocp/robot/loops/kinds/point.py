@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places, position_rows
+from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
 
 
@@ -32,7 +33,7 @@ class Point(FrameConstraint):
     frames: tuple[str, str] = ("", "")
 
     kind: ClassVar[str] = "point"
-    hold_keys: ClassVar[tuple[str, ...]] = ()
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     fixes_origin: ClassVar[bool] = True
 
     class Keys(FrameKeys):
@@ -40,16 +41,9 @@ class Point(FrameConstraint):
 
         type: Literal["point"]
 
-        def make(self, name: str, where: str, places: Places) -> Point:
+        def make(self, name: str, where: str, places: TableReader) -> Point:
             """Make the ball joint."""
             return Point(name, *places.pair(self.frames, where), self.frames)
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> Point:
-        """The origin is held."""
-        return cls(name, *frame_ids, frames)
 
     @property
     def rows(self) -> tuple[Label, ...]:

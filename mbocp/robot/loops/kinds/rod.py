@@ -11,9 +11,10 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import PositiveNumber
 from mbocp.robot.loops.kinds.axes import Axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 
@@ -48,7 +49,7 @@ class Rod(FrameConstraint):
         type: Literal["rod"]
         length: PositiveNumber | None = None
 
-        def make(self, name: str, where: str, places: Places) -> Rod:
+        def make(self, name: str, where: str, places: TableReader) -> Rod:
             """Make the rod; a length that is not given is measured."""
             a, b = places.pair(self.frames, where)
             length = self.length or places.distance(a, b)

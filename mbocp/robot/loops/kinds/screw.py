@@ -13,9 +13,10 @@ from pydantic import field_validator
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
+from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction, Number
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 
@@ -53,7 +54,7 @@ class Screw(FrameConstraint):
     axis_b: Axis = Z
 
     kind: ClassVar[str] = "screw"
-    hold_keys: ClassVar[tuple[str, ...]] = ("axis", "pitch")
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {"axis": ("axis_a", "axis_b"), "pitch": ("pitch",)}
 
     class Keys(FrameKeys):
         """Two frames share an axis, and the first slides along it as it turns about it."""
@@ -70,7 +71,7 @@ class Screw(FrameConstraint):
                 raise ValueError("must not be zero; a hinge has no thread")
             return pitch
 
-        def make(self, name: str, where: str, places: Places) -> Screw:
+        def make(self, name: str, where: str, places: TableReader) -> Screw:
             """Make the screw; its axis is the same in both frames if one is given."""
             a, b = places.pair(self.frames, where)
             return Screw(name, a, b, self.pitch, self.frames, self.axis, self.axis_b or self.axis)
@@ -80,13 +81,6 @@ class Screw(FrameConstraint):
             raise InvalidValue(f"screw {self.name!r}: pitch", self.pitch, "a finite number other than 0 [m]")
         for key in ("axis_a", "axis_b"):
             object.__setattr__(self, key, unit_axis(getattr(self, key), f"screw {self.name!r}: {key}"))
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> Screw:
-        """The frame is held by the thread through where it is."""
-        return cls(name, *frame_ids, given["pitch"], frames, given["axis"], given["axis"])
 
     @property
     def rows(self) -> tuple[Label, ...]:

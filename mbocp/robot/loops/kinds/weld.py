@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, Places, position_rows
+from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
 
 
@@ -36,7 +37,7 @@ class Weld(FrameConstraint):
     frames: tuple[str, str] = ("", "")
 
     kind: ClassVar[str] = "weld"
-    hold_keys: ClassVar[tuple[str, ...]] = ()
+    hold_keys: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     attitude: ClassVar[slice] = slice(3, 6)
     fixes_origin: ClassVar[bool] = True
 
@@ -45,16 +46,9 @@ class Weld(FrameConstraint):
 
         type: Literal["weld"]
 
-        def make(self, name: str, where: str, places: Places) -> Weld:
+        def make(self, name: str, where: str, places: TableReader) -> Weld:
             """Make the weld."""
             return Weld(name, *places.pair(self.frames, where), self.frames)
-
-    @classmethod
-    def for_hold(
-        cls, name: str, frame_ids: tuple[int, int], frames: tuple[str, str], given: Mapping[str, Any]
-    ) -> Weld:
-        """All of the frame is held."""
-        return cls(name, *frame_ids, frames)
 
     @property
     def rows(self) -> tuple[Label, ...]:
