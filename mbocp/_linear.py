@@ -55,7 +55,7 @@ def independent_rows(matrix: Array, tolerance: float) -> Array:
     return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
 
 
-def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
+def spanning_rows(matrix: Array, tolerance: float, tie: float = 1.0) -> list[int]:
     """Return which rows span all of them, each the one farthest from what those before it span.
 
     Parameters
@@ -63,15 +63,18 @@ def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
     matrix : ndarray, shape (m, n)
     tolerance : float
         A row that is no longer than this multiple of the longest one, or of 1 if that is larger, is left out.
+    tie : float
+        Rows from this part of the longest on count as equally long: the first of them is taken.
     """
     left = np.array(matrix, dtype=np.float64)
     found: list[int] = []
     least = tolerance * max(float(np.linalg.norm(left, axis=1).max(initial=0.0)), 1.0)
     for _ in range(min(left.shape)):
         lengths = np.linalg.norm(left, axis=1)
-        place = int(lengths.argmax())
-        if lengths[place] <= least:
+        longest = lengths.max()
+        if longest <= least:
             break
+        place = int(np.argmax(lengths >= tie * longest))
         found.append(place)
         unit = left[place] / lengths[place]
         left -= np.outer(left @ unit, unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 MAX_QUOTE = 200  # characters of one value in a message
@@ -52,6 +52,11 @@ def list_names(names: Sequence[str], most: int) -> str:
     """The first `most` names, quoted, with commas between them, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(show(name) for name in names[:most]) + more
+
+
+def quote_all(names: Iterable[str]) -> str:
+    """Names of a model, which are short, quoted, with commas between them."""
+    return ", ".join(map(repr, names))
 
 
 def has_control_characters(text: str) -> bool:

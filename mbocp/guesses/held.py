@@ -210,8 +210,7 @@ class _Stops:
         if goal is None or not (goal.q_active.any() or goal.poses):
             return ties.fit(q, qs)
         targets = [frame.target for frame in goal.poses]
-        frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
-        rows, written = _StopRows(PoseRows(robot, targets, frames), ties, qs), _written(robot, goal)
+        rows, written = _StopRows(PoseRows(robot, targets), ties, qs), _written(robot, goal)
         bounds = joint_bounds(robot.model, *self._limits, frozenset())
         best: Array | None = None
         for start in self._starts(q, before, written):

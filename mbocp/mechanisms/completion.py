@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._text import quote_all
 from mbocp._tolerances import ARRIVAL_TOLERANCE
 from mbocp.exceptions import InconsistentStart, LoopNotClosed, UnreachableGoal
 from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
-from mbocp.mechanisms.search import search
+from mbocp.mechanisms.search import distance, search
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 from mbocp.robot.poses.inverse_kinematics import closed_anywhere
@@ -52,9 +52,9 @@ def close_loops(
         return np.array(robot.assemble(q)) if assemble else q
     _check_distance(robot, base, q, active, key)
     reached = follow(robot, base, q, active)
-    if _distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
+    if distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
-    written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
+    written = _written(robot, active)
     try:
         return np.array(robot.assemble(q, fixed=written))
     except LoopNotClosed:
@@ -70,8 +70,7 @@ def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, a
         return v
     if active.all():
         return np.array(robot.assemble_velocity(q, v)) if assemble else v
-    written = [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
-    return np.array(robot.assemble_velocity(q, v, fixed=written))
+    return np.array(robot.assemble_velocity(q, v, fixed=_written(robot, active)))
 
 
 def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> Array:
@@ -106,13 +105,13 @@ def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: by
     if active.all():
         _check_mode(robot, q_start, q)
         return q
-    size = _distance(robot, q_start, q, active)
+    size = distance(robot, q_start, q, active)
     path = path_towards(robot, q_start, q, active, np.linspace(0.0, 1.0, 2 + int(size / _STRIDE))[1:])
     reached = follow(robot, q_start, q, active) if path is None else path[-1]
-    if _distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
+    if distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
     bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
-    short, written = _short(robot, reached, q, active), _names(robot, active)
+    short, written = _short(robot, reached, q, active), quote_all(_written(robot, active))
     if bad:
         row, value, unit = bad[0]
         raise InconsistentStart(
@@ -162,7 +161,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     nearest = q_start
     for wanted in (everything, driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
-        if _distance(robot, reached, q, everything) <= ARRIVAL_TOLERANCE:
+        if distance(robot, reached, q, everything) <= ARRIVAL_TOLERANCE:
             return
         nearest = reached
     if search(robot, q_start, q, everything) is not None:
@@ -171,7 +170,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     moved = np.flatnonzero(turned != q)
     if moved.size:
         reached = follow(robot, q_start, turned, everything)
-        if _distance(robot, reached, turned, everything) <= ARRIVAL_TOLERANCE:
+        if distance(robot, reached, turned, everything) <= ARRIVAL_TOLERANCE:
             values = ", ".join(f"{robot.q_labels[i].name} = {turned[i]:.9g}" for i in moved)
             raise UnreachableGoal(
                 f"goal.q: whole turns away from what robot {robot.name!r} reaches from the start with its "
@@ -179,7 +178,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
             )
     raise UnreachableGoal(
         f"goal.q: in another assembly mode of robot {robot.name!r} than the start: no way was found on which "
-        f"its loops ({_quote(constraint.name for constraint in robot.constraints)}) stay closed (nearest: "
+        f"its loops ({quote_all(constraint.name for constraint in robot.constraints)}) stay closed (nearest: "
         f"{_short(robot, nearest, q, everything)}); leave out the joints that follow from the others, or "
         "start in the goal's mode"
     )
@@ -195,17 +194,9 @@ def _turn(robot: Robot, q_start: Array, q: Array) -> Array:
     return turned
 
 
-def _names(robot: Robot, active: BoolArray) -> str:
+def _written(robot: Robot, active: BoolArray) -> list[str]:
     """Joints of which something was written."""
-    return _quote(name for name in robot.joint_names if active[robot.velocity_indices(name)].any())
-
-
-def _quote(names: Iterable[str]) -> str:
-    return ", ".join(map(repr, names))
-
-
-def _distance(robot: Robot, q: Array, target: Array, active: BoolArray) -> float:
-    return float(np.abs(robot.difference(q, target)[active]).max(initial=0.0))
+    return [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
 
 
 def _short(robot: Robot, q: Array, target: Array, active: BoolArray) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._linear import spanning_rows
 from mbocp.mechanics.held import HeldFrame, held_jacobians
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, project_on_constraints
 from mbocp.robot import Robot
@@ -67,16 +68,7 @@ def _independent(given: Array, jacobian: Array) -> list[int]:
         _, values, right = np.linalg.svd(_unit(given), full_matrices=False)
         right = right[values > _RANK_TOLERANCE]
         rest = rest - rest @ right.T @ right
-    chosen: list[int] = []
-    for _ in range(min(rest.shape)):
-        sizes = np.linalg.norm(rest, axis=1)
-        if sizes.max() < _RANK_TOLERANCE:
-            break
-        row = int(np.argmax(sizes > _TIE * sizes.max()))
-        chosen.append(row)
-        direction = rest[row] / sizes[row]
-        rest = rest - np.outer(rest @ direction, direction)
-    return sorted(chosen)
+    return spanning_rows(rest, _RANK_TOLERANCE, _TIE)
 
 
 def _unit(rows: Array) -> Array:

@@ -53,7 +53,7 @@ def search(robot: Robot, q_start: Array, target: Array, wanted: BoolArray) -> Ar
         ahead = directions @ rng.standard_normal(directions.shape[1])
         walked = _walk(robot, q, ahead, int(rng.integers(_MIN_STRIDES, _MAX_STRIDES)))
         reached = follow(robot, walked[-1], target, wanted, max_kicks=0)  # the next walk is a better one
-        if _distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
+        if distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
             return reached
         places = places if basis.shape[1] == 1 else [*places, walked[-1]]
     return None
@@ -63,19 +63,19 @@ def _along_curve(
     robot: Robot, q_start: Array, ahead: Array, target: Array, wanted: BoolArray
 ) -> tuple[Array | None, list[Array]]:
     """Configuration at the target, or None, along the one curve; and the poses where curves branch off."""
-    size = _distance(robot, q_start, target, wanted)
+    size = distance(robot, q_start, target, wanted)
     strides = int((size + 2.0 * np.pi * _CURVE_TURNS) / _STRIDE)
     places: list[Array] = []
     for direction in (ahead, -ahead):
         path = _walk(robot, q_start, direction, strides)
-        away = np.array([_distance(robot, q, target, wanted) for q in path])
+        away = np.array([distance(robot, q, target, wanted) for q in path])
         is_minimum = np.r_[True, away[1:] <= away[:-1]] & np.r_[away[:-1] <= away[1:], True]
         for node in np.flatnonzero(is_minimum & (away < _ARRIVAL_RADIUS)):
             reached = follow(robot, path[node], target, wanted)
-            if _distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
+            if distance(robot, reached, target, wanted) <= ARRIVAL_TOLERANCE:
                 return reached, places
         places += [q for q in path if _directions(robot, q).shape[1] > 1]
-        if len(path) <= strides and _distance(robot, path[-1], q_start, np.ones_like(wanted)) < _STRIDE:
+        if len(path) <= strides and distance(robot, path[-1], q_start, np.ones_like(wanted)) < _STRIDE:
             break  # the curve is closed
     return None, places
 
@@ -89,7 +89,7 @@ def _walk(robot: Robot, q: Array, ahead: Array, strides: int) -> list[Array]:
             break
         ahead = robot.difference(path[-1], moved)
         path.append(moved)
-        if len(path) > _MIN_STRIDES and _distance(robot, moved, q, everything) < 0.6 * _STRIDE:
+        if len(path) > _MIN_STRIDES and distance(robot, moved, q, everything) < 0.6 * _STRIDE:
             break
     return path
 
@@ -117,5 +117,6 @@ def _directions(robot: Robot, q: Array) -> Array:
     return null_space(robot.constraint_jacobian(q), _BRANCH_TOLERANCE)
 
 
-def _distance(robot: Robot, q: Array, target: Array, wanted: BoolArray) -> float:
+def distance(robot: Robot, q: Array, target: Array, wanted: BoolArray) -> float:
+    """Largest way of a wanted component from one configuration to another [rad, m]."""
     return float(np.abs(robot.difference(q, target)[wanted]).max(initial=0.0))

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._text import quote_all
 from mbocp._tolerances import DIRECTION_TOLERANCE
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
@@ -42,6 +43,11 @@ def moved_joints(robot: RobotModel, dofs: Sequence[int]) -> list[str]:
     """Names of the joints that velocity components belong to."""
     parts = {name: robot.velocity_indices(name) for name in robot.joint_names}
     return [name for name, part in parts.items() if any(part.start <= dof < part.stop for dof in dofs)]
+
+
+def name_moved(robot: RobotModel, dofs: Sequence[int]) -> str:
+    """Name these joints for a message."""
+    return quote_all(moved_joints(robot, dofs))
 
 
 def speed_map(robot: RobotModel, q: Array) -> Array:
@@ -89,13 +95,9 @@ def reduce_velocity(robot: RobotModel, q: Array, v: Array) -> Array:
         (drive,) = [d for d in robot.drives if int(np.argmax(np.abs(left))) in d.dofs]
         moved = ", ".join(f"{robot.v_labels[dof].name} = {v[dof]:.6g}" for dof in drive.dofs)
         raise InvalidValue(
-            f"robot {robot.name!r}: v of {_joints(robot, drive.dofs)}",
+            f"robot {robot.name!r}: v of {name_moved(robot, drive.dofs)}",
             moved,
             f"a motion that drive {drive.name!r} allows, such as "
             + ", ".join(f"{v[dof] - left[dof]:.6g}" for dof in drive.dofs),
         )
     return np.asarray(V.T @ v, dtype=np.float64)
-
-
-def _joints(robot: RobotModel, dofs: Sequence[int]) -> str:
-    return ", ".join(map(repr, moved_joints(robot, dofs)))

@@ -254,10 +254,7 @@ def frame_projections(
 
 
 def _rows(robot: Robot, frames: Sequence[FrameGoal]) -> PoseRows:
-    targets = [frame.target for frame in frames]
-    return PoseRows(
-        robot, targets, [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
-    )
+    return PoseRows(robot, [frame.target for frame in frames])
 
 
 def _limit_choices(limits: Bounds) -> list[LimitChoice]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
+from mbocp._text import quote_all
 from mbocp._tolerances import DIRECTION_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
-from mbocp.robot.drives import drive_column, moved_joints
+from mbocp.robot.drives import drive_column, name_moved
 from mbocp.robot.parts import Drive
 from mbocp.robot.robot import Robot
 
@@ -28,7 +29,7 @@ class SingularMassMatrix(UnsupportedRobot):
 
     def __init__(self, robot: str, joints: list[str], eigenvalue: float, *, are_all: bool = False) -> None:
         self.robot, self.joints, self.eigenvalue, self.are_all = robot, tuple(joints), eigenvalue, are_all
-        named, them = (", ".join(map(repr, joints)), "them") if len(joints) > 1 else (repr(joints[0]), "it")
+        named, them = (quote_all(joints), "them") if len(joints) > 1 else (repr(joints[0]), "it")
         if are_all:
             named = "any joint"
             remedy = (
@@ -49,7 +50,7 @@ class IndefiniteMassMatrix(UnsupportedRobot):
 
     def __init__(self, robot: str, joints: list[str], eigenvalue: float, where: str) -> None:
         self.robot, self.joints, self.eigenvalue = robot, tuple(joints), eigenvalue
-        moved = ", ".join(map(repr, joints))
+        moved = quote_all(joints)
         named = f", because what {moved} moves has an impossible inertia" if joints else ""
         super().__init__(
             f"robot {robot!r}: the mass matrix is indefinite {where} (scaled eigenvalue {eigenvalue:.1e})"
@@ -144,13 +145,13 @@ def _check_frame(robot: Robot, drive: Drive, frame_id: int, q: Array) -> None:
     if np.abs(gram - np.eye(len(gram))).max() > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
             f"{where}: its joints must move frame {frame!r} along orthogonal directions, at unit speed each; "
-            f"{_joints(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in a "
-            "row, before anything turns"
+            f"{name_moved(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in "
+            "a row, before anything turns"
         )
     speed = float(np.linalg.norm(jacobian.T @ drive.direction))
     if abs(speed - 1.0) > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
-            f"{where}: {_joints(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
+            f"{where}: {name_moved(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
             f"{drive.direction.tolist()} (only {speed:.3g} of it): name all joints that it takes, or another "
             "direction"
         )
@@ -166,7 +167,7 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
         coupled = [free[i] for i in np.flatnonzero(momentum > threshold)]
         raise UnsupportedRobot(
             f"robot {robot.name!r}: the acceleration of drive {drive.name!r} acts on joint "
-            f"{_joints(robot, coupled)}. {remedy}"
+            f"{name_moved(robot, coupled)}. {remedy}"
         )
     rates = robot.constraint_jacobian(q) @ column
     if np.abs(rates).max(initial=0.0) > DIRECTION_TOLERANCE:
@@ -182,7 +183,3 @@ def _random_configurations(robot: Robot) -> Iterator[Array]:
     for _ in range(_NUM_SAMPLES):
         step = rng.uniform(-np.pi, np.pi, robot.nv)
         yield np.asarray(pin.integrate(robot.model, np.array(robot.q0), step), dtype=np.float64)
-
-
-def _joints(robot: Robot, dofs: Sequence[int]) -> str:
-    return ", ".join(map(repr, moved_joints(robot, dofs)))

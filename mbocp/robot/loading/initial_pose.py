@@ -57,7 +57,8 @@ def _assemble(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]
         try:
             return assemble(robot, robot.q0, held, REDUNDANT_ROW_TOLERANCE), held
         except LoopNotClosed:
-            found = _from_afar(robot, held)
+            # Robots that stand in a world for themselves are far from where their loops close.
+            found = closed_anywhere(robot, robot.q0, held) if robot.parts else None
             if found is not None:
                 return found, held
             if not held:
@@ -72,11 +73,6 @@ def _assemble(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]
         InitialPoseWarning,
     )
     return q0, ()
-
-
-def _from_afar(robot: Robot, held: Sequence[str]) -> Array | None:
-    """Robots that stand in a world for themselves are far from where their loops close."""
-    return closed_anywhere(robot, robot.q0, held) if robot.parts else None
 
 
 def _close(robot: Robot, q0: Array, held: Sequence[str]) -> Array:

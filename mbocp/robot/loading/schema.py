@@ -20,7 +20,7 @@ from pydantic import (
 from mbocp._files import read_toml
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.payload_table import PayloadTable
-from mbocp.robot.loading.robot_keys import PartTable
+from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.schema_errors import first_complaint, refusal
 from mbocp.robot.loading.table_types import (
     Component,
@@ -171,17 +171,7 @@ class CollisionSphereTable(Table):
 
 
 # Keys that say how a model is read; a file that assembles parts has none.
-_OF_FILES = (
-    "urdf",
-    "package_dirs",
-    "free_flyer",
-    "mimic",
-    "dynamics",
-    "damping",
-    "friction",
-    "friction_speed",
-    "spherical",
-)
+_OF_FILES = ("urdf", "package_dirs", *OF_FILES, "spherical")
 
 
 def _name(rows: Any, kind: str) -> Any:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
+from mbocp._text import quote_all
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
@@ -324,9 +325,9 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
 def _error(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:
     bad = violations(robot, q, allowed)
     words = ", ".join(f"{name!r} by {value:.3g} {unit}" for name, value, unit in bad[:3])
-    with_held = f" with {', '.join(map(repr, fixed))} held" if fixed else ""
+    with_held = f" with {quote_all(fixed)} held" if fixed else ""
     advice = (
-        f"give other positions of {', '.join(map(repr, fixed))}, or leave one of them out"
+        f"give other positions of {quote_all(fixed)}, or leave one of them out"
         if fixed
         else "begin nearer to a configuration that closes, or correct the frames and lengths"
     )

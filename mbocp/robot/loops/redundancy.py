@@ -8,12 +8,14 @@ at the initial pose and at poses around it: at a singular pose, rows may be depe
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._linear import null_space, spanning_rows
+from mbocp._text import quote_all
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
@@ -25,12 +27,14 @@ _NUM_POSES = 5  # around the initial one
 _POSE_SPREAD = 0.3  # [rad, m] typical distance of a joint from its initial position
 _RANK_TOLERANCE = 1e-4  # relative: six digits in a file leave singular values up to this
 _MIN_INDEPENDENT_VALUE = 1e-2  # rows whose smallest singular value is larger are independent at every pose
-_PIVOT_TIE_RATIO = 0.99  # pivots above this part of the largest count as equal
+_TIE = 0.99  # pivots above this part of the largest count as equal
 _SCORE_TIE_RATIO = 0.5  # rows chosen at another pose are preferred if their score is twice as high
 _SINGULAR_RATIO = 1e-3  # smallest singular value by its largest along the motion, at a singular pose
 _CROSSING_RATIO = 0.3  # above it, the smallest singular value does not vanish before the next node
 _MIN_VECTOR_COSINE = 0.7  # of singular vectors at two nodes that belong to the same singular value
 _MIN_ROW_SHARE = 0.3  # component of the singular vector from which a row is named
+
+_independent = partial(spanning_rows, tolerance=_RANK_TOLERANCE, tie=_TIE)
 
 
 def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
@@ -55,7 +59,7 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
     redundant = tuple(i for i in range(len(robot.closure_labels)) if i not in best)
     _check_constraints(robot, redundant, jacobians)
     if len(best) == robot.nv:
-        names = _quote(constraint.name for constraint in robot.constraints)
+        names = quote_all(constraint.name for constraint in robot.constraints)
         raise UnsupportedRobot(
             f"robot {robot.name!r}: its constraints ({names}) leave nothing that moves: {len(best)} "
             f"independent rows on {robot.nv} velocities; take one out, or close the loop with a type that "
@@ -64,14 +68,14 @@ def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
     if redundant:
         labels = robot.closure_labels
         _log.info(
-            "robot %r: redundant rows left out: %s", robot.name, _quote(labels[i].name for i in redundant)
+            "robot %r: redundant rows left out: %s", robot.name, quote_all(labels[i].name for i in redundant)
         )
     return redundant
 
 
 def _best_choice(jacobians: Sequence[Array]) -> tuple[int, ...]:
     """Rows that are independent at all poses, those of the first pose unless others are far better."""
-    choices = [_independent(jacobian) for jacobian in jacobians]
+    choices = [tuple(_independent(jacobian)) for jacobian in jacobians]
     rank = max(map(len, choices))
     best, best_score = tuple[int, ...](), -1.0
     for choice in choices:
@@ -181,7 +185,7 @@ def _dependence(robot: Mechanism, rows: Array) -> str:
     names = [robot.constraint_labels[i].name for i in np.flatnonzero(weights > _MIN_ROW_SHARE)]
     if len(names) == 1:
         return f"the constraint {names[0]!r} holds nothing"
-    return f"the constraints {_quote(names)} depend on each other"
+    return f"the constraints {quote_all(names)} depend on each other"
 
 
 def _poses(robot: Mechanism) -> list[Array]:
@@ -222,20 +226,6 @@ def _lengths(robot: Mechanism, norms: Array) -> Array:
     return lengths
 
 
-def _independent(jacobian: Array) -> tuple[int, ...]:
-    """Rows that span all of them, by Gram-Schmidt with pivots; of equally good ones the first."""
-    rest, chosen = np.array(jacobian), []
-    for _ in range(min(jacobian.shape)):
-        sizes = np.linalg.norm(rest, axis=1)
-        if sizes.max() < _RANK_TOLERANCE:
-            break
-        row = int(np.argmax(sizes > _PIVOT_TIE_RATIO * sizes.max()))
-        chosen.append(row)
-        direction = rest[row] / sizes[row]
-        rest -= np.outer(rest @ direction, direction)
-    return tuple(sorted(chosen))
-
-
 def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
     """Smallest singular value of the chosen rows over all poses but the first; infinite without rows."""
     if not choice:
@@ -273,8 +263,4 @@ def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Ar
         pairs = [(len(_independent(J[other])), len(_independent(J[other + own]))) for J in jacobians]
         if all(alone == both for alone, both in pairs):
             return f"is a duplicate: {name!r} implies it"
-    return f"follows from the others ({_quote(rows)})"
-
-
-def _quote(names: Iterable[str]) -> str:
-    return ", ".join(map(repr, names))
+    return f"follows from the others ({quote_all(rows)})"

@@ -43,9 +43,8 @@ def along_poses(
     held = np.zeros(robot.model.nv, dtype=np.bool_)
     found, aside = np.empty_like(near), np.zeros(robot.model.nv)
     for n, targets in enumerate(poses):
-        frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in targets]
         first = bounds.clip(pin.integrate(robot.model, near[n], aside))
-        q, has_arrived = reach(PoseRows(robot, targets, frames), first, bounds, held, _TOLERANCE)
+        q, has_arrived = reach(PoseRows(robot, targets), first, bounds, held, _TOLERANCE)
         if not has_arrived:
             return None
         found[n], aside = q, pin.difference(robot.model, near[n], q)

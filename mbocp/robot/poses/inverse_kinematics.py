@@ -7,7 +7,7 @@ flipped), it begins again at random configurations within the limits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -29,6 +29,7 @@ LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
 _SAME = 1e-3  # [rad, m] between configurations that count as one
 _MIN_PUSH = 1e-6  # [m, rad] by [rad, m] that a joint at a limit would gain beyond it
 _CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2]
+_RESTARTS = 40  # random configurations from which loops are closed
 _MIN_TOLERANCE = 1e-12  # [m, rad] above round-off of some metres
 
 
@@ -92,6 +93,28 @@ class _Search:
     tolerance: float
     held: BoolArray
 
+    @classmethod
+    def of(
+        cls,
+        robot: Mechanism,
+        targets: Sequence[FrameTarget],
+        within_limits: LimitChoice,
+        start: Array,
+        tolerance: float,
+        fixed: Sequence[str],
+    ) -> _Search:
+        """For targets of a robot, with joints that stay where they are at the start."""
+        rows, (lower, upper) = PoseRows(robot, targets), _limits(robot, within_limits)
+        bounds = joint_bounds(robot.model, lower, upper, _leaders_and_followers(robot))
+        return cls(robot, rows, bounds, lower, upper, start, tolerance, components(robot, fixed))
+
+    def attempts(self, restarts: int, seed: int) -> Iterator[tuple[Array, bool]]:
+        """What `attempt` finds from the start, and then from random configurations."""
+        rng = np.random.default_rng(seed)
+        for attempt in range(1 + restarts):
+            q0 = self.start if attempt == 0 else self.bounds.random(self.robot.model, self.start, rng)
+            yield self.attempt(self.with_held(self.bounds.clip(q0)))
+
     def attempt(self, q: Array) -> tuple[Array, bool]:
         """Configuration from one start, and whether it may count."""
         found, has_arrived = reach(self.rows, q, self.bounds, self.held, self.tolerance)
@@ -141,17 +164,10 @@ def solve_inverse_kinematics(
     """Search for configurations that reach targets, see `Robot.inverse_kinematics`."""
     wanted = targets_of(targets)
     _check(branches, restarts, tolerance)
-    frames = [(robot.frame_id(t.name), robot.frame_id(t.relative_to)) for t in wanted]
-    lower, upper = _limits(robot, within_limits)
-    bounds = joint_bounds(robot.model, lower, upper, _leaders_and_followers(robot))
-    held = components(robot, fixed)
-    search = _Search(robot, PoseRows(robot, wanted, frames), bounds, lower, upper, start, tolerance, held)
+    search = _Search.of(robot, wanted, within_limits, start, tolerance, fixed)
     found: list[Array] = []
     best, least, attempts = start, np.inf, 0
-    rng = np.random.default_rng(seed)
-    for attempt in range(1 + restarts):
-        q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
-        q, counts = search.attempt(search.with_held(bounds.clip(q0)))
+    for q, counts in search.attempts(restarts, seed):
         attempts += 1
         if counts and _is_new(search, q, found):
             found.append(q)
@@ -177,9 +193,7 @@ def solve_inverse_kinematics(
     )
 
 
-def closed_anywhere(
-    robot: Mechanism, start: Array, fixed: Sequence[str] = (), *, restarts: int = 40, seed: int = 0
-) -> Array | None:
+def closed_anywhere(robot: Mechanism, start: Array, fixed: Sequence[str] = ()) -> Array | None:
     """A configuration within the limits that closes the loops, found from the start or from random ones.
 
     Parameters
@@ -189,27 +203,14 @@ def closed_anywhere(
         Configuration where the search begins.
     fixed : sequence of str
         Joints that stay where they are.
-    restarts : int
-        Random configurations at which it begins again, at most.
-    seed : int
-        That they follow from.
 
     Returns
     -------
     q : ndarray, shape (nq,), or None
         None if no attempt closes the loops.
     """
-    lower, upper = _limits(robot, True)
-    bounds = joint_bounds(robot.model, lower, upper, _leaders_and_followers(robot))
-    held = components(robot, fixed)
-    search = _Search(robot, PoseRows(robot, (), ()), bounds, lower, upper, start, _CLOSURE_TOLERANCE, held)
-    rng = np.random.default_rng(seed)
-    for attempt in range(1 + restarts):
-        q0 = start if attempt == 0 else bounds.random(robot.model, start, rng)
-        q, is_closed = search.attempt(search.with_held(bounds.clip(q0)))
-        if is_closed:
-            return q
-    return None
+    search = _Search.of(robot, (), True, start, _CLOSURE_TOLERANCE, fixed)
+    return next((q for q, is_closed in search.attempts(_RESTARTS, seed=0) if is_closed), None)
 
 
 def _at_limits(search: _Search, q: Array, *, is_reached: bool) -> tuple[str, ...]:

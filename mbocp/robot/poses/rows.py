@@ -54,20 +54,16 @@ class PoseRows:
     robot : Mechanism
     targets : sequence of FrameTarget
         Whose frames the robot has.
-    frame_ids : sequence of (int, int)
-        Frame and reference frame of each target.
     """
 
-    def __init__(
-        self, robot: Mechanism, targets: Sequence[FrameTarget], frame_ids: Sequence[tuple[int, int]]
-    ) -> None:
+    def __init__(self, robot: Mechanism, targets: Sequence[FrameTarget]) -> None:
         self.robot, self.model = robot, robot.model
         self._data = working_data(robot.model)
         self._parts = [
             _Part(
                 target,
-                frame,
-                reference,
+                robot.frame_id(target.name),
+                robot.frame_id(target.relative_to),
                 tuple(int(i) for i in target.coordinates),
                 np.zeros(3) if target.position is None else np.array(target.position),
                 None if target.orientation is None else target.rotation,
@@ -75,7 +71,7 @@ class PoseRows:
                 if target.direction is None
                 else -normals_to(target.direction).T @ pin.skew(target.direction),
             )
-            for target, (frame, reference) in zip(targets, frame_ids, strict=True)
+            for target in targets
         ]
 
     def residual(self, q: Array) -> Array:
