@@ -67,6 +67,13 @@ def test_files_of_the_project_exist(page: Path) -> None:
         assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
+def test_the_front_page_says_what_ci_runs() -> None:
+    calls = re.findall(r"^make \w+$", text(".ci/run"), re.MULTILINE)
+    assert "make test" in calls
+    for call in calls:
+        assert call in text("README.md"), call
+
+
 def test_every_page_is_in_the_index() -> None:
     index = text("docs/index.md")
     for page in (ROOT / "docs").glob("*.md"):
