@@ -265,13 +265,13 @@ class RotationMatrix:
 
     def integrate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """R exp(v^), Eqs. (49), (50) with the square that the print of (50) has lost."""
-        x, w = ca.dot(v, v), hat(v)
+        x, w = ca.dot(v, v), ca.skew(v)
         return ca.vec(_matrix(z) @ (ca.SX.eye(3) + sinc(x) * w + one_minus_cos(x) * (w @ w)))
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Rotation vector of the shorter way, by way of the relative rotation's angle."""
         relative = _matrix(z0).T @ _matrix(z1)
-        axis = _vee(relative)  # sin(theta) times the axis
+        axis = vee(relative)  # sin(theta) times the axis
         x, cosine = ca.dot(axis, axis), (ca.trace(relative) - 1) / 2
         # theta / sin(theta) = 2 asin-like factor of the half angle: sin^2(theta/2) = (1 - cos)/2
         half = ca.sqrt(ca.fmax((1 + cosine) / 2, 1e-300))
@@ -279,7 +279,7 @@ class RotationMatrix:
 
     def rate(self, z: ca.SX, v: ca.SX) -> ca.SX:
         """R v^, Eq. (17)."""
-        return ca.vec(_matrix(z) @ hat(v))
+        return ca.vec(_matrix(z) @ ca.skew(v))
 
     def bracket(self, a: ca.SX, b: ca.SX) -> ca.SX:
         """Cross product."""
@@ -296,7 +296,7 @@ class RotationMatrix:
 
     def projection(self, goal: ca.SX, z: ca.SX) -> ca.SX:
         """Skew part of goal' R; vanishes at every half-turn from the goal, too."""
-        return _vee(_matrix(goal).T @ _matrix(z))
+        return vee(_matrix(goal).T @ _matrix(z))
 
     def guards(self, goal: ca.SX, z: ca.SX) -> list[ca.SX]:
         """tr(goal' R) - 1: 2 at the goal, -2 at the half-turns."""
@@ -371,11 +371,6 @@ class RigidBody:
         return self.attitude.defects(z[3:])
 
 
-def hat(v: ca.SX) -> ca.SX:
-    """Skew-symmetric matrix of a vector, Eq. (16)."""
-    return ca.skew(v)
-
-
 def _screw(v: ca.SX) -> ca.SX:
     """Displacement of exp(v), v a twist."""
     w, x = v[3:], ca.dot(v[3:], v[3:])
@@ -400,7 +395,7 @@ def _matrix(z: ca.SX) -> ca.SX:
     return ca.reshape(z, 3, 3)
 
 
-def _vee(R: ca.SX) -> ca.SX:
+def vee(R: ca.SX) -> ca.SX:
     """Axial vector of the skew part."""
     return ca.vertcat(R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]) / 2
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -16,6 +17,28 @@ from mbocp.terms.point import Point
 from mbocp.terms.span import Place, Span
 
 SidesInSteps: TypeAlias = tuple[slice | IntArray, Array, Array]
+
+
+class Structure:
+    """The structure of a path constraint, a frozen dataclass: what its function depends on, and no number.
+
+    Attributes
+    ----------
+    kind : str
+    has_velocity : bool
+        Whether it depends on the velocity.
+    remembers : tuple of str
+        Names of what a state remembers for it of the step before a node.
+    """
+
+    kind: ClassVar[str]
+    has_velocity: ClassVar[bool] = False
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        return {"term": self.kind, **dataclasses.asdict(self)}  # type: ignore[call-overload]
 
 
 class BoundedTerm:

@@ -10,15 +10,14 @@ table of hulls.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
+from mbocp.terms.bounded import Structure
 from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
 from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
 from mbocp.terms.point import Point
@@ -124,7 +123,7 @@ class HullSlots:
 
 
 @dataclass(frozen=True)
-class ClearanceTerm:
+class ClearanceTerm(Structure):
     """The structure of clearances.
 
     Attributes
@@ -144,8 +143,7 @@ class ClearanceTerm:
     moving: int
     hull_slots: HullSlots = HullSlots()
 
-    has_velocity: ClassVar[bool] = False
-    remembers: ClassVar[tuple[str, ...]] = ()
+    kind = "clearance"
 
     @property
     def rows(self) -> int:
@@ -157,11 +155,6 @@ class ClearanceTerm:
         """Size of each parameter."""
         found = {"still": (1 + _NUMBERS) * self.still, "moving": (2 + _NUMBERS) * self.moving}
         return found | self.hull_slots.sizes
-
-    @property
-    def signature(self) -> dict[str, Any]:
-        """What its function depends on."""
-        return {"term": "clearance", **dataclasses.asdict(self)}
 
     def numbers(self, rows: list[ClearanceRow]) -> dict[str, Array]:
         """Value of each parameter."""

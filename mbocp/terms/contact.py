@@ -16,14 +16,14 @@ derivatives at its apex, too. Or a pyramid within the cone, with k facets:
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 
 from mbocp._keys import Key, Table
+from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Pair, Positive, Triple
 
@@ -31,7 +31,7 @@ _SIZE = 6  # force along the normal and two tangents, torque about them
 
 
 @dataclass(frozen=True)
-class ContactTerm:
+class ContactTerm(Structure):
     """The structure of bounds on a contact force.
 
     Attributes
@@ -59,7 +59,6 @@ class ContactTerm:
 
     kind: ClassVar[str] = "contact_force"
     unit: ClassVar[str] = "N"
-    has_velocity: ClassVar[bool] = False
     remembers: ClassVar[tuple[str, ...]] = ("reaction",)
 
     @property
@@ -76,11 +75,6 @@ class ContactTerm:
         found |= {"facets": 3 * self.facets} if self.facets else {}
         found |= {"halves": 2} if self.has_pressure else {}
         return found | ({"yaw": 1} if self.has_yaw else {})
-
-    @property
-    def signature(self) -> dict[str, Any]:
-        """What its function depends on."""
-        return {"term": self.kind, **dataclasses.asdict(self)}
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its rows of the forces that the state remembers, by the scale of forces, and its square."""

@@ -26,8 +26,9 @@ from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.lie.groups import vee
 from mbocp.robot import FrameTarget, Label, Robot
-from mbocp.terms.path import PathNumbers, PathTerm
+from mbocp.terms.path import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.spline import Curve, curve_through, symbolic_curve
 from mbocp.terms.written import Bound, Finite, NonNegative, Triple
@@ -193,7 +194,7 @@ class Follow(PathTerm):
         found: dict[str, Any] = {"points": points[:, :3].tolist()}
         if term.turn:
             found["orientations"] = points[:, 3:].tolist()
-            found["orientation_tolerance"] = float(given.upper[term.row_of_turn])
+            found["orientation_tolerance"] = float(given.upper[3 if term.is_exact else 2])
         if term.leans:
             found["axis"] = given.number("axis")
             sides = (("min", given.lower[-2]), ("max", given.upper[-2]))
@@ -230,7 +231,7 @@ class Follow(PathTerm):
         rows = [away] if self.is_exact else [ca.dot(slope[:3], away) / p["length"], ca.sumsqr(away)]
         if self.turn:
             E = _rotation(point[3:]).T @ at.mechanics.frame_rotation(self.frame, at.q)
-            sines = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
+            sines = vee(E)
             rows.append(sines if self.turn == "exact" else (ca.trace(E) - 1) / 2)
         if self.leans:
             axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
@@ -238,20 +239,16 @@ class Follow(PathTerm):
         return ca.vertcat(*rows, s - 1)
 
     @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Squares of distances and cosines of angles, unless they are zero."""
+        turns = {"": (), "exact": (VALUE,) * 3, "within": (COSINE,)}
+        leans = (COSINE,) if self.leans else ()
+        return (*((VALUE,) * 3 if self.is_exact else (VALUE, SQUARE)), *turns[self.turn], *leans, VALUE)
+
+    @property
     def rows(self) -> int:
         """Of the position, of the orientation, of the lean, and of the end."""
-        return self.row_of_turn + {"": 0, "exact": 3, "within": 1}[self.turn] + int(self.leans) + 1
-
-    @property
-    def row_of_turn(self) -> int:
-        """The first row of the orientation."""
-        return 3 if self.is_exact else 2
-
-    @property
-    def rows_of_cosines(self) -> tuple[int, ...]:
-        """Those of angles that the expression has the cosines of."""
-        of_turn = (self.row_of_turn,) if self.turn == "within" else ()
-        return (*of_turn, self.rows - 2) if self.leans else of_turn
+        return len(self.measures)
 
     @property
     def rows_at_end(self) -> tuple[int, ...]:
@@ -284,37 +281,6 @@ class Follow(PathTerm):
         found = [Label(word, "m") for word in words]
         found += [Label(word, "rad") for word in (*turns[term.turn], *leans)]
         return (*found, Label(f"{name}.end", ""))
-
-    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Squares of distances and cosines of angles."""
-        lower, upper = (np.array(side) for side in bounds)
-        if not self.is_exact:
-            upper[1] **= 2
-        for k in self.rows_of_cosines:  # they fall where angles rise
-            sides = upper[k], lower[k]
-            lower[k], upper[k] = (
-                np.cos(side) if np.isfinite(side) else free
-                for side, free in zip(sides, (-np.inf, np.inf), strict=True)
-            )
-        return lower, upper
-
-    def value(self, h: Array) -> Array:
-        """Distances [m] and angles [rad]."""
-        found = np.array(h)
-        if not self.is_exact:
-            found[..., 1] = np.sqrt(found[..., 1])
-        for k in self.rows_of_cosines:
-            found[..., k] = np.arccos(np.clip(found[..., k], -1.0, 1.0))
-        return found
-
-    def slope(self, value: Array) -> Array:
-        """d(h^2) = 2 h dh, and the derivative of the cosine."""
-        found = np.ones_like(value)
-        if not self.is_exact:
-            found[..., 1] = 2.0 * value[..., 1]
-        for k in self.rows_of_cosines:
-            found[..., k] = -np.sin(value[..., k])
-        return found
 
 
 def _rotation(quaternion: ca.SX) -> ca.SX:

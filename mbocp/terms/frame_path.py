@@ -9,33 +9,14 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
-from mbocp.terms.path import PathNumbers, PathTerm, finite_bounds, one_bound
+from mbocp.terms.path import COSINE, SQUARE, PathNumbers, PathTerm, finite_bounds, one_bound
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Range, Triple
 
 _AXES = "xyz"
-
-
-class _Squared(PathTerm):
-    """One length or speed, kept as its square, which is smooth at zero."""
-
-    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Squares with the sign of the bound."""
-        lower, upper = (np.sign(b) * b**2 for b in bounds)
-        return lower, upper
-
-    def value(self, h: Array) -> Array:
-        """Square root."""
-        root: Array = np.sqrt(h)
-        return root
-
-    def slope(self, value: Array) -> Array:
-        """d(h^2) = 2 h dh."""
-        return 2.0 * value
 
 
 _HISTORIC = {"point": 3}  # every kind of the first release has one, used or not
@@ -96,13 +77,14 @@ class Position(PathTerm):
 
 
 @dataclass(frozen=True)
-class Distance(_Squared):
+class Distance(PathTerm):
     """Distance of the frame's origin from that of another, or from a point of the world."""
 
     other: int | None
 
     kind = "distance"
     unit = "m"
+    measure = SQUARE  # smooth at zero
     sizes = _HISTORIC
 
     class Keys(Table):
@@ -130,7 +112,7 @@ class Distance(_Squared):
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
         """Other end and bounds."""
-        bounds = one_bound(given, key, "min or max")
+        bounds = one_bound(given, key)
         if ("frame_b" in given) == ("point" in given):
             raise ProblemError(f"{key}: a distance is between two things; give frame_b or point")
         other = given.get("frame_b")
@@ -163,15 +145,16 @@ class Distance(_Squared):
         return ca.sumsqr(position - away)
 
 
-class _Bounded(_Squared):
+class _Bounded(PathTerm):
     """A speed; one that is to be above zero is for a part of the motion, which begins and ends at rest."""
 
     has_velocity = True
+    measure = SQUARE  # smooth at zero
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
         """Bounds."""
-        return one_bound(given, key, "min or max")
+        return one_bound(given, key)
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
@@ -222,6 +205,7 @@ class Orientation(PathTerm):
 
     kind = "orientation"
     unit = "rad"
+    measure = COSINE
     sizes: ClassVar[Mapping[str, int]] = {"axis": 3, "direction": 3}
 
     class Keys(Table):
@@ -246,7 +230,7 @@ class Orientation(PathTerm):
         """Axis, direction and bounds."""
         along_z = [0.0, 0.0, 1.0]
         vectors = {name: given.get(name, along_z) for name in cls.sizes}
-        return {**vectors, **one_bound(given, key, "min or max")}
+        return {**vectors, **one_bound(given, key)}
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
@@ -268,20 +252,3 @@ class Orientation(PathTerm):
         """Cosine of the angle."""
         axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
         return ca.dot(p["direction"], axis) / ca.sqrt(ca.sumsqr(p["direction"]) * ca.sumsqr(p["axis"]))
-
-    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Cosines, which fall where angles rise."""
-        lower, upper = bounds
-        return (
-            np.where(np.isfinite(upper), np.cos(np.where(np.isfinite(upper), upper, 0.0)), -np.inf),
-            np.where(np.isfinite(lower), np.cos(np.where(np.isfinite(lower), lower, 0.0)), np.inf),
-        )
-
-    def value(self, h: Array) -> Array:
-        """Angle [rad]."""
-        angle: Array = np.arccos(np.clip(h, -1.0, 1.0))
-        return angle
-
-    def slope(self, value: Array) -> Array:
-        """Derivative of the cosine."""
-        return -np.sin(value)

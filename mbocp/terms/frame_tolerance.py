@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.robot import Label, Robot
-from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.bounded import BoundedTerm, Structure
 from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
@@ -21,7 +19,7 @@ from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True)
-class ToleranceTerm:
+class ToleranceTerm(Structure):
     """The structure of a tolerance: what its function depends on.
 
     Attributes
@@ -32,8 +30,7 @@ class ToleranceTerm:
 
     shape: FrameShape
 
-    has_velocity = False
-    remembers: ClassVar[tuple[str, ...]] = ()
+    kind = "tolerance"
 
     @property
     def is_cone(self) -> bool:
@@ -49,11 +46,6 @@ class ToleranceTerm:
     def sizes(self) -> dict[str, int]:
         """Size of each parameter: those of the pose, and the tolerances."""
         return {**self.shape.sizes, "tolerance": self.rows}
-
-    @property
-    def signature(self) -> dict[str, Any]:
-        """What its function depends on."""
-        return {"term": "tolerance", **dataclasses.asdict(self)}
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Distances by their tolerances; the square of 2 tan(theta/2) by that of its tolerance."""

@@ -107,17 +107,19 @@ class FrameShape:
 
     def pose(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Rows that are zero at the pose."""
-        mechanics, rows = at.mechanics, [ca.SX.zeros(0, 1)]
-        R_r = mechanics.frame_rotation(self.reference, at.q) if self.reference else None
-        if self.coordinates:
-            position = mechanics.frame_position(self.frame, at.q)
-            if R_r is not None:
-                position = R_r.T @ (position - mechanics.frame_position(self.reference, at.q))
-            rows.append((position - p["position"])[list(self.coordinates)])
-        if self.turn:
-            R = mechanics.frame_rotation(self.frame, at.q)
-            rows.append(self._turn(R if R_r is None else R_r.T @ R, p))
-        return ca.vertcat(*rows)
+        position, R = self.place(at)
+        rows = [(position - p["position"])[list(self.coordinates)]] if self.coordinates else []
+        return ca.vertcat(ca.SX.zeros(0, 1), *rows, *([self._turn(R, p)] if self.turn else []))
+
+    def place(self, at: Point) -> tuple[ca.SX, ca.SX]:
+        """Origin [m] and axes of the frame in those of the reference frame."""
+        mechanics = at.mechanics
+        position, R = mechanics.frame_position(self.frame, at.q), mechanics.frame_rotation(self.frame, at.q)
+        if self.reference:
+            R_r = mechanics.frame_rotation(self.reference, at.q)
+            position = R_r.T @ (position - mechanics.frame_position(self.reference, at.q))
+            R = R_r.T @ R
+        return position, R
 
     def _turn(self, R: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
         if self.turn == "axis":

@@ -13,9 +13,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.lie.groups import vee
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.robot.poses.target import normals_to
-from mbocp.terms.path import PathNumbers, PathTerm
+from mbocp.terms.path import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite, NonNegative, Triple
 
@@ -116,9 +117,14 @@ class Line(PathTerm):
         return ca.vertcat(rows, ca.dot(ahead, away) / ca.norm_2(ahead))
 
     @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Squares of distances, unless they are zero."""
+        return (*((VALUE, VALUE) if self.is_exact else (SQUARE,)), *((VALUE,) if self.is_segment else ()))
+
+    @property
     def rows(self) -> int:
         """Two directions, or one distance; and the distance along the line."""
-        return (2 if self.is_exact else 1) + self.is_segment
+        return len(self.measures)
 
     def draw(self, given: PathNumbers) -> Array | None:
         """Both ends."""
@@ -137,28 +143,6 @@ class Line(PathTerm):
         term = cls.of(given)
         along = (Label(f"{given.name}.along", cls.unit),) if term.is_segment else ()
         return (*_number(given.name, 2 if term.is_exact else 1, cls.unit), *along)
-
-    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Squares of distances."""
-        if self.is_exact:
-            return bounds
-        lower, upper = (np.array(side) for side in bounds)
-        upper[0] **= 2
-        return lower, upper
-
-    def value(self, h: Array) -> Array:
-        """Distances [m]."""
-        found = np.array(h)
-        if not self.is_exact:
-            found[..., 0] = np.sqrt(found[..., 0])
-        return found
-
-    def slope(self, value: Array) -> Array:
-        """d(h^2) = 2 h dh."""
-        found = np.ones_like(value)
-        if not self.is_exact:
-            found[..., 0] = 2.0 * value[..., 0]
-        return found
 
 
 @dataclass(frozen=True)
@@ -219,7 +203,7 @@ class OrientationKept(PathTerm):
         """Sines of the rotation that is left, or the cosine of its angle."""
         E = ca.reshape(p["rotation"], 3, 3).T @ at.mechanics.frame_rotation(self.frame, at.q)
         if self.is_exact:
-            return ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
+            return vee(E)
         return (ca.trace(E) - 1) / 2
 
     def target(
@@ -230,27 +214,19 @@ class OrientationKept(PathTerm):
         return FrameTarget(name=name, orientation=pin.Quaternion(rotation).coeffs())
 
     @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Sines of three angles, which are zero, or the cosine of one."""
+        return (VALUE,) * 3 if self.is_exact else (COSINE,)
+
+    @property
     def rows(self) -> int:
         """Three axes, or one angle."""
-        return 3 if self.is_exact else 1
+        return len(self.measures)
 
     @classmethod
     def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
         """Angles."""
         return _number(given.name, len(given.lower), cls.unit)
-
-    def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Cosines of angles."""
-        return bounds if len(bounds[1]) == 3 else (np.cos(bounds[1]), np.full(1, np.inf))
-
-    def value(self, h: Array) -> Array:
-        """Angle [rad]; of equations its sines."""
-        found: Array = h if h.shape[-1] == 3 else np.arccos(np.clip(h, -1.0, 1.0))
-        return found
-
-    def slope(self, value: Array) -> Array:
-        """Derivative of the cosine."""
-        return np.ones_like(value) if value.shape[-1] == 3 else -np.sin(value)
 
 
 def _within(given: Mapping[str, Any], rows: int, key: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.robot import Label, Robot
+from mbocp.robot import Robot
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound
@@ -66,11 +66,6 @@ class Motor(PathTerm):
         for name in cls.sizes:
             if not given.number(name)[0] > 0.0:
                 raise InvalidValue(f"{key}: {name}", float(given.number(name)[0]), "above 0")
-
-    @classmethod
-    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
-        """The torque that the motor would have at rest with its voltage."""
-        return (Label(given.name, cls.unit),)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Torque that the voltage would give at rest [N m]."""

@@ -9,11 +9,10 @@ documentation follow from there. `mbocp.problem.PathConstraint` holds the number
 
 from __future__ import annotations
 
-import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -24,9 +23,32 @@ from mbocp._keys import Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import FrameTarget, Label, Robot
+from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
 
 PATH_TERMS: dict[str, type[PathTerm]] = {}  # by kind, in the order in which they are documented
+
+
+class Measure(NamedTuple):
+    """What an expression is of the value that people speak of: that itself, or what is smooth everywhere."""
+
+    inner: Callable[[float, float], tuple[float, float]]  # bounds of the expression from those of the value
+    value: Callable[[Array], Array]  # from that of the expression
+    slope: Callable[[Array], Array]  # of the expression, from the value
+
+
+def _of_squares(lower: float, upper: float) -> tuple[float, float]:
+    return float(np.sign(lower) * lower**2), float(np.sign(upper) * upper**2)
+
+
+def _of_cosines(lower: float, upper: float) -> tuple[float, float]:
+    least = float(np.cos(upper)) if np.isfinite(upper) else -np.inf
+    return least, float(np.cos(lower)) if np.isfinite(lower) else np.inf
+
+
+VALUE = Measure(lambda lower, upper: (lower, upper), lambda h: h, np.ones_like)
+SQUARE = Measure(_of_squares, np.sqrt, lambda value: 2.0 * value)
+COSINE = Measure(_of_cosines, lambda h: np.arccos(np.clip(h, -1.0, 1.0)), lambda value: -np.sin(value))
 
 
 class PathNumbers(Protocol):
@@ -65,20 +87,17 @@ class PathNumbers(Protocol):
 
 
 @dataclass(frozen=True)
-class PathTerm(ABC):
+class PathTerm(Structure, ABC):
     """A constraint on a frame, see the module.
 
     Attributes
     ----------
-    kind : str
     unit : str
         Of its bounds.
     sizes : mapping
         Size of each parameter.
-    has_velocity : bool
-        Whether it depends on the velocity.
-    remembers : tuple of str
-        Names of what a state remembers for it of the step before a node.
+    measure : Measure
+        What its expression is of the value, where that is the same in all rows.
     leads : bool
         Whether it says where the frame is all the way, so that a guess can follow.
     of_joint : bool
@@ -89,11 +108,9 @@ class PathTerm(ABC):
 
     frame: int
 
-    kind: ClassVar[str]
     unit: ClassVar[str]
     sizes: ClassVar[Mapping[str, int]] = {}
-    has_velocity: ClassVar[bool] = False
-    remembers: ClassVar[tuple[str, ...]] = ()
+    measure: ClassVar[Measure] = VALUE
     leads: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
@@ -135,11 +152,6 @@ class PathTerm(ABC):
     @abstractmethod
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its function at a point, smooth wherever a motion may be, with its parameters by name."""
-
-    @property
-    def signature(self) -> dict[str, Any]:
-        """What its function depends on."""
-        return {"term": self.kind, **dataclasses.asdict(self)}
 
     @property
     def rows(self) -> int:
@@ -184,23 +196,30 @@ class PathTerm(ABC):
         """Name and unit of each row."""
         return (Label(given.name, cls.unit),)
 
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """What the expression of each row is of the value that people speak of."""
+        return (self.measure,) * self.rows
+
     def inner(self, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Bounds of the expression, from those of the value that people speak of."""
-        return bounds
+        rows = zip(self.measures, *bounds, strict=True)
+        lower, upper = np.array([measure.inner(low, high) for measure, low, high in rows]).T
+        return lower, upper
 
     def value(self, h: Array) -> Array:
         """The value that people speak of, from that of the expression."""
-        return h
+        return np.stack([measure.value(h[..., i]) for i, measure in enumerate(self.measures)], axis=-1)
 
     def slope(self, value: Array) -> Array:
         """Derivative of the expression in the value."""
-        return np.ones_like(value)
+        return np.stack([measure.slope(value[..., i]) for i, measure in enumerate(self.measures)], axis=-1)
 
 
-def one_bound(given: Mapping[str, Any], key: str, names: str) -> dict[str, Any]:
+def one_bound(given: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Bounds of one row from `min` and `max`."""
     if "min" not in given and "max" not in given:
-        raise ProblemError(f"{key}: bounds nothing; give {names}")
+        raise ProblemError(f"{key}: bounds nothing; give min or max")
     return {"lower": [given.get("min", -np.inf)], "upper": [given.get("max", np.inf)]}
 
 

@@ -81,7 +81,20 @@ class KeptRows:
 
 
 @dataclass(frozen=True)
-class StartEnd:
+class _OfStart:
+    start: StartState
+
+    is_cost: ClassVar[bool] = False
+    weights: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def remembers(self) -> tuple[str, ...]:
+        """See `StartState`."""
+        return self.start.remembers
+
+
+@dataclass(frozen=True)
+class StartEnd(_OfStart):
     r"""Constraints at the free start, :math:`\Phi(q_0) = 0` and :math:`\Phi_q v_0 = 0`.
 
     Attributes
@@ -93,18 +106,9 @@ class StartEnd:
         Frames whose rows are counted.
     """
 
-    start: StartState
     places: KeptRows
     rates: KeptRows
     held: tuple[HeldFrame, ...] = ()
-
-    is_cost: ClassVar[bool] = False
-    weights: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def remembers(self) -> tuple[str, ...]:
-        """See `StartState`."""
-        return self.start.remembers
 
     @property
     def rows(self) -> int:
@@ -137,7 +141,7 @@ class StartEnd:
 
 
 @dataclass(frozen=True)
-class PeriodicEnd:
+class PeriodicEnd(_OfStart):
     r"""End less image of the start: :math:`D_q (q_N \ominus S(q_0))` and :math:`D_v (v^+ - A v_0)`.
 
     Attributes
@@ -157,7 +161,6 @@ class PeriodicEnd:
         Axes of the world along which it can move.
     """
 
-    start: StartState
     rows_q: int
     rows_v: int
     frame_id: int
@@ -167,14 +170,6 @@ class PeriodicEnd:
     A_z: Array = field(compare=False)
     A: Array = field(compare=False)
     moved: Array = field(compare=False)
-
-    is_cost: ClassVar[bool] = False
-    weights: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def remembers(self) -> tuple[str, ...]:
-        """See `StartState`."""
-        return self.start.remembers
 
     @property
     def rows(self) -> int:

@@ -15,14 +15,14 @@ cosine excludes.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import casadi as ca
 
 from mbocp.lie.configuration import Part
+from mbocp.lie.groups import vee
+from mbocp.terms.bounded import Structure
 from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
 
@@ -55,30 +55,21 @@ class ViaFrameShape:
 
     def placement(self, at: Point, p: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Errors of the position, sines of the rotation that is left, and the cosine of its angle."""
-        shape, mechanics = self.shape, at.mechanics
-        position = sines = ca.SX.zeros(0, 1)
-        cosine = ca.SX.zeros(0, 1)
-        R_r = mechanics.frame_rotation(shape.reference, at.q) if shape.reference else None
-        if shape.coordinates:
-            position = mechanics.frame_position(shape.frame, at.q)
-            if R_r is not None:
-                position = R_r.T @ (position - mechanics.frame_position(shape.reference, at.q))
-            position = (position - p["position"])[list(shape.coordinates)]
-        if shape.turn:
-            R = mechanics.frame_rotation(shape.frame, at.q)
-            R = R if R_r is None else R_r.T @ R
-            if shape.turn == "axis":
-                a = R @ p["axis"]
-                sines, cosine = ca.reshape(p["normals"], 3, 2).T @ a, ca.dot(p["direction"], a)
-            else:
-                E = ca.reshape(p["rotation"], 3, 3).T @ R
-                sines = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
-                cosine = (ca.trace(E) - 1) / 2
-        return position, sines, cosine
+        position, R = self.shape.place(at)
+        errors = sines = cosine = ca.SX.zeros(0, 1)
+        if self.shape.coordinates:
+            errors = (position - p["position"])[list(self.shape.coordinates)]
+        if self.shape.turn == "axis":
+            a = R @ p["axis"]
+            sines, cosine = ca.reshape(p["normals"], 3, 2).T @ a, ca.dot(p["direction"], a)
+        elif self.shape.turn:
+            E = ca.reshape(p["rotation"], 3, 3).T @ R
+            sines, cosine = vee(E), (ca.trace(E) - 1) / 2
+        return errors, sines, cosine
 
 
 @dataclass(frozen=True)
-class ViaTerm:
+class ViaTerm(Structure):
     """The structure of a via point, as `mbocp.terms.PathTerm` is that of a path constraint.
 
     Attributes
@@ -103,17 +94,12 @@ class ViaTerm:
     num_pose: int
     num_rate: int
 
-    remembers: ClassVar[tuple[str, ...]] = ()
+    kind = "via"
 
     @property
-    def has_velocity(self) -> bool:
+    def has_velocity(self) -> bool:  # type: ignore[override]
         """Whether it depends on the velocity."""
         return self.num_rate > 0
-
-    @property
-    def signature(self) -> dict[str, Any]:
-        """What its function depends on."""
-        return {"term": "via", **dataclasses.asdict(self)}
 
     @property
     def pose_rows(self) -> int:
