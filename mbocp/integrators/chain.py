@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import casadi as ca
 
@@ -115,15 +116,15 @@ class _Derivatives:
         written = [out, ca.jacobian(out, a), curvature]
         out, jacobian, curvature = ca.cse(written) if is_merged else written
         outputs = out
-        first, (out, jacobian) = _distinct("first", [outputs, jacobian])
-        second, (curvature,) = _distinct("second", [curvature])
+        values, first, (out, jacobian) = _distinct("first", [outputs, jacobian])
+        bends, second, (curvature,) = _distinct("second", [curvature])
         name = function.name()
         return cls(
             function,
-            ca.Function(f"{name}_first", [a, *given], [first.values]),
-            ca.Function(f"{name}_second", [a, *given, w], [second.values]),
-            ca.Function(f"{name}_both", [a, *given, w], [first.values, second.values]),
-            ca.Function(f"{name}_matrices", [first.symbols, second.symbols], [out, jacobian, curvature]),
+            ca.Function(f"{name}_first", [a, *given], [values]),
+            ca.Function(f"{name}_second", [a, *given, w], [bends]),
+            ca.Function(f"{name}_both", [a, *given, w], [values, bends]),
+            ca.Function(f"{name}_matrices", [first, second], [out, jacobian, curvature]),
             len({e.element_hash() for e in _entries(outputs) if not e.is_constant()}),
         )
 
@@ -133,16 +134,8 @@ class _Derivatives:
         return bool(self.both.n_instructions() >= _LARGE)
 
 
-@dataclass(frozen=True, eq=False)
-class _Distinct:
-    """Entries of matrices, each once, and symbols for them."""
-
-    values: ca.SX
-    symbols: ca.SX
-
-
-def _distinct(name: str, matrices: Sequence[ca.SX]) -> tuple[_Distinct, list[ca.SX]]:
-    """Entries that are no constants, each once, and the matrices with symbols in their places."""
+def _distinct(name: str, matrices: Sequence[ca.SX]) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """Entries that are no constants, each once; symbols; and the matrices with symbols in their places."""
     places: dict[int, int] = {}
     values: list[ca.SX] = []
     for matrix in matrices:
@@ -155,7 +148,7 @@ def _distinct(name: str, matrices: Sequence[ca.SX]) -> tuple[_Distinct, list[ca.
     for matrix in matrices:
         entries = [e if e.is_constant() else symbols[places[e.element_hash()]] for e in _entries(matrix)]
         written.append(ca.SX(matrix.sparsity(), ca.vertcat(ca.SX.zeros(0, 1), *entries)))
-    return _Distinct(ca.vertcat(ca.SX.zeros(0, 1), *values), symbols), written
+    return ca.vertcat(ca.SX.zeros(0, 1), *values), symbols, written
 
 
 def _entries(matrix: ca.SX) -> list[ca.SX]:
@@ -342,3 +335,15 @@ class _Known:
     def settle(self, expression: ca.SX) -> ca.SX:
         """Return an expression of known values."""
         return ca.substitute([expression], self._symbols, self._values)[0] if self._symbols else expression
+
+
+def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    """A link of a chain."""
+    return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
+
+
+def weighted_sum(row: Sequence[float | Fraction], vectors: Sequence[Affine]) -> Affine:
+    """Sum of vectors with the coefficients of a row of a tableau; those that are zero leave nothing."""
+    terms = [float(a) * k for a, k in zip(row, vectors, strict=True) if a]
+    zero = Affine(ca.SX.zeros(vectors[0].value.shape), {})
+    return sum(terms[1:], start=terms[0]) if terms else zero

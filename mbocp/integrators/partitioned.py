@@ -47,7 +47,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.chain import Affine, Chain, dense_function, weighted_sum
 from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.mechanics import JointMechanics
 
@@ -142,7 +142,7 @@ class PartitionedStep:
         rates = [stage.rate for stage in stages]
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
-            xi = links.times(chain, h, _sum(row, rates))
+            xi = links.times(chain, h, weighted_sum(row, rates))
             point = Node(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u], links.given)
             push = links.pushes(chain, point.q, stage.impulse) if self._mechanics.nc else ()
@@ -151,17 +151,19 @@ class PartitionedStep:
             slopes.append(_add(links.times(chain, h, pulled.slope), pulled.pushed))
             carried.append(_add(links.times(chain, h, pulled.carried), pulled.carried_push))
             points.append(point)
-        xi = links.times(chain, h, _sum(pair.b, rates))
+        xi = links.times(chain, h, weighted_sum(pair.b, rates))
         reached = links.move(chain, before.q, xi)
         (p1,) = chain.apply(links.momentum, [after.q, after.v], links.given)
         in_chart, at_start = links.covectors(chain, xi, p1)
         # The same where configurations are vectors, but for the order in which unknowns are eliminated.
-        begun = p0 if self._mechanics.is_vector_space else in_chart + _sum([-b for b in pair.b], slopes)
+        begun = (
+            p0 if self._mechanics.is_vector_space else in_chart + weighted_sum([-b for b in pair.b], slopes)
+        )
         return PartitionedRows(
             kinematic=self._gap(chain, after.q, reached),
-            momentum=p0 + _sum(pair.b, carried) - at_start,
+            momentum=p0 + weighted_sum(pair.b, carried) - at_start,
             stages=tuple(
-                begun + _sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
+                begun + weighted_sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
             ),
             constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h),
             points=tuple(points),
@@ -208,11 +210,11 @@ class _Links:
         energy = mechanics.kinetic_energy(q, v)
         along = mechanics.tangent_map(q).T @ ca.gradient(energy, q)
         force = along - mechanics.gravity(q) + mechanics.force(q, v, u)
-        self.momentum = _function("momentum", [q, v, *given], [ca.gradient(energy, v)])
-        self.body = _function("body", [q, v, u, *given], [ca.gradient(energy, v), force])
-        self.difference = _function("difference", [q, other], [mechanics.difference(q, other)])
-        self._moved = _function("moved", [q, xi], [mechanics.integrate(q, xi)])
-        self._scaled = _function("scaled", [h, v], [h * v])
+        self.momentum = dense_function("momentum", [q, v, *given], [ca.gradient(energy, v)])
+        self.body = dense_function("body", [q, v, u, *given], [ca.gradient(energy, v), force])
+        self.difference = dense_function("difference", [q, other], [mechanics.difference(q, other)])
+        self._moved = dense_function("moved", [q, xi], [mechanics.integrate(q, xi)])
+        self._scaled = dense_function("scaled", [h, v], [h * v])
         velocity = mechanics.space.dexp(xi, eta)
         work = ca.dot(velocity, p)
         bent = ca.gradient(work, xi)
@@ -225,15 +227,15 @@ class _Links:
 
         (pulled, carried), (pushed, carried_push) = pull(f), pull(c)
         free = [ca.gradient(work, eta), pulled + bent, carried]
-        self._velocity = _function("velocity", [xi, eta], [velocity])
-        self._free = _function("free", [xi, eta, p, f], free)
-        self._held = _function("held", [xi, eta, p, f, c], [*free, pushed, carried_push])
-        self._covectors = _function("covectors", [xi, p], list(pull(p)))
+        self._velocity = dense_function("velocity", [xi, eta], [velocity])
+        self._free = dense_function("free", [xi, eta, p, f], free)
+        self._held = dense_function("held", [xi, eta, p, f, c], [*free, pushed, carried_push])
+        self._covectors = dense_function("covectors", [xi, p], list(pull(p)))
         if nc:
             impulse, jacobian = ca.SX.sym("impulse", nc), mechanics.constraint_jacobian(q)
-            self._push = _function("push", [q, impulse, *given], [-jacobian.T @ impulse])
-            self.drift = _function("drift", [q, v, *given], [jacobian @ v])
-            self._places = _function("places", [q, h, *given], [mechanics.constraints(q) / h])
+            self._push = dense_function("push", [q, impulse, *given], [-jacobian.T @ impulse])
+            self.drift = dense_function("drift", [q, v, *given], [jacobian @ v])
+            self._places = dense_function("places", [q, h, *given], [mechanics.constraints(q) / h])
 
     def move(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
         """Configuration q exp(xi)."""
@@ -273,16 +275,5 @@ class _Links:
         return chain.apply(self._places, [q], [h, *self.given])[0]
 
 
-def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
-
-
 def _add(one: Affine, other: Affine | None) -> Affine:
     return one if other is None else one + other
-
-
-def _sum(row: Sequence[float], vectors: Sequence[Affine]) -> Affine:
-    """Linear combination; of nothing it is zero."""
-    terms = [a * k for a, k in zip(row, vectors, strict=True) if a]
-    zero = Affine(ca.SX.zeros(vectors[0].value.shape), {})
-    return sum(terms[1:], start=terms[0]) if terms else zero

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.chain import Affine, Chain, dense_function, weighted_sum
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics
 
@@ -97,14 +97,14 @@ class ExplicitStep:
         for row in self._tableau.a:
             s_i = _move(at.s, h, row, slopes_s)
             if any(row):
-                arguments = [at.z, h * _sum(row, slopes_w), s_i, u]
+                arguments = [at.z, h * weighted_sum(row, slopes_w), s_i, u]
                 slope_w, slope_s = chain.apply(self._links.in_algebra, arguments, [rates])
             else:
                 slope_w, slope_s = chain.apply(self._links.at_identity, [at.z, s_i, u], [rates])
             slopes_w.append(slope_w)
             slopes_s.append(slope_s)
         b = self._tableau.b
-        (z,) = chain.apply(self._links.exponential, [at.z, h * _sum(b, slopes_w)])
+        (z,) = chain.apply(self._links.exponential, [at.z, h * weighted_sum(b, slopes_w)])
         return State(z, _move(at.s, h, b, slopes_s))
 
 
@@ -128,25 +128,16 @@ class _Links:
             length = ca.SX.sym("length")
             u = ca.vertcat(u, length)
             v, rate, along = length * v, length * rate, length * along
-        self.at_identity = _function("at_identity", [z, s, u, rates], [v, rate])
-        self.plain = _function("plain", [z, s, u, rates], [along, rate])
+        self.at_identity = dense_function("at_identity", [z, s, u, rates], [v, rate])
+        self.plain = dense_function("plain", [z, s, u, rates], [along, rate])
 
         moved = space.integrate(z, w)
         v, rate = self.at_identity(moved, s, u, rates)
         first = space.bracket(w, v)
         pulled_back = v + first / 2 + space.bracket(w, first) / 12  # Eqs. (51), (52)
-        self.in_algebra = _function("in_algebra", [z, w, s, u, rates], [pulled_back, rate])
-        self.exponential = _function("exponential", [z, w], [moved])  # Eq. (49)
-
-
-def _function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
+        self.in_algebra = dense_function("in_algebra", [z, w, s, u, rates], [pulled_back, rate])
+        self.exponential = dense_function("exponential", [z, w], [moved])  # Eq. (49)
 
 
 def _move(base: Affine, h: ca.SX, row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
-    return base + h * _sum(row, slopes) if any(row) else base
-
-
-def _sum(row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
-    terms = [float(a) * k for a, k in zip(row, slopes, strict=True) if a]
-    return sum(terms[1:], start=terms[0])
+    return base + h * weighted_sum(row, slopes) if any(row) else base

@@ -19,18 +19,17 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.mechanics.either import Mechanics
 from mbocp.mechanics.joint import JointMechanics
-from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.base import Constraint
 
-_Mechanics: TypeAlias = JointMechanics | NaturalMechanics
 _KEPT = 16  # functions
 
 
@@ -99,12 +98,12 @@ def held_labels(held: Sequence[HeldFrame]) -> tuple[Label, ...]:
     return tuple(label for frame in held for label in frame.rows)
 
 
-def held_rows(held: Sequence[HeldFrame], mechanics: _Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+def held_rows(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
     """Phi(q; anchor) of all held frames, one below the other [m, rad]."""
     return ca.vertcat(ca.SX.zeros(0, 1), *(_rows(frame, mechanics, q, anchor) for frame in held))
 
 
-def held_jacobian(held: Sequence[HeldFrame], mechanics: _Mechanics, q: ca.SX) -> ca.SX:
+def held_jacobian(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX) -> ca.SX:
     """J(q) of all held frames in tangent coordinates, shape (rows, nv)."""
     if not held:
         return ca.SX.zeros(0, mechanics.nv)
@@ -138,7 +137,7 @@ def _functions(robot: Robot, held: tuple[HeldFrame, ...]) -> tuple[ca.Function, 
     )
 
 
-def _rows(held: HeldFrame, mechanics: _Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+def _rows(held: HeldFrame, mechanics: Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
     if held.is_anchored:
         return held.constraint.change_from(mechanics, q, anchor)
     return held.constraint.equations(mechanics, q)

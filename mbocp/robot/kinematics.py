@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -12,22 +11,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import UnknownFrame
 from mbocp.robot.large import composite_mass_matrix, is_large, working_data
-from mbocp.robot.parts import QuarticSpring, SpringDamper
+from mbocp.robot.parts import Connector, QuarticSpring, SpringDamper
 
 WORLD = "world"
 _MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
-
-
-class FramePair(Protocol):
-    """Anything that joins the origins of two frames."""
-
-    @property
-    def frame_a(self) -> int:
-        """Index of the first frame."""
-
-    @property
-    def frame_b(self) -> int:
-        """Index of the second frame."""
 
 
 def frame_id(model: pin.Model, name: str, robot: str) -> int:
@@ -146,7 +133,7 @@ def turns(model: pin.Model) -> Array:
     return found
 
 
-def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
+def distances(model: pin.Model, q: Array, pairs: Sequence[Connector | QuarticSpring | SpringDamper]) -> Array:
     """p_a - p_b of each pair in world axes, shape (n, 3) [m]."""
     data = working_data(model)
     pin.framesForwardKinematics(model, data, q)
@@ -156,7 +143,9 @@ def distances(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
     return out
 
 
-def distance_jacobians(model: pin.Model, q: Array, pairs: Sequence[FramePair]) -> Array:
+def distance_jacobians(
+    model: pin.Model, q: Array, pairs: Sequence[Connector | QuarticSpring | SpringDamper]
+) -> Array:
     """d(p_a - p_b)/dq of each pair, shape (n, 3, nv)."""
     out = np.zeros((len(pairs), 3, model.nv))
     for row, pair in enumerate(pairs):

@@ -31,7 +31,7 @@ ADJOINTS: tuple[str, ...] = ("direct", "auxiliary")
 LOOPS: tuple[str, ...] = ("auto", "open", "closed")
 LINEAR_SOLVERS: tuple[str, ...] = ("auto", "mumps", "ma27")
 
-_NEWTON_ITERATIONS, _GRADIENT_ITERATIONS = 200, 5000
+_NEWTON_ITERATIONS = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +109,3 @@ class Options:
     def newton_iterations(self) -> int:
         """Limit of a Newton method."""
         return _NEWTON_ITERATIONS if self.max_iterations is None else self.max_iterations
-
-    @property
-    def gradient_iterations(self) -> int:
-        """Limit of `fbsm_bb` on its own."""
-        return _GRADIENT_ITERATIONS if self.max_iterations is None else self.max_iterations

@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
 
 
-class Norms(Protocol):
-    """How far the optimality conditions are from being satisfied."""
+class Measures(Protocol):
+    """What is measured at an iterate, in the reported scaling."""
 
     @property
     def residual(self) -> float:
-        """Norm of both."""
+        """Norm of `primal` and `dual`."""
 
     @property
     def primal(self) -> float:
@@ -27,17 +27,9 @@ class Norms(Protocol):
     def dual(self) -> float:
         """Of the stationarity conditions."""
 
-
-class Measures(Norms, Protocol):
-    """What is measured at an iterate, in the reported scaling."""
-
     @property
     def cost(self) -> float:
         """Of the trajectory."""
-
-    @property
-    def violation(self) -> float:
-        """Of the constraints, l1, in the programme's scaling."""
 
     @property
     def worst(self) -> float:
@@ -50,10 +42,6 @@ class Measures(Norms, Protocol):
     @property
     def worst_row(self) -> int:
         """Which row of it; beyond a stage's own: its limits."""
-
-    @property
-    def finite(self) -> bool:
-        """Whether all of it is."""
 
     @property
     def complementarity(self) -> float:

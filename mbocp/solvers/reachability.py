@@ -12,6 +12,7 @@ weaker ones, and the last of them, have to show the same.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -31,25 +32,24 @@ _WILD = 1e12  # states of a motion that explodes, relative to the start or to on
 _SWEEP_TOLERANCE, _SWEEP_ITERATIONS = 1e-10, 50
 
 
+@dataclass(frozen=True)
 class _Case:
     """A programme, compared by all that the answer depends on; a goal's numbers are not among it."""
 
-    def __init__(self, programme: StagewiseProgramme, rows: Array) -> None:
-        self.programme = programme
-        sources = (programme.functions, programme.end_functions)
-        self._identity = (
-            tuple(s.identity for s in sources),
+    identity: tuple[object, ...]
+    programme: StagewiseProgramme = field(compare=False)
+
+    @classmethod
+    def of(cls, programme: StagewiseProgramme, rows: Array) -> _Case:
+        identity = (
+            programme.functions.identity,
+            programme.end_functions.identity,
             programme.num_steps,
             programme.dt,
             np.round(programme.x_start, 9).tobytes(),
             np.round(rows, 9).tobytes(),
         )
-
-    def __hash__(self) -> int:
-        return hash(self._identity)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Case) and self._identity == other._identity
+        return cls(identity, programme)
 
 
 def dependent_end_rows(programme: StagewiseProgramme, rows: Array) -> tuple[int, ...]:
@@ -68,7 +68,7 @@ def dependent_end_rows(programme: StagewiseProgramme, rows: Array) -> tuple[int,
     """
     if programme.ng == 0:
         return ()
-    found = _examine(_Case(programme, rows))
+    found = _examine(_Case.of(programme, rows))
     if found.untouched:
         values = programme.end_functions.function("terminal_values")
         missed = np.asarray(values(found.x_end, programme.rho_terminal)[1]).ravel()

@@ -8,7 +8,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.options import Options
 from mbocp.solvers.staggered.switch import Switch
 
-_INTERIOR_ITERATIONS = 1000
+_INTERIOR_ITERATIONS, _GRADIENT_ITERATIONS = 1000, 5000
 _UNHURRIED_ITERATIONS = 1500  # of Newton's method, where somebody watches whether it makes progress
 
 
@@ -89,7 +89,8 @@ class SolverSettings:
     @property
     def gradient_iterations(self) -> int:
         """Limit of `fbsm_bb` on its own."""
-        return self.options.gradient_iterations if self.most is None else self.most
+        limit = self.max_iterations
+        return _GRADIENT_ITERATIONS if limit is None else limit
 
     def is_spent(self, taken: int) -> bool:
         """Whether so many iterations use up the limit of all phases together."""

@@ -242,3 +242,8 @@ def running_costs(given: TermNumbers) -> tuple[RunningTerm, ...]:
 def shortest(weights: Array) -> Any:
     """One number where it stands for all of them."""
     return float(weights.flat[0]) if (weights == weights.flat[0]).all() else weights
+
+
+def half_square(weights: ca.SX, x: ca.SX) -> ca.SX:
+    """Half the weighted square of a column."""
+    return ca.dot(weights * x, x) / 2

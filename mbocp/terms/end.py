@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.lie import ConfigurationSpace
-from mbocp.terms.cost import CostTerm, CostWeights, Reader
+from mbocp.terms.cost import CostTerm, CostWeights, Reader, half_square
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import Weights
 from mbocp.terms.written import NonNegative, check_weight_is_given
@@ -166,10 +166,10 @@ class TerminalCost(CostTerm):
         psi = ca.SX(0)
         if self.q:
             error = at.joint_difference(p["joint_q"] if self.has_joint_goal else p["q"], self.parts)
-            psi += ca.dot(p["weight_q"] * error, error) / 2
+            psi += half_square(p["weight_q"], error)
         if self.p:
             error = self._joint_rate(at) - p["joint_rate"] if self.has_joint_goal else goal.rate_error(at, p)
-            psi += ca.dot(p["weight_rate"] * error, error) / 2
+            psi += half_square(p["weight_rate"], error)
         return psi
 
     def _joint_rate(self, at: Point) -> ca.SX:

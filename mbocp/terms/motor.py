@@ -71,7 +71,5 @@ class Motor(PathTerm):
         """Torque that the voltage would give at rest [N m]."""
         model = at.mechanics.robot.model
         place = model.joints[model.frames[self.frame].parentJoint].idx_v
-        u = ca.SX.sym("u", at.mechanics.nu)
-        pushes = ca.jacobian(at.mechanics.force(at.q, at.v, u), u)  # B(q): forces are affine in u
-        torque = (pushes @ at.control)[place]
+        torque = (at.pushes() @ at.control)[place]
         return torque + p["stall"] / p["no_load"] * at.joint_velocity()[place]

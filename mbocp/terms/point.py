@@ -73,6 +73,11 @@ class Point:
         """Time [s]."""
         return self._there(self.moment, "the time")
 
+    def pushes(self) -> ca.SX:
+        """B(q), shape (nv, nu): forces are affine in u."""
+        u = ca.SX.sym("u", self.mechanics.nu)
+        return ca.jacobian(self.mechanics.force(self.q, self.v, u), u)
+
     def joint_configuration(self) -> ca.SX:
         """Configuration of the joints; in natural coordinates with rotation matrices."""
         return self.mechanics.joint_coordinates(self.q)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
-from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
+from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import TargetTable, Weights
 from mbocp.terms.written import ControlOrAuto, ControlWeights, Finite, NonNegative, check_weight_is_given
@@ -47,7 +47,7 @@ class Effort(Weighted):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the controls."""
-        return ca.dot(p["effort"] * at.control, at.control) / 2
+        return half_square(p["effort"], at.control)
 
 
 @dataclass(frozen=True)
@@ -170,10 +170,10 @@ class Tracking(RunningCost):
         found = []
         if self.q:
             error = at.joint_difference(p["target_q"], self.parts)
-            found.append(ca.dot(p["weight_q"] * error, error) / 2)
+            found.append(half_square(p["weight_q"], error))
         if self.p:
             error = at.joint_momentum() - p["target_p"]
-            found.append(ca.dot(p["weight_p"] * error, error) / 2)
+            found.append(half_square(p["weight_p"], error))
         return found
 
     def touches(self, given: TermNumbers) -> BoolArray:
@@ -208,8 +208,7 @@ class Velocity(Weighted):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square."""
-        v = at.joint_velocity()
-        return ca.dot(p["velocity"] * v, v) / 2
+        return half_square(p["velocity"], at.joint_velocity())
 
 
 @dataclass(frozen=True)
@@ -255,8 +254,7 @@ class ControlRate(Weighted):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the change."""
-        change = at.control_change
-        return ca.dot(p["control_rate"] * change, change) / 2
+        return half_square(p["control_rate"], at.control_change)
 
 
 @dataclass(frozen=True)
@@ -283,8 +281,7 @@ class Acceleration(Weighted):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square."""
-        a = at.joint_acceleration()
-        return ca.dot(p["acceleration"] * a, a) / 2
+        return half_square(p["acceleration"], at.joint_acceleration())
 
 
 @dataclass(frozen=True)

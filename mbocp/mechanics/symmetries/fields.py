@@ -12,17 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.robot import Robot
 
 _LIE_JOINTS = {"JointModelFreeFlyer": 6, "JointModelSpherical": 3, "JointModelPlanar": 3}
 _ROUND_OFF = 1e-12  # relative; coefficients come out at 1e-15 or are of order one
-
-
-def skew(a: Array) -> Array:
-    """Matrix of the cross product: skew(a) @ b = a x b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +160,7 @@ class Ansatz:
         gravity = np.asarray(self.robot.model.gravity.linear)
         size = np.linalg.norm(gravity)
         if size > 0.0:
-            yield np.hstack([np.zeros((3, self.size + 3)), skew(gravity / size)])
+            yield np.hstack([np.zeros((3, self.size + 3)), pin.skew(gravity / size)])
         damping, friction = self._losses()
         for diagonal in (np.asarray(self.robot.model.armature), damping):
             if self.num_linear and diagonal[self.plain].any():
@@ -228,7 +224,7 @@ def _lie_map(kind: str, qs: Array) -> Array:
         return inverse
     out = np.zeros((len(qs), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = inverse
-    out[:, :3, 3:] = inverse @ np.array([-skew(p) for p in qs[:, :3]])  # w x p = -skew(p) w
+    out[:, :3, 3:] = inverse @ np.array([-pin.skew(p) for p in qs[:, :3]])  # w x p = -skew(p) w
     return out
 
 

@@ -33,7 +33,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._linear import null_space
-from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry, skew
+from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry
 from mbocp.mechanics.symmetries.parts import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
@@ -131,7 +131,7 @@ def _body_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) 
         jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL).reshape(6, model.nv)
         excess = np.hstack([jacobian @ features, -data.oMi[joint].toActionMatrixInverse()])
         if inertia.mass > 0.0:  # of a rotor without mass it does not matter where it is
-            yield excess[:3] - skew(inertia.lever) @ excess[3:]  # the centre of mass
+            yield excess[:3] - pin.skew(inertia.lever) @ excess[3:]  # the centre of mass
         yield turning.T @ excess[3:]
 
 
@@ -149,7 +149,7 @@ def _motion_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]
         d = data.oMf[a].translation - data.oMf[b].translation
         rate = (_point_jacobian(robot, data, a) - _point_jacobian(robot, data, b)) @ features
         # How d moves beyond turning with the whole: s_ang x d = -skew(d) s_ang.
-        excess = np.hstack([rate, np.zeros((3, 3)), skew(d)])
+        excess = np.hstack([rate, np.zeros((3, 3)), pin.skew(d)])
         # Only a damper feels more than the distance.
         rows.append(excess if isinstance(element, SpringDamper) else d[None] @ excess)
     return rows

@@ -51,35 +51,24 @@ class Judged:
     def of(cls, result: SolverResult, programme: StagewiseProgramme, tolerance: float) -> Judged:
         """Judge a result by its iterate, with the iterate's own multipliers."""
         state = GlobalisedNewton(tolerance).judge(programme, result.iterate)
-        native, e = state.native, _by_largest_product(state, programme)
-        error = kernel().relative_residual(native.round_off(), e.primal, e.dual, tolerance)
-        if error <= tolerance < e.residual and not native.has_a_say(e.dual):
-            error = e.residual
-        record = replace(result.record, residual=e.residual, primal=e.primal, dual=e.dual)
+        native, primal, dual = state.native, state.evaluation.primal, _dual(state, programme)
+        residual = math.hypot(primal, dual)
+        error = kernel().relative_residual(native.round_off(), primal, dual, tolerance)
+        if error <= tolerance < residual and not native.has_a_say(dual):
+            error = residual
+        record = replace(result.record, residual=residual, primal=primal, dual=dual)
         return cls(replace(result, record=record), error)
 
 
-@dataclass(frozen=True)
-class _Residual:
-    """Norms of the optimality conditions."""
-
-    primal: float
-    dual: float
-
-    @property
-    def residual(self) -> float:
-        return math.hypot(self.primal, self.dual)
-
-
-def _by_largest_product(state: KernelNewtonState, programme: StagewiseProgramme) -> _Residual:
-    """Residual with the largest product of a multiplier and its distance for all of them.
+def _dual(state: KernelNewtonState, programme: StagewiseProgramme) -> float:
+    """Norm of the stationarity conditions, and the largest product of a multiplier and its distance.
 
     An interior-point method leaves the same product at every limit; their Euclidean norm would ask the more
     of it the more limits there are.
     """
     e = state.evaluation
     stationarity = math.sqrt(max(0.0, e.dual**2 - e.complementarity**2))
-    return _Residual(e.primal, math.hypot(stationarity, largest_product(state.native, programme)))
+    return math.hypot(stationarity, largest_product(state.native, programme))
 
 
 def polisher(tolerance: float, control_weight: float, most: int) -> GlobalisedNewton:

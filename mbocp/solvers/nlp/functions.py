@@ -192,7 +192,7 @@ class NlpFunctions:
 
     def _gradient(self, at: _Given) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
-        entries = _Entries(ca.Sparsity.dense(lay.num_unknowns, 1))
+        entries = _Entries()
         slopes = self._map("gradient", at)[0]
         _, columns = _pattern(self._stage["gradient"].sparsity_out(0))
         positions = lay.zs[:, columns]
@@ -200,7 +200,7 @@ class NlpFunctions:
         _, columns = _pattern(self._end["terminal_complete"].sparsity_out(3))
         of_end = self._terminal(at)[3].nz[:]
         entries.add(lay.xs[N][columns], np.zeros(columns.size, np.int64), of_end)
-        return entries.gather()
+        return entries.gather((lay.num_unknowns, 1), is_dense=True)
 
     def _jacobian(self, at: _Given, blocks: ca.MX) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
@@ -323,8 +323,7 @@ def _pattern(sparsity: ca.Sparsity) -> tuple[Index, Index]:
 class _Entries:
     """Entries of a sparse matrix from several vectors of values; those at one place add up."""
 
-    def __init__(self, sparsity: ca.Sparsity | None = None) -> None:
-        self._sparsity = sparsity
+    def __init__(self) -> None:
         self._rows: list[Index] = []
         self._columns: list[Index] = []
         self._values: list[ca.MX] = []
@@ -339,14 +338,12 @@ class _Entries:
         """One value at places."""
         self.add(rows, columns, ca.MX(ca.DM.ones(len(rows), 1) * value))
 
-    def gather(self, shape: tuple[int, int] | None = None) -> ca.MX:
-        """The matrix."""
+    def gather(self, shape: tuple[int, int], *, is_dense: bool = False) -> ca.MX:
+        """The matrix; dense with zeros wherever nothing was added, or sparse."""
         rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
-        sparsity = self._sparsity
-        if sparsity is None:
-            if shape is None:
-                raise ValueError("shape or sparsity is needed")
-            sparsity = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
+        sparsity = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
+        if is_dense:
+            sparsity = ca.Sparsity.dense(*shape)
         places = np.array(sparsity.get_nz((rows + columns * sparsity.shape[0]).tolist()), dtype=np.int64)
         pool = ca.vertcat(*self._values, 0.0)
         absent = rows.size  # the zero at the end

@@ -13,7 +13,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -38,6 +38,12 @@ Watch = Callable[[IterationRecord, Array | None], object]
 _THROWN = "exception was raised in the solver"
 _ALONE = threading.RLock()  # solvers kept in memory and the stream that they print to are there once
 _MAX_SOLVERS = 12  # solvers of different shapes kept in memory; a study with every formulation has six
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    with _ALONE:
+        yield
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,7 @@ class InteriorPoint:
         watch = None if callback is None else lambda record, _: callback(record)
         return self.run_and_watch(programme, iterate, watch, phase, first)
 
+    @_alone()
     def run_and_watch(
         self,
         programme: StagewiseProgramme,
@@ -95,18 +102,6 @@ class InteriorPoint:
         begin: Callable[[IterationRecord], object] | None = None,
     ) -> SolverResult:
         """Do the same; `watch` sees the unknowns of every iteration, too, and `begin` where it begins."""
-        with _ALONE:
-            return self._run(programme, iterate, watch, phase, first, begin)
-
-    def _run(
-        self,
-        programme: StagewiseProgramme,
-        iterate: Iterate,
-        watch: Watch | None,
-        phase: str,
-        first: int,
-        begin: Callable[[IterationRecord], object] | None,
-    ) -> SolverResult:
         clock, phase = time.perf_counter(), phase or self.name
         if self.name == "fatrop":
             check_fatrop_takes(programme)
@@ -201,40 +196,22 @@ class _Key:
     linear_solver: str
     libraries: tuple[str, str]
     layout: NlpLayout
-    programme: StagewiseProgramme
+    structure: tuple[bytes, ...]  # which numbers are weights, and which sides of rows are bounds
+    programme: StagewiseProgramme = field(compare=False)
 
     @classmethod
     def of(cls, options: InteriorPoint, programme: StagewiseProgramme) -> _Key:
-        sources = (programme.functions, programme.end_functions)
-        libraries = tuple(f.identity for f in sources)
+        weights = (programme.theta_weights.tobytes(), programme.terminal_weights.tobytes())
         return cls(
             options.name,
             options.tolerance,
             options.max_iterations,
             options.linear_solver,
-            (libraries[0], libraries[1]),
+            (programme.functions.identity, programme.end_functions.identity),
             NlpLayout.of(programme, wants_gaps=options.name == "fatrop"),
+            (*weights, kinds_of_bounds(programme)),
             programme,
         )
-
-    def _identity(self) -> tuple[Any, ...]:
-        return (
-            self.name,
-            self.tolerance,
-            self.max_iterations,
-            self.linear_solver,
-            self.libraries,
-            self.layout,
-            self.programme.theta_weights.tobytes(),
-            self.programme.terminal_weights.tobytes(),
-            kinds_of_bounds(self.programme),
-        )
-
-    def __hash__(self) -> int:
-        return hash(self._identity())
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self._identity() == other._identity()
 
 
 class _Compiled:

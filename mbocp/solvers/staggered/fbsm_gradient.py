@@ -107,11 +107,9 @@ class _Residual:
     residual: float
     primal: float
     dual: float
-    violation: float
     worst: float
     worst_stage: int
     worst_row: int
-    finite: bool
     complementarity: float
 
     @classmethod

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp._text import shorten, show
+from mbocp._text import list_names, shorten, show
 from mbocp._warn import warn_caller
 from mbocp.robot.loading.readers.urdf_inertia import read_inertials
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
@@ -107,10 +107,9 @@ def _weightless(root: ElementTree.Element) -> Iterator[str]:
         for inner in element
         if inner.tag in ("gravity", "turnGravityOff") and _says_no(inner.text) == (inner.tag == "gravity")
     ]
-    named = [show(link) for link in dict.fromkeys(links) if link in heavy]
+    named = [link for link in dict.fromkeys(links) if link in heavy]
     if named:
-        more = f" and {len(named) - _MAX_NAMES} more" if len(named) > _MAX_NAMES else ""
-        yield f"gravity turned off for the links {', '.join(named[:_MAX_NAMES])}{more} (<gazebo>)"
+        yield f"gravity turned off for the links {list_names(named, _MAX_NAMES)} (<gazebo>)"
 
 
 def _what(key: str) -> str:

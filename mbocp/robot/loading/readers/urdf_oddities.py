@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import show
+from mbocp._text import list_names, show
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
 
@@ -35,10 +35,9 @@ def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[str]:
     alike: dict[str, list[str]] = {}
     for joint in root.iterfind("joint"):
         for words in _of_joint(joint):
-            alike.setdefault(words, []).append(show(joint.get("name")))
+            alike.setdefault(words, []).append(joint.get("name", ""))
     for words, names in alike.items():
-        more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-        yield f"{'joints' if len(names) > 1 else 'joint'} {', '.join(names[:_MAX_NAMES])}{more}: {words}"
+        yield f"{'joints' if len(names) > 1 else 'joint'} {list_names(names, _MAX_NAMES)}: {words}"
 
 
 def _of_inertia(inertial: Inertial) -> Iterator[str]:
