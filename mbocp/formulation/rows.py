@@ -145,7 +145,7 @@ def _row_words(
 ) -> _RowWords:
     robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
     for term in problem.terms:
-        of_end += (term.name,) * (term.rows(robot) if term.role == "end" else 0)
+        of_end += (term.name,) * (term.trace(robot).rows if term.role == "end" else 0)
     for row in acceleration_rows(problem) if problem.sets_acceleration.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     of_end += _start_words(problem, space)

@@ -147,7 +147,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
     OSError
         If nothing can be written there.
     """
-    _sweep_once(folder, _BUILD)
+    _sweep(folder, _BUILD)
     path, lock = _locked_folder(folder, _BUILD)
     try:
         yield path
@@ -294,10 +294,6 @@ def _lock(path: Path) -> int | None:
 
 
 @cache
-def _sweep_once(folder: Path, prefix: str) -> None:
-    _sweep(folder, prefix)
-
-
 def _sweep(parent: Path, prefix: str) -> None:
     """Remove the user's folders whose processes have ended."""
     for path in parent.glob(f"{prefix}*"):

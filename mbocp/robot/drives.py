@@ -50,24 +50,12 @@ def name_moved(robot: RobotModel, dofs: Sequence[int]) -> str:
     return quote_all(moved_joints(robot, dofs))
 
 
-def speed_map(robot: RobotModel, q: Array) -> Array:
-    """V(q), shape (nv, ns)."""
-    found: Array = speed_maps(robot, q[None])[0]
-    return found
-
-
 def speed_maps(robot: RobotModel, qs: Array) -> Array:
     """V(q) at many configurations, shape (nodes, nv, ns)."""
     identity = np.eye(robot.nv)[:, list(robot.undriven)]
     with_state = [drive for drive in robot.drives if drive.has_state]
     columns = [_drive_columns(robot.model, drive, qs)[:, :, None] for drive in with_state]
     return np.concatenate([np.broadcast_to(identity, (len(qs), *identity.shape)), *columns], axis=2)
-
-
-def control_velocity_map(robot: RobotModel, q: Array) -> Array:
-    """U(q), shape (nv, nu)."""
-    found: Array = control_velocity_maps(robot, q[None])[0]
-    return found
 
 
 def control_velocity_maps(robot: RobotModel, qs: Array) -> Array:
@@ -89,7 +77,7 @@ def reduce_velocity(robot: RobotModel, q: Array, v: Array) -> Array:
         If there is no such s and u: the drives do not allow this velocity.
     """
     # Columns of V and U are unit vectors on different components: their transpose is their inverse.
-    V, U = speed_map(robot, q), control_velocity_map(robot, q)
+    V, U = speed_maps(robot, q[None])[0], control_velocity_maps(robot, q[None])[0]
     left = v - V @ (V.T @ v) - U @ (U.T @ v)
     if np.abs(left).max(initial=0.0) > DIRECTION_TOLERANCE * (1.0 + np.abs(v).max(initial=0.0)):
         (drive,) = [d for d in robot.drives if int(np.argmax(np.abs(left))) in d.dofs]

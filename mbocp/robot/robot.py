@@ -299,11 +299,11 @@ class Robot(Mechanism):
 
     def speed_map(self, q: ArrayLike) -> Array:
         """V(q) of v = V s + U u, shape (nv, num_speeds); the identity without drives."""
-        return frozen_array(drives.speed_map(self, self._vector(q, self.nq, "q")))
+        return frozen_array(drives.speed_maps(self, self._vector(q, self.nq, "q")[None])[0])
 
     def control_velocity_map(self, q: ArrayLike) -> Array:
         """U(q) of v = V s + U u, shape (nv, nu); zero but for drives whose control is a velocity."""
-        return frozen_array(drives.control_velocity_map(self, self._vector(q, self.nq, "q")))
+        return frozen_array(drives.control_velocity_maps(self, self._vector(q, self.nq, "q")[None])[0])
 
     def speeds(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Speeds s of a velocity, shape (num_speeds,); v itself without drives.

@@ -27,8 +27,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of
-from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.robot import Label, Robot
+from mbocp.robot import Robot
 from mbocp.terms.kinematics import Kinematics
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span, end_from
@@ -130,19 +129,9 @@ class OwnTerm:
         """Digest of its expression for a robot, the same wherever the same is computed."""
         return _digest(self.trace(robot).function)
 
-    def rows(self, robot: Robot) -> int:
-        """Number of its values."""
-        return self.trace(robot).rows
-
-    def labels(self, robot: Robot) -> tuple[Label, ...]:
-        """Name and unit of each row."""
-        rows = self.rows(robot)
-        names = [self.name] if rows == 1 else [f"{self.name}.{i}" for i in range(rows)]
-        return tuple(Label(name, self.unit) for name in names)
-
     def bounds(self, robot: Robot) -> tuple[Array, Array]:
         """Lower and upper bound of each row."""
-        rows = self.rows(robot)
+        rows = self.trace(robot).rows
         lower, upper = (np.broadcast_to(side, (rows,)) for side in (self.lower, self.upper))
         return lower, upper
 
@@ -162,16 +151,6 @@ class OwnTerm:
                 raise InvalidValue(
                     key, [float(lo), float(hi)], "a finite bound, the lower not above the upper"
                 )
-
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values of a path constraint or end condition at each of n states, shape (n, rows)."""
-        mechanics = ForwardMechanics(robot)
-        q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
-        at = Point(mechanics, q, v, u, acceleration=lambda: mechanics.speed_rate(q, v, u, ca.SX(0)))
-        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.parameters.items()}
-        h = ca.densify(self.trace(robot)(at, numbers))
-        found: Array = np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
-        return found
 
 
 def running_cost(
@@ -279,7 +258,7 @@ def _trace(
     at = Kinematics(robot, where, symbols["q"], symbols["v"], here, numbers, mechanics)
     value = _expression(function(at), name)
     arguments = [*symbols.values(), *numbers.values(), *([mechanics.numbers] if robot.varying else [])]
-    free = [s.name() for s in ca.symvar(value) if not _among(s, arguments)]
+    free = [s.name() for s in ca.symvar(value) if not any(ca.depends_on(s, a) for a in arguments)]
     if free:
         raise ProblemError(f"terms: {name}: {', '.join(free[:3])} is no parameter: ask for it as at['name']")
     uses = frozenset(key for key in here if ca.depends_on(value, symbols[key]))
@@ -295,10 +274,6 @@ def _expression(value: Any, name: str) -> ca.SX:
         got = f"a matrix {value.shape}" if isinstance(value, ca.SX) else show(value)
         raise ProblemError(f"terms: {name}: the function returns {got}, expected a casadi.SX, one column")
     return ca.densify(value)
-
-
-def _among(symbol: ca.SX, arguments: list[ca.SX]) -> bool:
-    return any(ca.depends_on(symbol, argument) for argument in arguments)
 
 
 @lru_cache(maxsize=_KEPT)

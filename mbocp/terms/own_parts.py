@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.cost import RunningTerm, TermNumbers, running_costs
@@ -160,14 +161,10 @@ class OwnPathConstraint(BoundedTerm):
         return self.own.span
 
     @property
-    def rows(self) -> int:
-        """Number of its values."""
-        return self.own.rows(self.robot)
-
-    @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row."""
-        return self.own.labels(self.robot)
+        names = [self.name] if self.rows == 1 else [f"{self.name}.{i}" for i in range(self.rows)]
+        return tuple(Label(name, self.own.unit) for name in names)
 
     @property
     def lower(self) -> Array:
@@ -207,7 +204,13 @@ class OwnPathConstraint(BoundedTerm):
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         """Values at each of n states and controls, shape (n, rows)."""
-        return self.own.values_along(robot, qs, vs, us)
+        mechanics = ForwardMechanics(robot)
+        q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
+        at = Point(mechanics, q, v, u, acceleration=lambda: mechanics.speed_rate(q, v, u, ca.SX(0)))
+        numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.own.parameters.items()}
+        h = ca.densify(self.own.trace(robot)(at, numbers))
+        found: Array = np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
+        return found
 
 
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+from contextlib import closing
 from itertools import pairwise
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_another_process_gives_the_same_and_its_death_is_no_harm(monkeypatch):
     formulation = formulate(problem)
     guess = start_guesses(formulation, None)[0]
     settings = SolverSettings.of(problem.solver, formulation.programme)
-    with Elsewhere() as process:
+    with closing(Elsewhere()) as process:
         there = process.run(SolveTask(settings, formulation.programme, guess.iterate, ""))
         here = mbocp.solve(pendulum(starts=1))
         assert there.result.record.cost == here.cost
@@ -99,7 +100,7 @@ def test_words_for_rows_survive_the_way_to_another_process():
     programme = formulation.programme
     assert programme.describe_row(3, 0) == "kinematics of joint1 in the step to t = 0.2 s"
     settings = SolverSettings.of(pendulum(max_iterations=1).solver, programme)
-    with Elsewhere() as process:
+    with closing(Elsewhere()) as process:
         found = process.run(SolveTask(settings, programme, start_guesses(formulation, None)[1].iterate, ""))
     assert "largest violation: end condition 1 (joint1) at t = 3 s" in found.result.advice
 

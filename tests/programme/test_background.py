@@ -319,7 +319,7 @@ def all_gone(seen: Path) -> bool:
 
 def left_in(folder: Path) -> list[Path]:
     """What the next process finds, which removes what those leave that had no time to do so."""
-    cache._sweep_once.cache_clear()
+    cache._sweep.cache_clear()
     with cache.scratch_folder(folder):
         pass
     return list(folder.iterdir())

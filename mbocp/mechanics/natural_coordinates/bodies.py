@@ -209,7 +209,7 @@ def body_tree(robot: Robot) -> BodyTree:
     for body in bodies:
         if body.leader:
             _refuse_unknown_turns(robot, body, bodies[body.leader - 1])
-    shifted = [_shift(body, len(sliding)) for body in bodies]
+    shifted = [body if body.slides else replace(body, at=body.at + len(sliding)) for body in bodies]
     return BodyTree(robot, tuple(shifted), tuple(v for v, _ in sliding), tuple(q for _, q in sliding))
 
 
@@ -277,10 +277,6 @@ def _body(robot: Robot, joint: int, kind: str, at: int, placement: pin.SE3, data
         leader=leader,
         ratio=ratio,
     )
-
-
-def _shift(body: Body, by: int) -> Body:
-    return body if body.slides else replace(body, at=body.at + by)
 
 
 def _follower(robot: Robot, joint: int) -> tuple[str, Array, int, float]:

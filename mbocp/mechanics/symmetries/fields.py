@@ -217,29 +217,14 @@ def _lie_map(kind: str, qs: Array) -> Array:
         zero, one = np.zeros_like(x), np.ones_like(x)
         # Linear part R^T (v + w e_z x p), with e_z x p = (-y, x).
         rows = [[c, s, s * x - c * y], [-s, c, c * x + s * y], [zero, zero, one]]
-        return _stack(rows)
-    rotations = _rotations(qs[:, :4] if kind == "JointModelSpherical" else qs[:, 3:7])
-    inverse: Array = rotations.transpose(0, 2, 1)
+        planar: Array = np.array(rows).transpose(2, 0, 1)
+        return planar
+    attitudes = qs[:, :4] if kind == "JointModelSpherical" else qs[:, 3:7]
+    rotations = np.array([pin.Quaternion(np.array(attitude)).matrix() for attitude in attitudes])
+    inverse: Array = rotations.reshape(-1, 3, 3).transpose(0, 2, 1)
     if kind == "JointModelSpherical":
         return inverse
     out = np.zeros((len(qs), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = inverse
     out[:, :3, 3:] = inverse @ np.array([-pin.skew(p) for p in qs[:, :3]])  # w x p = -skew(p) w
-    return out
-
-
-def _rotations(quaternions: Array) -> Array:
-    """Rotation matrices of unit quaternions xyzw, shape (n, 3, 3)."""
-    x, y, z, w = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return _stack(rows)
-
-
-def _stack(rows: list[list[Array]]) -> Array:
-    """Turn a matrix of columns over n into n matrices."""
-    out: Array = np.array(rows).transpose(2, 0, 1)
     return out

@@ -83,7 +83,7 @@ def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collec
     """Why two links are left out whatever their distance; empty if they are not."""
     if a.joint == b.joint:
         return "moved by one joint"
-    if _are_neighbours(model, a.joint, b.joint):
+    if b.joint == model.parents[a.joint] or a.joint == model.parents[b.joint]:
         return "next to each other"
     return "disabled" if frozenset((a.link, b.link)) in disabled else ""
 
@@ -95,10 +95,6 @@ def _by_distance(nearest: Array) -> str:
     if (nearest[1:] < 0.0).all():
         return "always touching"
     return "never near each other" if nearest.min() > _RESERVE else ""
-
-
-def _are_neighbours(model: pin.Model, a: int, b: int) -> bool:
-    return int(model.parents[a]) == b or int(model.parents[b]) == a
 
 
 def _place(model: pin.Model, links: Sequence[LinkSpheres], q: Array) -> list[Array]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -208,8 +207,5 @@ def _from_robot_descriptions(name: str) -> Source | None:
     packages = [
         Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
     ]
-    return Source("urdf", name, name, Path(path), tuple(_with_parents(packages)))
-
-
-def _with_parents(folders: Iterable[Path]) -> list[Path]:
-    return [f for folder in folders for f in (folder, folder.parent)]
+    folders = (folder for package in packages for folder in (package, package.parent))
+    return Source("urdf", name, name, Path(path), tuple(folders))

@@ -33,7 +33,6 @@ class PoseErrors(NamedTuple):
 
     positions: Array  # (targets,) [m]
     angles: Array  # (targets,) [rad]
-    closure: float  # largest residual of the closed loops [m, rad, m^2]
 
 
 class _Part(NamedTuple):
@@ -108,8 +107,7 @@ class PoseRows:
             has_position = bool(part.at)
             lengths.append(float(np.linalg.norm(rows[0])) if has_position else 0.0)
             angles.append(float(np.linalg.norm(rows[-1])) if len(rows) > has_position else 0.0)
-        closure = np.abs(self.robot.closure_residual(q)).max(initial=0.0) if self.robot.constraints else 0.0
-        return PoseErrors(np.array(lengths), np.array(angles), float(closure))
+        return PoseErrors(np.array(lengths), np.array(angles))
 
     def _rows(self, part: _Part) -> list[Array]:
         placements = self._data.oMf

@@ -34,7 +34,7 @@ from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelFilter, KernelProgramme
+    from mbocp.programme.native import Evaluation, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT, _MAX_SHIFT = 1e-3, 1e10
@@ -126,7 +126,7 @@ class FBSMNewton:
                     augmentation=factorisation.augmentation,
                     regularisation=shift,
                     shift=self._next_shift(state, shift, taken),
-                    filter=self._next_filter(state, taken),
+                    filter=state.filter if taken.keeps_filter else state.filter.with_corner(state.evaluation),
                     at_minimum=is_minimum and shift == 0.0,
                 )
             shift = kernel().Care.bold().larger_shift(shift, _MIN_SHIFT)
@@ -214,9 +214,6 @@ class FBSMNewton:
             sweeps = state.sweeps or Sweeps()
             trial = state.native.find_end_multiplier(sweeps.auxiliary, sweeps.feedback)
         return _Taken(trial, length, keeps_filter=verdict.by_cost)
-
-    def _next_filter(self, state: PlainState, taken: _Taken) -> KernelFilter:
-        return state.filter if taken.keeps_filter else state.filter.with_corner(state.evaluation)
 
     def _next_shift(self, state: PlainState, shift: float, taken: _Taken) -> float:
         if not self.globalised:

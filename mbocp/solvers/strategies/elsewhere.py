@@ -17,7 +17,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from types import TracebackType
 from typing import IO, Protocol
 
 from mbocp._processes import python_command
@@ -81,14 +80,6 @@ class Elsewhere:
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._inbox: queue.Queue[object] = queue.Queue()
-
-    def __enter__(self) -> Elsewhere:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def is_over(self) -> bool:

@@ -61,7 +61,7 @@ def strategy_for(settings: SolverSettings) -> Strategy:
     if method == "auto" and settings.has_inequalities:
         from mbocp.solvers.strategies.within_limits import AutoWithinLimits
 
-        return AutoWithinLimits(Auto())
+        return AutoWithinLimits()
     if method == "auto":
         return Auto()
     first, _, then = method.partition("+")

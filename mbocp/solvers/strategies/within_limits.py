@@ -9,10 +9,11 @@ from itertools import groupby
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.newton_method.limits import why_limits_cannot_be_kept
 from mbocp.solvers.records import Status
+from mbocp.solvers.strategies.auto import Auto
 from mbocp.solvers.strategies.homotopy import bring_limits_back, can_leave_out_limits, without_limits
 from mbocp.solvers.strategies.interior import run_interior
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import Outcome, Phases, Strategy, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
 from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
 from mbocp.solvers.strategies.registry import make_solver
 
@@ -30,14 +31,7 @@ class AutoWithinLimits:
 
     From a point far from feasible the problem without limits comes first: its solution may keep them, or
     nearly. Then IPOPT, which knows the infeasible. In the end limits are brought back part by part.
-
-    Attributes
-    ----------
-    freely : Strategy
-        For problems without limits.
     """
-
-    freely: Strategy
 
     def run(self, phases: Phases) -> Outcome:
         """Run phase after phase, until one converges."""
@@ -82,7 +76,7 @@ class AutoWithinLimits:
         """
         programme = phases.programme
         if free is None or free.status is not Status.CONVERGED:
-            free = self.freely.run(phases.on(without_limits(programme), _WITHOUT)).result
+            free = Auto().run(phases.on(without_limits(programme), _WITHOUT)).result
             last = _keep_limits_at_once(phases, free)
             if last is not None:
                 return last

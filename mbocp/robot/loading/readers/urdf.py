@@ -18,7 +18,7 @@ from mbocp.robot.loading.description import ROOT_JOINT, Description
 from mbocp.robot.loading.followers import Follower
 from mbocp.robot.loading.readers.srdf import find_srdf
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
-from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias, total_mass
+from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_mimic import followers, with_first_leaders
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_oddities import find_oddities
@@ -168,10 +168,8 @@ def captured_stderr(into: list[str]) -> Iterator[None]:
 
 def _check_mass(urdf: Urdf, model: pin.Model) -> None:
     """Nothing that has mass is lost between the file and the model."""
-    found, written = (
-        math.fsum(i.mass for i in model.inertias),
-        total_mass(read_inertials(urdf.path, urdf.root)),
-    )
+    found = math.fsum(i.mass for i in model.inertias)
+    written = math.fsum(inertial.mass for inertial in read_inertials(urdf.path, urdf.root))
     if not abs(found - written) <= _MASS_TOLERANCE * written:
         raise RobotFileError(
             urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"

@@ -49,11 +49,6 @@ def read_inertials(path: Path, root: ElementTree.Element) -> tuple[Inertial, ...
     return tuple(found)
 
 
-def total_mass(inertials: tuple[Inertial, ...]) -> float:
-    """Sum of all masses [kg]."""
-    return math.fsum(inertial.mass for inertial in inertials)
-
-
 def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.Model) -> None:
     """Warn of bodies whose inertia no distribution of mass has.
 
