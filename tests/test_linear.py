@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp._linear import norm
+from mbocp._linear import norm, spanning_rows
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-100, 1.0, 1e150, 1e200, 1e300])
@@ -20,3 +20,9 @@ def test_the_norm_of_what_is_not_finite_is_not() -> None:
     assert norm(np.array([np.inf, 1.0])) == math.inf
     assert math.isnan(norm(np.array([np.nan, 1e200])))
     assert norm(np.zeros(0)) == 0.0
+
+
+def test_of_rows_that_are_nearly_as_long_as_each_other_the_first_is_chosen() -> None:
+    rows = np.array([[0.995, 0.0], [1.0, 0.0], [0.0, 0.5]])
+    assert spanning_rows(rows, 1e-9) == [1, 2]
+    assert spanning_rows(rows, 1e-9, tie=0.99) == [0, 2]

@@ -338,12 +338,12 @@ class _Known:
 
 
 def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    """A link of a chain."""
+    """A function whose outputs are dense, as those of all links of a chain are."""
     return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
 
 
 def weighted_sum(row: Sequence[float | Fraction], vectors: Sequence[Affine]) -> Affine:
-    """Sum of vectors with the coefficients of a row of a tableau; those that are zero leave nothing."""
+    """Sum of vectors with the coefficients of a row of a tableau; of none it is zero."""
     terms = [float(a) * k for a, k in zip(row, vectors, strict=True) if a]
     zero = Affine(ca.SX.zeros(vectors[0].value.shape), {})
     return sum(terms[1:], start=terms[0]) if terms else zero

@@ -295,7 +295,7 @@ def _lock(path: Path) -> int | None:
 
 @cache
 def _sweep(parent: Path, prefix: str) -> None:
-    """Remove the user's folders whose processes have ended."""
+    """Remove the user's folders whose processes have ended; once in a process."""
     for path in parent.glob(f"{prefix}*"):
         with contextlib.suppress(OSError):  # locked by a living process, or removed by another one
             state = path.lstat()

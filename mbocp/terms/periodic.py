@@ -82,6 +82,8 @@ class KeptRows:
 
 @dataclass(frozen=True)
 class _OfStart:
+    """What conditions at the end share that look at the start of the motion."""
+
     start: StartState
 
     is_cost: ClassVar[bool] = False

@@ -339,11 +339,10 @@ class _Entries:
         self.add(rows, columns, ca.MX(ca.DM.ones(len(rows), 1) * value))
 
     def gather(self, shape: tuple[int, int], *, is_dense: bool = False) -> ca.MX:
-        """The matrix; dense with zeros wherever nothing was added, or sparse."""
+        """The matrix, sparse, or with zeros wherever nothing was added."""
         rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
-        sparsity = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
-        if is_dense:
-            sparsity = ca.Sparsity.dense(*shape)
+        sparse = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
+        sparsity = ca.Sparsity.dense(*shape) if is_dense else sparse
         places = np.array(sparsity.get_nz((rows + columns * sparsity.shape[0]).tolist()), dtype=np.int64)
         pool = ca.vertcat(*self._values, 0.0)
         absent = rows.size  # the zero at the end

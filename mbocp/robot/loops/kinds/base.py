@@ -164,8 +164,8 @@ class FrameConstraint(Constraint):
     Attributes
     ----------
     hold_keys : mapping of str to tuple of str, optional
-        What a hold of this kind says beside its frames, and the fields that it is; None if there is no such
-        hold.
+        Keys that a hold of this kind has beside its frames, and the fields that have the value of each; None
+        if there is no such hold.
     """
 
     frame_a: int
