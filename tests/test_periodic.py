@@ -299,7 +299,7 @@ def test_images_by_hand(periodic: dict[str, Any]) -> None:
         wanted[2], wanted[3] = -q[3], q[2]
     else:
         wanted[2] += 0.3
-    assert np.allclose(image.configuration(problem.robot, q), wanted)
+    assert np.allclose(image.configuration(q), wanted)
 
 
 TABLES: list[dict[str, Any]] = [

@@ -155,6 +155,30 @@ class ConfigurationSpace:
             qs[:, part.at_q] = _with_quaternions(z) if part.at_matrix >= 0 else _normalise(part.group, z)
         return qs
 
+    def affine(self, C: Array, moved: Array) -> tuple[Array, Array]:
+        """Return the matrix and vector of the map of coordinates z that is C q + moved of configurations.
+
+        Parameters
+        ----------
+        C, moved : ndarray, shapes (nq, nq) and (nq,)
+            Attitudes that are matrices are turned or reflected with their body's position, or stay.
+        """
+        places = {  # of each number of q that z has, too
+            part.at_q.start + i: part.at_z.start + i
+            for part in self.parts
+            for i in range(part.group.nz - 9 if part.at_matrix >= 0 else part.group.nz)
+        }
+        of_q, of_z = list(places), list(places.values())
+        C_z, moved_z = np.eye(self.nz), np.zeros(self.nz)
+        C_z[np.ix_(of_z, of_z)], moved_z[of_z] = C[np.ix_(of_q, of_q)], moved[of_q]
+        for part in self.parts:
+            if part.at_matrix >= 0 and part.group.nz == 12:
+                at_position = slice(part.at_q.start, part.at_q.start + 3)
+                turn, at_matrix = C[at_position, at_position], slice(part.at_matrix, part.at_matrix + 9)
+                body = np.diag([1.0, np.sign(np.linalg.det(turn)), 1.0])  # of bases that are reflected
+                C_z[at_matrix, at_matrix] = np.kron(body, turn)
+        return C_z, moved_z
+
     def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
         pieces = [piece(part) for part in self.parts]
         return ca.vertcat(*pieces) if pieces else ca.SX.zeros(0, 1)

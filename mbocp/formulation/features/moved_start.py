@@ -34,7 +34,7 @@ from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.goals.free_start import kept_at_start, start_bounds
-from mbocp.problem.goals.periodic import Periodic, impact_axes, numbers_of
+from mbocp.problem.goals.periodic import Periodic, impact_axes
 from mbocp.problem.timeline.cycle import compare_ends
 from mbocp.robot import Label
 from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
@@ -198,14 +198,7 @@ def _periodic_end(
     positions, velocities = _compare(problem, periodic)
     D_q = independent_rows(image.compared, positions, positions)
     D_v = independent_rows(np.ones(robot.nv, dtype=np.bool_), velocities, velocities)
-    A_z, moved, places = np.eye(space.nz), np.zeros(space.nz), numbers_of(robot)
-    at = {
-        place: where for place, where in zip(places, _coordinates(space, robot.nv), strict=True) if place >= 0
-    }
-    rows = [int(i) for i in np.flatnonzero(places >= 0)]
-    where = [at[int(places[i])] for i in rows]
-    A_z[np.ix_(where, where)] = image.A[np.ix_(rows, rows)]
-    moved[where] = image.moved[rows]
+    A_z, moved = space.affine(image.C, image.moved)
     axes = impact_axes(robot, periodic.impact) if periodic.impact else ()
     frame_id = robot.frame_names.index(periodic.impact) if periodic.impact else -1
     return PeriodicEnd(start, len(D_q), len(D_v), frame_id, axes, D_q, D_v, A_z, image.A, moved)
@@ -219,13 +212,3 @@ def _compare(problem: Problem, periodic: Periodic) -> tuple[Array, Array]:
         return compare_ends(table, problem.start_free, periodic, ends)
     basis = np.eye(robot.nv) if periodic.impact else tangent_space(robot, problem.q_start)
     return basis, basis
-
-
-def _coordinates(space: ConfigurationSpace, nv: int) -> list[int]:
-    """Coordinate of each direction whose group is a vector space, else -1."""
-    found = [-1] * nv
-    for part in space.parts:
-        if part.group.is_vector:
-            for i in range(part.group.nz):
-                found[part.at_v.start + i] = part.at_z.start + i
-    return found

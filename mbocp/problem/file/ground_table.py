@@ -15,9 +15,9 @@ from typing import Annotated, Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
-from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
@@ -28,6 +28,7 @@ from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import frame_jacobian
 from mbocp.terms import ContactTerm
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair
@@ -87,8 +88,6 @@ def on_ground(
         return phase_table, []
     if not phase_table:
         raise ProblemError("ground: phases say which feet stand; give one [[phase]] with contacts at least")
-    if start_free is not None and start_free.q.any():
-        raise ProblemError("ground: it is as high as feet stand at the start, which start.free leaves open")
     ground = _Ground.of(ground_table, robot, said_q_start)
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
@@ -97,6 +96,8 @@ def on_ground(
         ground.complete(table, names, lands)
         for table, names, lands in zip(phase_table, stands, [*after, set()], strict=True)
     ]
+    if start_free is not None:
+        found[0] = ground.complete_start(found[0], stands[0], robot, said_q_start, start_free.q)
     used = [name for name in ground.table.feet if any(name in names for names in stands)]
     return found, [ground.force(name) for name in used]
 
@@ -136,6 +137,33 @@ class _Ground:
                     f"phase {table.name!r}: contacts: at the start {name!r} is at z = {there:.6g} m, and the "
                     f"ground at {self.height:.6g} m; move the start, or ground.height"
                 )
+
+    def complete_start(
+        self, table: PhaseTable, stands: Sequence[str], robot: Robot, q_start: Array, free: BoolArray
+    ) -> PhaseTable:
+        """The first phase with feet that a free start moves on the ground: at its first node, as they are held.
+
+        Raises
+        ------
+        ProblemError
+            If what is free moves some of them, and cannot bring each to the ground.
+        """
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        places = [robot.frame_names.index(self.table.feet[name]) for name in stands]
+        rows = [frame_jacobian(robot.model, q_start, place, axes)[2, free] for place in places]
+        heights = np.reshape(rows, (len(stands), int(free.sum())))
+        moved = [
+            name for name, row in zip(stands, heights, strict=True) if np.abs(row).max(initial=0.0) > 0.0
+        ]
+        if not moved:
+            return table
+        if np.linalg.matrix_rank(heights, tol=RANK_TOLERANCE) < len(moved):
+            raise ProblemError(
+                f"start.free: feet stand in phase {table.name!r}, and what is free cannot bring "
+                f"each of {', '.join(map(repr, moved))} to the ground; free more of base and legs"
+            )
+        here = ViaTable(share=1.0 / table.steps, frame=[self._landed(name) for name in moved])
+        return table.model_copy(update={"via": [here, *table.via]})
 
     def complete(self, table: PhaseTable, stands: Sequence[str], lands: Set[str]) -> PhaseTable:
         """A phase in which feet stand, others stay above the ground, and some land at its end."""

@@ -135,7 +135,10 @@ def periodic_table(periodic: Periodic) -> dict[str, Any] | bool:
             name: {part: float(factor) for part, factor in sums.items()}
             for name, sums in periodic.combine.items()
         },
-        "moved": {name: float(value) for name, value in periodic.moved.items()},
+        "moved": {
+            name: dict(far) if isinstance(far, Mapping) else float(far)
+            for name, far in periodic.moved.items()
+        },
         "except": list(periodic.apart),
         "impact": periodic.impact,
     }

@@ -2,7 +2,8 @@ r"""Periodic motion: the end is the start, moved by a symmetry of the robot.
 
 .. math:: q(T) = S(q(0)), \qquad v(T) = S_v\, v(0), \qquad S(q) = A q + d
 
-S exchanges joints, changes the signs of some, combines others, and moves some by a given distance. It is for
+S exchanges joints, changes the signs of some, combines others, and moves some by a given distance. Floating
+and planar bases are reflected in the plane y = 0 of the world, turned about its z axis, and moved. It is for
 the user to say a symmetry of the mechanics: the motion that is repeated is S(motion) then, and not the motion
 itself.
 
@@ -24,9 +25,11 @@ from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import block_diag
 
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._numbers import is_number
+from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnknownFrame
 from mbocp.mechanisms.consistency import project_on_constraints
@@ -35,6 +38,12 @@ from mbocp.robot.kinematics import frame_jacobian
 
 _KEY = "goal.periodic"
 _BEND = 0.4  # [m, rad] from the initial pose, for configurations that are not special
+_FLOATING, _PLANAR = "JointModelFreeFlyer", "JointModelPlanar"
+_PLACES = {_FLOATING: ("x", "y", "z", "yaw"), _PLANAR: ("x", "y", "yaw")}  # by which a base is moved
+_REFLECTED = {  # signs of coordinates and velocities of a base in the plane y = 0; quaternions are xyzw
+    _FLOATING: ([1, -1, 1, -1, 1, -1, 1], [1, -1, 1, -1, 1, -1]),
+    _PLANAR: ([1, -1, 1, -1], [1, -1, -1]),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +55,12 @@ class Periodic:
     swap : tuple of (str, str)
         Pairs of joints that exchange their values.
     mirror : tuple of str
-        Joints whose values change signs; after the exchange.
+        Joints whose values change signs, after the exchange; bases that are reflected in the plane y = 0.
     combine : mapping of str to mapping of str to float
         Joints whose values become sums of those of others, with these factors; in the place of the above.
-    moved : mapping of str to float
-        How much further joints are at the end [m, rad].
+    moved : mapping of str to float, or to a mapping of str to float
+        How much further joints are at the end [m, rad]; of a base x, y, z [m] and yaw [rad] of the world, by
+        which the reflected one is turned about the origin and moved.
     apart : tuple of str
         Joints whose positions are not compared: how far the motion leads is found. Velocities are compared.
     impact : str
@@ -60,7 +70,7 @@ class Periodic:
     swap: tuple[tuple[str, str], ...] = ()
     mirror: tuple[str, ...] = ()
     combine: Mapping[str, Mapping[str, float]] = field(default_factory=lambda: MappingProxyType({}))
-    moved: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    moved: Mapping[str, float | Mapping[str, float]] = field(default_factory=lambda: MappingProxyType({}))
     apart: tuple[str, ...] = ()
     impact: str = ""
 
@@ -69,7 +79,11 @@ class Periodic:
         object.__setattr__(self, "mirror", tuple(self.mirror))
         combine = {name: MappingProxyType(dict(parts)) for name, parts in self.combine.items()}
         object.__setattr__(self, "combine", MappingProxyType(combine))
-        object.__setattr__(self, "moved", MappingProxyType(dict(self.moved)))
+        moved = {
+            name: MappingProxyType(dict(far)) if isinstance(far, Mapping) else far
+            for name, far in self.moved.items()
+        }
+        object.__setattr__(self, "moved", MappingProxyType(moved))
         object.__setattr__(self, "apart", tuple(self.apart))
 
     def check(self, robot: Robot) -> None:
@@ -81,7 +95,7 @@ class Periodic:
         """
         for key, names in self._uses().items():
             for name in names:
-                self._check_single(robot, name, key)
+                self._check_kind(robot, name, key)
         for name in self.apart:
             if name not in robot.joint_names:
                 raise robot.unknown_joint(name, robot.joint_names)
@@ -92,7 +106,7 @@ class Periodic:
             self._check_impact(robot)
 
     def _uses(self) -> dict[str, tuple[str, ...]]:
-        """Joints of one number by the key that names them."""
+        """Joints by the key that names them."""
         parts = [part for sums in self.combine.values() for part in sums]
         return {
             "swap": tuple(name for pair in self.swap for name in pair),
@@ -121,7 +135,10 @@ class Periodic:
         for name in self.combine:
             if name in (*uses["swap"], *self.mirror):
                 raise ProblemError(f"{_KEY}: {name!r} is in `combine` and in `swap` or `mirror`; take one")
-        for name, value in (pair for sums in (self.moved, *self.combine.values()) for pair in sums.items()):
+        numbers = [pair for sums in self.combine.values() for pair in sums.items()]
+        for name, far in self.moved.items():
+            numbers += [(name, x) for x in (far.values() if isinstance(far, Mapping) else (far,))]
+        for name, value in numbers:
             if not (is_number(value) and np.isfinite(value)):
                 raise ProblemError(f"{_KEY}: {name!r} has {value!r}, expected a number")
         for name in self.moved:
@@ -142,7 +159,7 @@ class Periodic:
     def guess(self, robot: Robot, q: Array, *, closes_loops: bool = True) -> Array:
         """Image of a configuration, with constraints kept by moving what is not compared; shape (nq,)."""
         image = self.image(robot)
-        q_image = image.configuration(robot, q)
+        q_image = image.configuration(q)
         apart = np.flatnonzero(~image.compared)
         closes = robot.nc and apart.size and closes_loops
         return project_on_constraints(robot, q_image, apart) if closes else q_image
@@ -159,37 +176,55 @@ class Periodic:
     def defect(self, robot: Robot, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
         """End less image of the start in q, on the group, and in v, shape (2 nv,); zero in a cycle."""
         image, after = self.image(robot), self.after_impact(robot, *end)
-        between = robot.difference(image.configuration(robot, start[0]), end[0])
+        between = robot.difference(image.configuration(start[0]), end[0])
         return np.concatenate([np.where(image.compared, between, 0.0), after - image.velocity(start[1])])
 
-    @staticmethod
-    def _check_single(robot: Robot, name: str, key: str) -> None:
+    def _check_kind(self, robot: Robot, name: str, key: str) -> None:
+        """Refuse joints that cannot be in a key."""
         if name not in robot.joint_names:
             raise robot.unknown_joint(name, robot.joint_names)
-        at_q = robot.configuration_indices(name)
-        if at_q.stop - at_q.start != 1:
+        at_q, base, far = robot.configuration_indices(name), _base(robot, name), self.moved.get(name)
+        if at_q.stop - at_q.start != 1 and not (base and key in ("mirror", "moved")):
             raise ProblemError(
                 f"{_KEY}.{key}: {name!r} is no joint of one number; revolute and prismatic ones are swapped, "
-                "mirrored and moved, others come back to where they were or are in `except`"
+                "mirrored and moved, floating and planar bases mirrored and moved, others come back to where "
+                "they were or are in `except`"
+            )
+        if key == "moved" and not base and isinstance(far, Mapping):
+            raise ProblemError(f"{_KEY}.moved: {name!r} is a joint of one number; give that")
+        if key == "moved" and base and not (isinstance(far, Mapping) and set(far) <= set(_PLACES[base])):
+            raise ProblemError(
+                f"{_KEY}.moved: {name!r} has {show(far)}, expected a table with {', '.join(_PLACES[base])}"
             )
 
     def image(self, robot: Robot) -> Image:
         """The symmetry by places."""
-        A, moved, compared = np.eye(robot.nv), np.zeros(robot.nv), np.ones(robot.nv, dtype=np.bool_)
+        A, C = np.eye(robot.nv), np.eye(robot.nq)
+        moved, compared = np.zeros(robot.nq), np.ones(robot.nv, dtype=np.bool_)
         at = {name: robot.velocity_indices(name) for name in robot.joint_names}
+        at_q = {name: robot.configuration_indices(name) for name in robot.joint_names}
         for a, b in self.swap:
-            A[[at[a].start, at[b].start]] = A[[at[b].start, at[a].start]]
+            for matrix, place in ((A, at), (C, at_q)):
+                matrix[[place[a].start, place[b].start]] = matrix[[place[b].start, place[a].start]]
         for name in self.mirror:
-            A[at[name]] *= -1.0
+            signs_q, signs_v = _REFLECTED.get(_base(robot, name), ([-1], [-1]))
+            A[at[name]] *= np.array(signs_v)[:, None]
+            C[at_q[name]] *= np.array(signs_q)[:, None]
         for name, sums in self.combine.items():
-            A[at[name]] = 0.0
+            A[at[name]], C[at_q[name]] = 0.0, 0.0
             for part, factor in sums.items():
-                A[at[name], at[part]] = factor
-        for name, distance in self.moved.items():
-            moved[at[name]] = distance
+                A[at[name], at[part]], C[at_q[name], at_q[part]] = factor, factor
+        for name, far in self.moved.items():
+            if isinstance(far, Mapping):
+                base = _base(robot, name)
+                C[at_q[name]] = _turn(base, far.get("yaw", 0.0)) @ C[at_q[name]]
+                places = _PLACES[base][:-1]
+                moved[at_q[name]][: len(places)] = [far.get(place, 0.0) for place in places]
+            else:
+                moved[at_q[name]] = far
         for name in self.apart:
             compared[at[name]] = False
-        return Image(A, moved, compared)
+        return Image(A, C, moved, compared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,25 +234,22 @@ class Image:
     Attributes
     ----------
     A : ndarray, shape (nv, nv)
-        Velocity of the image by that of the start. Positions of joints of one number follow it, too; others
-        are where they were.
-    moved : ndarray, shape (nv,)
-        And positions, by how much more.
+        Velocity of the image by that of the start.
+    C, moved : ndarray, shapes (nq, nq) and (nq,)
+        Its configuration, C q + moved.
     compared : ndarray of bool, shape (nv,)
         Which positions are compared.
     """
 
     A: Array
+    C: Array
     moved: Array
     compared: BoolArray
 
-    def configuration(self, robot: Robot, q: Array) -> Array:
+    def configuration(self, q: Array) -> Array:
         """Image of a configuration, shape (nq,)."""
-        image, places = np.array(q), numbers_of(robot)
-        single = places >= 0
-        values = np.where(single, q[places], 0.0)
-        image[places[single]] = (self.A @ values + self.moved)[single]
-        return image
+        found: Array = self.C @ q + self.moved
+        return found
 
     def velocity(self, v: Array) -> Array:
         """Image of a velocity, shape (nv,)."""
@@ -246,6 +278,23 @@ def impact_axes(robot: Robot, frame: str) -> tuple[int, ...]:
     bends = (np.zeros(robot.nv), np.full(robot.nv, _BEND), _BEND * np.cos(np.arange(robot.nv)))
     rates = [point_jacobian(robot, frame, robot.integrate(robot.q0, bend)) for bend in bends]
     return tuple(int(i) for i in np.flatnonzero(np.abs(rates).max(axis=(0, 2)) > RANK_TOLERANCE))
+
+
+def _base(robot: Robot, name: str) -> str:
+    """The type of a joint that is a floating or planar base, else empty."""
+    kind = str(robot.model.joints[robot.model.getJointId(name)].shortname())
+    return kind if kind in _PLACES else ""
+
+
+def _turn(kind: str, yaw: float) -> Array:
+    """Turn of a base about z by its numbers: position, and quaternion xyzw or (cos, sin)."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    flat = np.array([[c, -s], [s, c]])
+    if kind == _PLANAR:
+        return np.asarray(block_diag(flat, flat))
+    c, s = np.cos(yaw / 2), np.sin(yaw / 2)
+    attitude = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, c, s], [0, 0, -s, c]])
+    return np.asarray(block_diag(flat, np.eye(1), attitude))
 
 
 def _unit(robot: Robot, name: str) -> str:

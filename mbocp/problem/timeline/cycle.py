@@ -97,7 +97,7 @@ def _check_kept(table: SwitchTable, periodic: Periodic, q: Array) -> None:
     image = periodic.image(robot)
     for _ in range(_NUM_POSES):
         there = robot.integrate(q, rng.normal(scale=_SPREAD, size=robot.nv))
-        away = table.residuals(image.configuration(robot, there)[None], there[None])[0]
+        away = table.residuals(image.configuration(there)[None], there[None])[0]
         worst = int(np.argmax(np.abs(away) * always))
         if np.abs(away[worst]) * always[worst] > _TOLERANCE:
             raise ProblemError(
