@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import tomllib
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from scipy.special import ellipk
 from mbocp import Problem, Solution, load_problem, load_robot, solve
 from mbocp.cli.summary import goal_error
 from mbocp.exceptions import MbocpError
+from mbocp.lie import ConfigurationSpace
 from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.goals.periodic import Periodic, point_jacobian
@@ -302,7 +304,55 @@ def test_images_by_hand(periodic: dict[str, Any]) -> None:
     assert np.allclose(image.configuration(q), wanted)
 
 
+CART = """<robot name="cart"><link name="world"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="root_joint" type="planar"><parent link="world"/><child link="cart"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+MOVES: dict[str, dict[str, Any]] = {
+    "solo12": {"root_joint": {"x": 0.3, "y": -0.1, "z": 0.02, "yaw": 0.7}},
+    "solo12, reflected": {"root_joint": {"x": 0.3, "yaw": 0.7}},
+    "planar": {"root_joint": {"x": 0.3, "y": 0.2, "yaw": -1.2}},
+    "planar, reflected": {"root_joint": {"y": 0.2, "yaw": 0.4}},
+}
+
+
+@pytest.mark.parametrize("coordinates", ["quaternion", "dcm"])
+@pytest.mark.parametrize("case", MOVES)
+def test_bases_are_reflected_turned_and_moved(case: str, coordinates: str, tmp_path: Path) -> None:
+    """The image of a base is that of its placement, and that of its velocity the derivative."""
+    kind, _, reflected = case.partition(", ")
+    path = tmp_path / "cart.urdf"
+    path.write_text(CART)
+    robot, rng = load_robot(kind if kind == "solo12" else str(path)), np.random.default_rng(3)
+    periodic = Periodic(moved=MOVES[case], mirror=("root_joint",) if reflected else ())
+    periodic.check(robot)
+    image, base = periodic.image(robot), robot.joint_names[0]
+    far = {"x": 0.0, "y": 0.0, "z": 0.0, "yaw": 0.0, **MOVES[case]["root_joint"]}
+    turn, across = pin.utils.rotate("z", far["yaw"]), np.diag([1.0, -1.0 if reflected else 1.0, 1.0])
+    space = ConfigurationSpace(robot.model, coordinates)
+    C, moved = space.affine(image.C, image.moved)
+    for _ in range(3):
+        q = pin.randomConfiguration(robot.model, -np.ones(robot.nq), np.ones(robot.nq))
+        v = rng.normal(size=robot.nv)
+        there = image.configuration(q)
+        before, after = robot.frame_placement(base, q), robot.frame_placement(base, there)
+        offset = np.array([far["x"], far["y"], far["z"]])
+        assert np.allclose(after.translation, turn @ across @ before.translation + offset)
+        assert np.allclose(after.rotation, turn @ across @ before.rotation @ across)
+        legs = slice(robot.configuration_indices(base).stop, None)
+        assert np.array_equal(there[legs], q[legs])
+        eps = 1e-6
+        ends = [image.configuration(robot.integrate(q, side * eps * v)) for side in (-1.0, 1.0)]
+        assert np.allclose(robot.difference(*ends) / (2 * eps), image.velocity(v), atol=1e-7)
+        z, z_there = space.coordinates(np.array([q, there]))
+        between = robot.difference(there, space.configurations((C @ z + moved)[None])[0])
+        assert np.abs(between).max() < 1e-12
+        assert np.abs(np.abs(C @ z + moved) - np.abs(z_there)).max() < 1e-12  # quaternions but for the sign
+
+
 TABLES: list[dict[str, Any]] = [
+    {"start": {"free": {"q": {"except": ["elbow_joint"]}}}, "goal": {"periodic": True}},
     {"start": {"free": True}, "goal": {"periodic": True}},
     {
         "start": {"free": "q"},
@@ -345,6 +395,8 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ("ur5", {"start": {"free": {"v": {"elbow_joint": [1, 0]}}}}, "expected true, or [lower, upper]"),
     ("ur5", {"start": {"free": {"v": {"elbow_joint": [1, 2]}}}}, "is the guess of what start.free sets free"),
     ("ur5", {"start": {"free": {}}}, "nothing is free"),
+    ("ur5", {"start": {"free": {"q": {"except": ["elbow"]}}}}, "start.free.q.except: "),
+    ("ur5", {"start": {"free": {"q": {"except": "elbow_joint"}}}}, "start.free.q.except: "),
     ("hector", {"start": {"free": {"q": {"root_joint": [0, 1]}}}}, "is no single number"),
     ("ur5", {"start": {"free": True}, "coordinates": "natural"}, 'is for coordinates = "joint"'),
     ("ur5", {"goal": {"periodic": True}, "coordinates": "natural"}, 'is for coordinates = "joint"'),
@@ -358,7 +410,19 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ("ur5", {"goal": {"periodic": {"turned": 1}}}, "goal.periodic: unknown key 'turned'"),
     ("ur5", {"goal": {"periodic": {"impact": "foot"}}}, "no frame 'foot'"),
     ("ur5", {"goal": {"periodic": {"impact": "base_link"}}}, "cannot be moved"),
-    ("hector", {"goal": {"periodic": {"mirror": ["root_joint"]}}}, "is no joint of one number"),
+    ("hector", {"goal": {"periodic": {"swap": [["root_joint", "root_joint"]]}}}, "is no joint of one number"),
+    ("hector", {"goal": {"periodic": {"moved": {"root_joint": 0.3}}}}, "expected a table with x, y, z, yaw"),
+    (
+        "hector",
+        {"goal": {"periodic": {"moved": {"root_joint": {"roll": 0.3}}}}},
+        "expected a table with x, y, z, yaw",
+    ),
+    ("ur5", {"goal": {"periodic": {"moved": {"elbow_joint": {"x": 0.3}}}}}, "a joint of one number"),
+    (
+        "hector",
+        {"goal": {"periodic": {"moved": {"root_joint": {"x": float("nan")}}}}},
+        "expected a number",
+    ),
     (
         "ur5",
         {"goal": {"periodic": {"moved": {"elbow_joint": 1}, "except": ["elbow_joint"]}}},

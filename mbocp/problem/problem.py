@@ -69,6 +69,7 @@ class Problem(ProblemData):
         controls: str | None = None,
         phase: Sequence[Mapping[str, Any]] | None = None,
         ground: Mapping[str, Any] | None = None,
+        gait: Mapping[str, Any] | None = None,
         start: Mapping[str, Any] | None = None,
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
@@ -102,7 +103,7 @@ class Problem(ProblemData):
             How controls vary within a step; constant by default.
         phase : sequence of mapping, optional
             The tables `[[phase]]`.
-        ground, start, goal, cost, limits, guess, integrator, solver : mapping, optional
+        ground, gait, start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
         via, obstacle, path : sequence of mapping, optional
             The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
@@ -122,6 +123,7 @@ class Problem(ProblemData):
         tables = {
             "phase": phase,
             "ground": ground,
+            "gait": gait,
             "start": start,
             "goal": goal,
             "cost": cost,

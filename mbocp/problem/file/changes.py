@@ -35,7 +35,8 @@ _TABLES = [
 _LISTS = [n for n, info in ProblemTable.model_fields.items() if info.default_factory is list and n != "terms"]
 _WHOLE = (*_LISTS, "guess", "self_collision")  # lists, and kinds with what belongs to them
 _OBJECTS = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
-_INNER = ("phases_on_ground", "forces_of_feet", "phases_unweighted", "cost_reader")  # between steps
+_OPTIONAL = ("ground", "gait")  # tables that are there or not
+_INNER = ("phases_of_gait", "phases_on_ground", "forces_of_feet", "phases_unweighted", "cost_reader")
 _ABOUT = ("robot", "terms", "source", "name", "coordinates")
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
 
@@ -55,7 +56,7 @@ FIELDS = {
     name: said
     for name, said in {**_SAID, **{name.removeprefix("said_"): (name, "") for name in UNSAID}}.items()
     if name not in (*_HORIZON, *_INTEGRATOR, *_ABOUT, *_INNER)
-} | {"lengths": _SAID["lengths"]}
+} | {"lengths": _SAID["lengths"], "phase": ("said_phase", "phase")}
 
 Written = Callable[[], Mapping[str, Any]]
 
@@ -106,14 +107,14 @@ def _check_words(values: Mapping[str, Any]) -> None:
         if name in ("start", "integrator"):
             raise ProblemError(f"{name}: got {show(value)}, expected a table")
         if name not in known:
-            words = dict.fromkeys([*_TABLES, "ground", *_LISTS, "steps", *known])
+            words = dict.fromkeys([*_TABLES, *_OPTIONAL, *_LISTS, "steps", *known])
             raise ProblemError(f"{name}: a problem has no such field: {suggest(name, words, 40)}")
 
 
 def _is_table(name: str, value: Any) -> bool:
     if name in _LISTS:
         return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
-    return name in (*_TABLES, "ground", "self_collision") and isinstance(value, Mapping)
+    return name in (*_TABLES, *_OPTIONAL, "self_collision") and isinstance(value, Mapping)
 
 
 def _value_of(name: str, value: Any) -> Any:

@@ -21,6 +21,7 @@ from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
+from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
@@ -60,7 +61,7 @@ class GroundTable(Table):
     ] = None
     lift: Annotated[
         NonNegative,
-        Key("how far feet in the air are above the ground in the middle of a phase at least", "m"),
+        Key("how far feet in the air are above the ground in the middle of a swing at least", "m"),
     ] = 0.0
     meeting: Annotated[
         str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest already')
@@ -68,8 +69,9 @@ class GroundTable(Table):
 
 
 def on_ground(
-    phase_table: list[PhaseTable],
+    phases_of_gait: list[PhaseTable],
     ground_table: GroundTable | None,
+    goal_table: GoalTable,
     robot: Robot,
     said_q_start: Array,
     start_free: FreeStart | None,
@@ -81,6 +83,7 @@ def on_ground(
     ProblemError, UnknownFrame
         If a phase has contacts without a ground, or a foot is unknown or does not stand on it.
     """
+    phase_table = phases_of_gait
     if ground_table is None:
         for table in phase_table:
             if table.contacts is not None:
@@ -92,9 +95,10 @@ def on_ground(
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
     after = [set(names) - set(before) for before, names in pairwise(stands)]
+    highest = ground.highest(phase_table, stands, is_cycle=bool(goal_table.periodic))
     found = [
-        ground.complete(table, names, lands)
-        for table, names, lands in zip(phase_table, stands, [*after, set()], strict=True)
+        ground.complete(table, names, lands, lifted)
+        for table, names, lands, lifted in zip(phase_table, stands, [*after, set()], highest, strict=True)
     ]
     if start_free is not None:
         found[0] = ground.complete_start(found[0], stands[0], robot, said_q_start, start_free.q)
@@ -123,9 +127,7 @@ class _Ground:
     def contacts(self, table: PhaseTable) -> Sequence[str]:
         """Names of the feet that stand in a phase."""
         for name in table.contacts or ():
-            if name not in self.table.feet:
-                known = ", ".join(map(repr, self.table.feet))
-                raise ProblemError(f"phase {table.name!r}: contacts: no foot {name!r}; [ground] has {known}")
+            check_foot(f"phase {table.name!r}: contacts", name, self.table)
         return table.contacts or ()
 
     def check_start(self, table: PhaseTable, stands: Sequence[str]) -> None:
@@ -141,7 +143,7 @@ class _Ground:
     def complete_start(
         self, table: PhaseTable, stands: Sequence[str], robot: Robot, q_start: Array, free: BoolArray
     ) -> PhaseTable:
-        """The first phase with feet that a free start moves on the ground: at its first node, as they are held.
+        """The first phase, with feet that a free start moves held where the ground is.
 
         Raises
         ------
@@ -165,7 +167,33 @@ class _Ground:
         here = ViaTable(share=1.0 / table.steps, frame=[self._landed(name) for name in moved])
         return table.model_copy(update={"via": [here, *table.via]})
 
-    def complete(self, table: PhaseTable, stands: Sequence[str], lands: Set[str]) -> PhaseTable:
+    def highest(
+        self, tables: Sequence[PhaseTable], stands: Sequence[Sequence[str]], *, is_cycle: bool
+    ) -> list[dict[str, float]]:
+        """For each phase the feet that are lifted in it, and at which part of it: in the middle of a swing.
+
+        The middle of a swing that goes on where a cycle closes is its end: at its start the image is as high.
+        """
+        ends = np.cumsum([0, *(table.steps for table in tables)])
+        found: list[dict[str, float]] = [{} for _ in tables]
+        for name in self.table.feet:
+            in_air = [False, *(name not in names for names in stands), False]
+            changes = [k for k, (before, after) in enumerate(pairwise(in_air)) if before != after]
+            for first, last in zip(
+                changes[::2], changes[1::2], strict=True
+            ):  # phases of a swing, but the last
+                if is_cycle and (first == 0 or last == len(tables)):
+                    if last == len(tables):
+                        found[-1][name] = 1.0
+                    continue
+                middle = (ends[first] + ends[last]) / 2
+                k = int(np.searchsorted(ends, middle, side="left")) - 1
+                found[k][name] = float((middle - ends[k]) / tables[k].steps)
+        return found
+
+    def complete(
+        self, table: PhaseTable, stands: Sequence[str], lands: Set[str], lifted: Mapping[str, float]
+    ) -> PhaseTable:
         """A phase in which feet stand, others stay above the ground, and some land at its end."""
         kind = "point" if self.table.sole is None else "weld"
         holds = [
@@ -173,7 +201,11 @@ class _Ground:
             for name in stands
         ]
         swings = [name for name in self.table.feet if name not in stands]
-        above = [path for name in swings for path in self._above(table, name, lands=name in lands)]
+        above = [
+            path
+            for name in swings
+            for path in self._above(table, name, lifted.get(name), lands=name in lands)
+        ]
         at_end = [self._landed(name) for name in self.table.feet if name in lands]
         update = {"hold": [*table.hold, *holds], "path": [*table.path, *above]}
         return table.model_copy(update={**update, "via": _with_frames(table.via, at_end)})
@@ -186,14 +218,14 @@ class _Ground:
         found |= {} if sole is None else {"pressure": sole}
         return PathTable(**found)
 
-    def _above(self, table: PhaseTable, name: str, *, lands: bool) -> list[Any]:
+    def _above(self, table: PhaseTable, name: str, highest: float | None, *, lands: bool) -> list[Any]:
         """Keep a foot above the ground within a phase, and at its end unless it lands there."""
         last = table.steps - 1 if lands else table.steps
         if last < 1:
             return []
         shares = {"above the ground": (1.0 / table.steps, last / table.steps, 0.0)}
-        if self.table.lift > 0.0:
-            shares["lifted"] = (0.5, 0.5, self.table.lift)
+        if self.table.lift > 0.0 and highest is not None:
+            shares["lifted"] = (highest, highest, self.table.lift)
         found = []
         for words, (since, until, lift) in shares.items():
             keys: dict[str, Any] = {"name": f"{name} {words} in {table.name}", "kind": "position"}
@@ -209,6 +241,17 @@ class _Ground:
             up = [0.0, 0.0, 1.0]
             found |= {"axis": (self.places[name].rotation.T @ up).tolist(), "direction": up}
         return FrameGoalTable(**found)
+
+
+def check_foot(key: str, name: str, ground: GroundTable) -> None:
+    """Refuse a foot that the ground does not name.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if name not in ground.feet:
+        raise ProblemError(f"{key}: no foot {name!r}; [ground] has {', '.join(map(repr, ground.feet))}")
 
 
 def _with_frames(via: Sequence[ViaTable], at_end: list[FrameGoalTable]) -> list[ViaTable]:

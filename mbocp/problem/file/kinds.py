@@ -111,7 +111,7 @@ def _periodic(value: Any) -> Any:
 
 SEVERAL = OneOrSeveral("table, or several", _as_list, None)
 RELEASED = OneOrSeveral("strings, or tables", _releases, str)
-_Free = Literal[True] | list[str] | dict[str, Literal[True] | Vector]
+_Free = Literal[True] | list[str] | dict[str, Literal[True] | Vector | list[str]]
 Rate = Annotated[Any, Kind("vector, or 0", _rate, Literal[0] | Vector | Named)]
 RateOrFree = Annotated[
     Any, Kind('vector, 0, or `"free"`', _rate_or_free, Literal[0, "free"] | Vector | Named)

@@ -64,26 +64,37 @@ def _which(robot: Robot, written: Any, key: str) -> tuple[BoolArray, Array, Arra
         return free, lower, upper
     if written is True:
         return np.ones(nv, dtype=np.bool_), lower, upper
+    if isinstance(written, Mapping) and set(written) == {"except"}:
+        free[:] = True
+        for name in written["except"] if _are_names(written["except"]) else [""]:
+            free[_slot(robot, name, f"{key}.except")] = False
+        return free, lower, upper
     if isinstance(written, list):
         written = dict.fromkeys(written, True)
     if not isinstance(written, Mapping):
         raise ProblemError(
-            f"{key}: got {show(written)}, expected true, a list of joints, or a table with true or "
-            "[lower, upper] for each"
+            f"{key}: got {show(written)}, expected true, a list of joints, a table with true or "
+            "[lower, upper] for each, or with except, a list of joints"
         )
-    slots = tangent_slots(robot)
     for name, entry in written.items():
-        if name not in slots:
-            with locate(key):
-                raise robot.unknown_joint(str(name), slots)
-        free[slots[name]] = True
+        slot = _slot(robot, name, key)
+        free[slot] = True
         if entry is True:
             continue
         pair = entry if isinstance(entry, list) else []
         if len(pair) != 2 or not all(is_number(side) for side in pair) or not pair[0] < pair[1]:
             raise ProblemError(f"{key}.{name}: got {show(entry)}, expected true, or [lower, upper]")
-        lower[slots[name]], upper[slots[name]] = float(pair[0]), float(pair[1])
+        lower[slot], upper[slot] = float(pair[0]), float(pair[1])
     return free, lower, upper
+
+
+def _slot(robot: Robot, name: str, key: str) -> slice:
+    """Where a joint, or a component of one, is in a velocity."""
+    slots = tangent_slots(robot)
+    if name not in slots:
+        with locate(key):
+            raise robot.unknown_joint(str(name), slots)
+    return slots[name]
 
 
 def periodic_from(written: Any) -> Periodic | None:

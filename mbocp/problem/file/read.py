@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from mbocp._arrays import Array
 from mbocp.problem.file.cost_table import make_cost_reader, read_cost
+from mbocp.problem.file.gait_table import phases_of_gait
 from mbocp.problem.file.goal_table import read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
@@ -97,11 +98,11 @@ def _via(
 
 
 def _weights_of_phases(
-    phase_table: list[PhaseTable], phases_unweighted: tuple[Phase, ...], cost_reader: Reader
+    phases_on_ground: list[PhaseTable], phases_unweighted: tuple[Phase, ...], cost_reader: Reader
 ) -> tuple[Phase, ...]:
     return tuple(
         checked_phase(replace(phase, weights=phase_weights(table, cost_reader)))
-        for phase, table in zip(phases_unweighted, phase_table, strict=True)
+        for phase, table in zip(phases_unweighted, phases_on_ground, strict=True)
     )
 
 
@@ -126,6 +127,7 @@ def _solver(solver_table: SolverTable) -> SolverOptions:
 
 READ = (
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
+    Step.of(phases_of_gait, "phases_of_gait"),
     Step.of(on_ground, "phases_on_ground", "forces_of_feet"),
     Step.of(_phases, "phases_unweighted"),
     Step.of(

@@ -21,6 +21,7 @@ from mbocp._text import show
 from mbocp.problem._checks import choice
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.file.cost_table import CostTable
+from mbocp.problem.file.gait_table import GaitTable
 from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.ground_table import GroundTable
 from mbocp.problem.file.guess_table import GuessTable
@@ -76,6 +77,9 @@ class ProblemTable(Table):
     horizon: Annotated[HorizonTable, Key("how long, and in how many steps")] = HorizonTable.model_construct()
     phase: Annotated[list[PhaseTable], Key("[phases](phases.md) of the motion")] = Field(default_factory=list)
     ground: Annotated[GroundTable | None, Key("what [feet](contact.md#legs) stand on", "", "none")] = None
+    gait: Annotated[
+        GaitTable | None, Key("a [gait](contact.md#gaits), in the place of phases", "", "none")
+    ] = None
     start: Annotated[StartTable, Key("state at t = 0")] = StartTable.model_construct()
     goal: Annotated[GoalTable, Key("state at t = T")] = GoalTable.model_construct()
     cost: Annotated[CostTable, Key("what is minimised")] = CostTable.model_construct()  # type: ignore[valid-type]

@@ -25,7 +25,6 @@ from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import block_diag
 
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._numbers import is_number
@@ -288,13 +287,15 @@ def _base(robot: Robot, name: str) -> str:
 
 def _turn(kind: str, yaw: float) -> Array:
     """Turn of a base about z by its numbers: position, and quaternion xyzw or (cos, sin)."""
+    turn = np.eye(4 if kind == _PLANAR else 7)
     c, s = np.cos(yaw), np.sin(yaw)
-    flat = np.array([[c, -s], [s, c]])
+    turn[:2, :2] = [[c, -s], [s, c]]
     if kind == _PLANAR:
-        return np.asarray(block_diag(flat, flat))
-    c, s = np.cos(yaw / 2), np.sin(yaw / 2)
-    attitude = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, c, s], [0, 0, -s, c]])
-    return np.asarray(block_diag(flat, np.eye(1), attitude))
+        turn[2:, 2:] = turn[:2, :2]
+    else:
+        c, s = np.cos(yaw / 2), np.sin(yaw / 2)
+        turn[3:, 3:] = [[c, -s, 0, 0], [s, c, 0, 0], [0, 0, c, s], [0, 0, -s, c]]
+    return turn
 
 
 def _unit(robot: Robot, name: str) -> str:

@@ -134,11 +134,16 @@ def test_what_cannot_stand_is_refused(phase: list[Any], ground: dict[str, Any], 
         solo(phase, ground, **({} if phase else {"duration": 0.5, "steps": 10}))
 
 
-def test_a_free_start_is_refused() -> None:
-    with pytest.raises(
-        ProblemError, match=r"ground: it is as high as feet stand at the start, which start\.free"
-    ):
-        solo(steps(["FL"])).with_(start={"free": "q"})
+def test_feet_of_a_free_start_stand_on_the_ground() -> None:
+    problem = solo(steps(["FL", "HR"], ["FR", "HL"])).with_(start={"free": True})
+    (begin, _) = problem.via
+    assert (begin.time.name, begin.time.share) == ("s0", 0.25)
+    asked = {frame.name: frame.target.position[2] for frame in begin.goal.frames}
+    assert asked == pytest.approx({"FL_FOOT": LEVEL, "HR_FOOT": LEVEL}, abs=1e-6)
+    with pytest.raises(ProblemError, match=r"start\.free: feet stand in phase 's0', and what is free cannot"):
+        solo(steps(["FL", "HR"])).with_(start={"free": {"q": ["root_joint.vz"]}})
+    still = solo(steps(["FL", "HR"])).with_(start={"free": {"q": ["FR_KFE"]}})
+    assert not still.via
 
 
 def test_contacts_without_a_ground_are_refused() -> None:
