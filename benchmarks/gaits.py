@@ -1,6 +1,6 @@
 """Gaits of solo12 at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
 
-Four phases of 0.2 s, and one in which it stands, on a level ground with friction 0.7, from rest to rest, at
+Four swings of 0.2 s, and a phase in which it stands, on a level ground with friction 0.7, from rest to rest, at
 up to 0.4 m/s in any direction, turned by up to half a radian, within the limits of `solo12_trot.toml`.
 """
 
@@ -23,13 +23,9 @@ from mbocp.robot import load_robot
 __all__ = ["GAITS", "gait", "gait_table", "record_of"]
 
 _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
+_NUM_SWINGS = 4
 FEET = ["FL", "FR", "HL", "HR"]
-GAITS: Mapping[str, Sequence[Sequence[str]]] = {
-    "trot": [["FL", "HR"], ["FR", "HL"]] * 2,
-    "pace": [["FL", "HL"], ["FR", "HR"]] * 2,
-    "crawl": [["FL", "FR", "HL"], ["FL", "FR", "HR"], ["FL", "HL", "HR"], ["FR", "HL", "HR"]],
-    "bound": [["FL", "FR"], ["HL", "HR"]] * 2,
-}
+GAITS = {"trot": 2, "pace": 2, "walk": 1, "bound": 2}  # and how many cycles four swings are
 
 
 def gait(name: str, number: int) -> Problem:
@@ -38,15 +34,11 @@ def gait(name: str, number: int) -> Problem:
     speed, heading, turn = rng.uniform([0.0, -np.pi, -_TURN], [_FASTEST, np.pi, _TURN])
     robot = load_robot("solo12")
     legs = {label.name: angle for label, angle in zip(robot.q_labels[7:], robot.q0[7:], strict=True)}
-    way = speed * _SECONDS * len(GAITS[name])
+    way = speed * _SECONDS * _NUM_SWINGS
     place = [way * np.cos(heading), way * np.sin(heading), 0.235]
-    phases = [
-        {"name": f"{k}", "steps": _STEPS, "duration": _SECONDS, "contacts": list(feet)}
-        for k, feet in enumerate([*GAITS[name], FEET], start=1)
-    ]
     return Problem.create(
         robot,
-        phase=phases,
+        gait={"swings": name, "cycles": GAITS[name], "duration": _SECONDS, "steps": _STEPS},
         ground={"feet": {foot: f"{foot}_FOOT" for foot in FEET}, "friction": 0.7},
         start={"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}},
         goal={"v": 0, "q": legs, "frame": {"name": "base_link", "position": place, "rpy": [0, 0, turn]}},

@@ -27,8 +27,8 @@ _PLACES = {
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
         problem/causes problem/clear_goal problem/default_cost problem/frame_goals problem/goal_sets
         problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances problem/place_causes
-        problem/file/gait problem/file/ground problem/via programme/c_files programme/keys programme/later receding/horizon
-        robot/large_robots ros
+        problem/file/gait problem/file/ground problem/via programme/c_files programme/keys programme/later
+        receding/horizon robot/large_robots ros
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
         terms/kept terms/motor view/replay
