@@ -1,6 +1,6 @@
 """Gaits of solo12 at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
 
-Four swings of 0.2 s, and a phase in which it stands, on a level ground with friction 0.7, from rest to rest, at
+Four swings of 0.2 s and a stand, on a level ground with friction 0.7, from rest to rest, at
 up to 0.4 m/s in any direction, turned by up to half a radian, within the limits of `solo12_trot.toml`.
 """
 
