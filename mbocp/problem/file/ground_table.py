@@ -7,10 +7,10 @@ the problem.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -29,14 +29,16 @@ from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
-from mbocp.robot.kinematics import frame_jacobian
+from mbocp.robot.kinematics import WORLD, frame_jacobian
 from mbocp.terms import ContactTerm
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair
 
+_AT_END = (None, 1.0)  # shares of via points at the end of their phase
+
 
 class GroundTable(Table):
-    """A level ground, and what stands on it."""
+    """A level ground, or footholds, and what stands there."""
 
     feet: Annotated[
         dict[str, str],
@@ -94,16 +96,33 @@ def on_ground(
     ground = _Ground.of(ground_table, robot, said_q_start)
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
-    after = [set(names) - set(before) for before, names in pairwise(stands)]
-    highest = ground.highest(phase_table, stands, is_cycle=bool(goal_table.periodic))
-    found = [
-        ground.complete(table, names, lands, lifted)
-        for table, names, lands, lifted in zip(phase_table, stands, [*after, set()], highest, strict=True)
-    ]
+    swings = ground.swings(phase_table, stands, is_cycle=bool(goal_table.periodic))
+    found = [ground.complete(*each) for each in zip(phase_table, stands, swings, strict=True)]
     if start_free is not None:
         found[0] = ground.complete_start(found[0], stands[0], robot, said_q_start, start_free.q)
     used = [name for name in ground.table.feet if any(name in names for names in stands)]
     return found, [ground.force(name) for name in used]
+
+
+class _Swing(NamedTuple):
+    """A foot in the air in a phase.
+
+    Attributes
+    ----------
+    foot : str
+    low, high : float
+        Of the heights of the ground where it left and where it lands: the lower and the higher one [m].
+    lands : float, optional
+        Height of the ground where it lands at the end of the phase [m].
+    middle : float, optional
+        Which part of the phase is the middle of the swing.
+    """
+
+    foot: str
+    low: float
+    high: float
+    lands: float | None = None
+    middle: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,49 +183,64 @@ class _Ground:
                 f"start.free: feet stand in phase {table.name!r}, and what is free cannot bring "
                 f"each of {', '.join(map(repr, moved))} to the ground; free more of base and legs"
             )
-        here = ViaTable(share=1.0 / table.steps, frame=[self._landed(name) for name in moved])
+        here = ViaTable(
+            share=1.0 / table.steps, frame=[self._landed(name, self.height, ()) for name in moved]
+        )
         return table.model_copy(update={"via": [here, *table.via]})
 
-    def highest(
+    def swings(
         self, tables: Sequence[PhaseTable], stands: Sequence[Sequence[str]], *, is_cycle: bool
-    ) -> list[dict[str, float]]:
-        """For each phase the feet that are lifted in it, and at which part of it: in the middle of a swing.
+    ) -> list[list[_Swing]]:
+        """Feet that are in the air, for each phase.
 
         The middle of a swing that goes on where a cycle closes is its end: at its start the image is as high.
         """
         ends = np.cumsum([0, *(table.steps for table in tables)])
-        found: list[dict[str, float]] = [{} for _ in tables]
+        found: list[list[_Swing]] = [[] for _ in tables]
         for name in self.table.feet:
-            in_air = [False, *(name not in names for names in stands), False]
+            in_air, height = [False, *(name not in names for names in stands), False], self.height
             changes = [k for k, (before, after) in enumerate(pairwise(in_air)) if before != after]
-            for first, last in zip(
-                changes[::2], changes[1::2], strict=True
-            ):  # phases of a swing, but the last
-                if is_cycle and (first == 0 or last == len(tables)):
-                    if last == len(tables):
-                        found[-1][name] = 1.0
-                    continue
-                middle = (ends[first] + ends[last]) / 2
-                k = int(np.searchsorted(ends, middle, side="left")) - 1
-                found[k][name] = float((middle - ends[k]) / tables[k].steps)
+            for first, last in zip(changes[::2], changes[1::2], strict=True):  # `last` is the phase after it
+                is_cut = is_cycle and (first == 0 or last == len(tables))
+                middle = ends[-1] if is_cut else (ends[first] + ends[last]) / 2
+                there = self._height_at_end(tables[last - 1], name) if last < len(tables) else None
+                low, high = sorted((height, height if there is None else there))
+                for k in range(first, last):
+                    share = (middle - ends[k]) / tables[k].steps
+                    found[k].append(
+                        _Swing(
+                            name,
+                            low,
+                            high,
+                            there if k == last - 1 else None,
+                            float(share) if 0.0 < share <= 1.0 else None,
+                        )
+                    )
+                height = height if there is None else there
         return found
 
-    def complete(
-        self, table: PhaseTable, stands: Sequence[str], lands: Set[str], lifted: Mapping[str, float]
-    ) -> PhaseTable:
+    def _height_at_end(self, table: PhaseTable, name: str) -> float:
+        """Of the ground where a foot lands: where a via point wants it, else that of all of it."""
+        for frame in _frames_at_end(table, self.table.feet[name]):
+            z = frame.position[2] if frame.position is not None else frame.z
+            if z is not None:
+                return float(z)
+        return self.height
+
+    def complete(self, table: PhaseTable, stands: Sequence[str], swings: Sequence[_Swing]) -> PhaseTable:
         """A phase in which feet stand, others stay above the ground, and some land at its end."""
         kind = "point" if self.table.sole is None else "weld"
         holds = [
             HoldTable(name=name, frame=self.table.feet[name], kind=kind, meeting=self.table.meeting)
             for name in stands
         ]
-        swings = [name for name in self.table.feet if name not in stands]
-        above = [
-            path
-            for name in swings
-            for path in self._above(table, name, lifted.get(name), lands=name in lands)
+        above = [path for swing in swings for path in self._above(table, swing)]
+        at_end = [
+            self._landed(swing.foot, swing.lands, _frames_at_end(table, self.table.feet[swing.foot]))
+            for swing in swings
+            if swing.lands is not None
         ]
-        at_end = [self._landed(name) for name in self.table.feet if name in lands]
+        at_end = [frame for frame in at_end if frame.z is not None or frame.axis is not None]
         update = {"hold": [*table.hold, *holds], "path": [*table.path, *above]}
         return table.model_copy(update={**update, "via": _with_frames(table.via, at_end)})
 
@@ -218,25 +252,28 @@ class _Ground:
         found |= {} if sole is None else {"pressure": sole}
         return PathTable(**found)
 
-    def _above(self, table: PhaseTable, name: str, highest: float | None, *, lands: bool) -> list[Any]:
+    def _above(self, table: PhaseTable, swing: _Swing) -> list[Any]:
         """Keep a foot above the ground within a phase, and at its end unless it lands there."""
-        last = table.steps - 1 if lands else table.steps
+        last = table.steps if swing.lands is None else table.steps - 1
         if last < 1:
             return []
-        shares = {"above the ground": (1.0 / table.steps, last / table.steps, 0.0)}
-        if self.table.lift > 0.0 and highest is not None:
-            shares["lifted"] = (highest, highest, self.table.lift)
+        shares = {"above the ground": (1.0 / table.steps, last / table.steps, swing.low)}
+        lift = self.table.lift + swing.high
+        if swing.middle is not None and lift > swing.low:
+            shares["lifted"] = (swing.middle, swing.middle, lift)
         found = []
-        for words, (since, until, lift) in shares.items():
-            keys: dict[str, Any] = {"name": f"{name} {words} in {table.name}", "kind": "position"}
-            keys |= {"frame": self.table.feet[name], "z": [self.height + lift, np.inf]}
+        for words, (since, until, z) in shares.items():
+            keys: dict[str, Any] = {"name": f"{swing.foot} {words} in {table.name}", "kind": "position"}
+            keys |= {"frame": self.table.feet[swing.foot], "z": [z, np.inf]}
             keys |= {"from": Share(since), "until": Share(until)}
             found.append(PathTable(**keys))
         return found
 
-    def _landed(self, name: str) -> FrameGoalTable:
-        """A foot on the ground, a sole as level as at the start."""
-        found: dict[str, Any] = {"name": self.table.feet[name], "z": self.height}
+    def _landed(self, name: str, height: float, said: Sequence[FrameGoalTable]) -> FrameGoalTable:
+        """A foot on the ground, a sole as level as at the start; but for a height that is said."""
+        found: dict[str, Any] = {"name": self.table.feet[name]}
+        if all(frame.z is None and frame.position is None for frame in said):
+            found["z"] = height
         if self.table.sole is not None:
             up = [0.0, 0.0, 1.0]
             found |= {"axis": (self.places[name].rotation.T @ up).tolist(), "direction": up}
@@ -254,11 +291,22 @@ def check_foot(key: str, name: str, ground: GroundTable) -> None:
         raise ProblemError(f"{key}: no foot {name!r}; [ground] has {', '.join(map(repr, ground.feet))}")
 
 
+def _frames_at_end(table: PhaseTable, frame: str) -> list[FrameGoalTable]:
+    """What is said of a frame's place in the world at the end of a phase."""
+    return [
+        goal
+        for point in table.via
+        if point.share in _AT_END
+        for goal in point.frame
+        if goal.name == frame and goal.relative_to in (None, WORLD)
+    ]
+
+
 def _with_frames(via: Sequence[ViaTable], at_end: list[FrameGoalTable]) -> list[ViaTable]:
     """Via points of a phase with frames at its end: in the one that is there, or in one more."""
     if not at_end:
         return list(via)
-    there = [k for k, point in enumerate(via) if point.share in (None, 1.0)]
+    there = [k for k, point in enumerate(via) if point.share in _AT_END]
     if not there:
         return [*via, ViaTable(frame=at_end)]
     k = there[0]

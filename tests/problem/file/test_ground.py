@@ -163,6 +163,28 @@ def test_feet_that_land_anywhere_are_told() -> None:
     Problem.create("solo12", phase=phase, goal={"v": 0}, scheme="se1")
 
 
+def test_feet_land_as_high_as_footholds_are() -> None:
+    """Up a stair: each foot on its foothold, over the edge in between, and on both at the end."""
+    problem = mbocp.load_problem(EXAMPLES / "talos_stairs.toml")
+    solution = mbocp.solve(problem, check=True)
+    assert solution.limit_violation < 1e-8
+    shift, up, climb, follow, stand = solution.named_phases
+
+    def soles(frame: str, place: Any) -> np.ndarray:
+        nodes = solution.qs[place.first : place.last + 1]
+        return np.array([problem.robot.frame_placement(frame, q).translation[2] for q in nodes])
+
+    for frame, low, swing, high in (
+        ("right_sole_link", (shift,), up, (climb, follow, stand)),
+        ("left_sole_link", (shift, up, climb), follow, (stand,)),
+    ):
+        assert max(np.abs(soles(frame, place)).max() for place in low) < 1e-5
+        assert max(np.abs(soles(frame, place) - 0.1).max() for place in high) < 1e-8
+        in_air = soles(frame, swing)
+        assert in_air[len(in_air) // 2] > 0.14 - 1e-5
+        assert in_air.min() > -1e-5
+
+
 def test_soles_stay_flat_and_land_flat() -> None:
     problem = mbocp.load_problem(EXAMPLES / "talos_step.toml")
     solution = mbocp.solve(problem, check=True)
