@@ -31,7 +31,7 @@ _PLACES = {
         receding/horizon robot/large_robots ros
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
-        terms/kept terms/motor view/replay
+        terms/kept terms/motor terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

@@ -172,6 +172,14 @@ class JointMechanics:
             energy += force_element_energy(element, self, q)
         return energy
 
+    def centre_of_mass(self, q: ca.SX) -> ca.SX:
+        """Centre of mass in the world, shape (3,) [m]."""
+        return self._call(self.functions.center_of_mass, q)[0]
+
+    def centroidal_momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Momentum about the centre of mass, axes of the world, linear first, shape (6,) [kg m/s, N m s]."""
+        return self._call(self.functions.centroidal_momentum, q, v)[0]
+
     def frame_rotation(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Axes of a frame in the world, shape (3, 3)."""
         return self._call(self.functions.frame_placement(frame_id), q)[0]

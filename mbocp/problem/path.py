@@ -16,7 +16,7 @@ from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Span
+from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Position, Span
 from mbocp.terms.span import Place
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
@@ -33,7 +33,9 @@ class PathConstraint(BoundedTerm):
     - ``position``: the coordinates `axes` of p;
     - ``distance``: :math:`|p - p_b|` from the origin of the frame `other`, or from `point`;
     - ``speed``: :math:`|\dot p|`;
-    - ``angular_speed``: :math:`|\omega|`.
+    - ``angular_speed``: :math:`|\omega|`;
+    - ``centre_of_mass``, ``angular_momentum``: coordinates `axes` of the centre of mass of the robot, and of
+      the angular momentum about it.
 
     Attributes
     ----------
@@ -73,7 +75,7 @@ class PathConstraint(BoundedTerm):
         check_choice(f"{key}: kind", self.kind, PATH_KINDS)
         object.__setattr__(self, "point", frozen_array(self.point, shape=(3,), name=f"{key}: point"))
         check_finite(f"{key}: point", self.point)
-        if self.kind != "position" and self.axes:
+        if self.axes and not issubclass(PATH_TERMS[self.kind], Position):
             raise ProblemError(f"{key}: axes belong to a position, got kind {self.kind!r}")
         rows = self.term.rows
         if not rows:

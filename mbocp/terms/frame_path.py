@@ -1,4 +1,4 @@
-"""Kinds of path constraints on the position, the orientation and the speed of a frame."""
+"""Kinds of path constraints on the place and the speed of a frame, and on the mass of all of the robot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbocp.terms.written import Bound, Range, Triple
 _AXES = "xyz"
 
 
-_HISTORIC = {"point": 3}  # every kind of the first release has one, used or not
+_HISTORIC: Mapping[str, int] = {"point": 3}  # every kind of the first release has one, used or not
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,12 @@ class Position(PathTerm):
         """Keys."""
 
         x: Annotated[
-            Range, Key('kind `"position"`: `[lower, upper]` in the world', "m", beside=("y", "z"))
+            Range,
+            Key(
+                'of a `"position"`, a `"centre_of_mass"`: `[lower, upper]` in the world',
+                "m",
+                beside=("y", "z"),
+            ),
         ] = None
         y: Range = None
         z: Range = None
@@ -252,3 +257,40 @@ class Orientation(PathTerm):
         """Cosine of the angle."""
         axis = at.mechanics.frame_rotation(self.frame, at.q) @ p["axis"]
         return ca.dot(p["direction"], axis) / ca.sqrt(ca.sumsqr(p["direction"]) * ca.sumsqr(p["axis"]))
+
+
+@dataclass(frozen=True)
+class CentreOfMass(Position):
+    """Coordinates of the centre of mass in the world."""
+
+    kind = "centre_of_mass"
+    of_robot = True
+    sizes: ClassVar[Mapping[str, int]] = {}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Coordinates [m]."""
+        return at.mechanics.centre_of_mass(at.q)[list(self.axes)]
+
+
+@dataclass(frozen=True)
+class AngularMomentum(Position):
+    """Components of the angular momentum about the centre of mass, in the axes of the world."""
+
+    kind = "angular_momentum"
+    unit = "N m s"
+    of_robot = True
+    has_velocity = True
+    sizes: ClassVar[Mapping[str, int]] = {}
+
+    class Keys(Table):
+        """Keys."""
+
+        x: Annotated[
+            Range, Key("of an angular momentum about the centre of mass", "N m s", beside=("y", "z"))
+        ] = None
+        y: Range = None
+        z: Range = None
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Components [N m s]."""
+        return at.mechanics.centroidal_momentum(at.q, at.v)[3:][list(self.axes)]

@@ -12,7 +12,15 @@ from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Veloci
 from mbocp.terms.time import Time
 from mbocp.terms.end import ExactGoal, TerminalCost
 from mbocp.terms.path import PATH_TERMS
-from mbocp.terms.frame_path import AngularSpeed, Distance, Orientation, Position, Speed
+from mbocp.terms.frame_path import (
+    AngularMomentum,
+    AngularSpeed,
+    CentreOfMass,
+    Distance,
+    Orientation,
+    Position,
+    Speed,
+)
 from mbocp.terms.braking import Braking
 from mbocp.terms.motor import Motor
 from mbocp.terms.kept import Line, OrientationKept
@@ -23,8 +31,10 @@ __all__ = [
     "COST_TERMS",
     "PATH_KEYS",
     "PATH_TERMS",
+    "AngularMomentum",
     "AngularSpeed",
     "Braking",
+    "CentreOfMass",
     "ControlRate",
     "Distance",
     "Effort",

@@ -109,12 +109,11 @@ class Kinematics:
 
     def centre_of_mass(self) -> ca.SX:
         """Centre of mass in the world, shape (3,) [m]."""
-        return self.mechanics.evaluate(self.mechanics.functions.center_of_mass, self.q)
+        return self.mechanics.centre_of_mass(self.q)
 
     def centroidal_momentum(self) -> ca.SX:
         """Momentum about the centre of mass, axes of the world, shape (6,) [kg m/s, N m s]."""
-        function = self.mechanics.functions.centroidal_momentum
-        return self.mechanics.evaluate(function, self.q, self.v)
+        return self.mechanics.centroidal_momentum(self.q, self.v)
 
     def kinetic_energy(self) -> ca.SX:
         """Kinetic energy [J]."""

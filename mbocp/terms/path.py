@@ -102,6 +102,8 @@ class PathTerm(Structure, ABC):
         Whether it says where the frame is all the way, so that a guess can follow.
     of_joint : bool
         Whether it is about a joint with one angle, by whose frame that is named.
+    of_robot : bool
+        Whether it is about all of the robot, and no frame.
     frame : int
         Index of the frame.
     """
@@ -113,6 +115,7 @@ class PathTerm(Structure, ABC):
     measure: ClassVar[Measure] = VALUE
     leads: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
+    of_robot: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:

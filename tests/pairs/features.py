@@ -194,6 +194,7 @@ FEATURES: dict[str, Feature] = {
         _f("path_distance", _path(kind="distance", point=[0.0, 0.0, -1.0], min=0.1)),
         _f("path_speed", _path(kind="speed", max=5.0)),
         _f("path_spin", _path(kind="angular_speed", max=20.0)),
+        _f("path_centre", lambda _: {"path": [{"kind": "centre_of_mass", "z": [-9.0, 9.0]}]}),
         _f("path_orientation", _path(kind="orientation", axis=[1, 0, 0], max=3.1)),
         _f("path_kept", _path(kind="orientation_kept", tolerance=1.5)),
         _f("path_line", _line, "line"),

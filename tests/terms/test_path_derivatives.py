@@ -21,6 +21,8 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
     "distance": [{"kind": "distance", "point": [0.1, 0.2, 0.3], "max": 9.0}],
     "speed": [{"kind": "speed", "max": 9.0}],
     "angular_speed": [{"kind": "angular_speed", "max": 9.0}],
+    "centre_of_mass": [{"kind": "centre_of_mass", "x": [-2, 2], "z": [-2, 2]}],
+    "angular_momentum": [{"kind": "angular_momentum", "x": [-9, 9], "y": [-9, 9]}],
     "orientation": [{"kind": "orientation", "axis": [0, 1, 1], "max": 3.0}],
     "braking": [
         {
@@ -41,6 +43,7 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
     "orientation_kept": [{"kind": "orientation_kept"}],
     "orientation_kept with tolerance": [{"kind": "orientation_kept", "tolerance": 0.1}],
 }
+WHOLE = ("centre_of_mass", "angular_momentum")  # of no frame
 VIA: dict[str, dict[str, Any]] = {
     "pose": {"frame": POSE},
     "box": {"frame": {**POSE, "position_tolerance": 0.02}},
@@ -68,7 +71,7 @@ def drone() -> Problem:
 
 CASES = {
     **{
-        name: lambda t=tables: arm(path=[{"frame": "tool0", **x} for x in t])
+        name: lambda t=tables: arm(path=[x if x["kind"] in WHOLE else {"frame": "tool0", **x} for x in t])
         for name, tables in ON_ARM.items()
     },
     **{f"via {name}": lambda w=words: arm(via=[{"share": 0.5, **w}]) for name, words in VIA.items()},

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
 from mbocp.lie import ConfigurationSpace
+from mbocp.lie.groups import vee
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree, body_tree
 from mbocp.mechanics.natural_coordinates.joints import perpendiculars
 from mbocp.robot import Robot
@@ -106,6 +108,37 @@ class NaturalKinematics:
         frame = self.robot.model.frames[frame_id]
         at = self.placement(int(frame.parentJoint), q)
         return at.origin + at.axes @ constant(frame.placement.translation)
+
+    def centre_of_mass(self, q: ca.SX) -> ca.SX:
+        """Centre of mass in the world, shape (3,) [m]."""
+        total, first = 0.0, ca.SX.zeros(3)
+        for joint, inertia in self._masses():
+            at = self.placement(joint, q)
+            first += inertia.mass * (at.origin + at.axes @ constant(inertia.lever))
+            total += inertia.mass
+        return first / total
+
+    def centroidal_momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """Momentum about the centre of mass, axes of the world, linear first, shape (6,) [kg m/s, N m s].
+
+        With the second moments of a body, J = tr(I)/2 1 - I, the angular part is the axial vector of D J D'.
+        """
+        c = self.centre_of_mass(q)
+        linear, angular = ca.SX.zeros(3), ca.SX.zeros(3)
+        for joint, inertia in self._masses():
+            at = self.placement(joint, q)
+            centre = at.origin + at.axes @ constant(inertia.lever)
+            p = inertia.mass * ca.jtimes(centre, q, v)
+            moments = np.trace(inertia.inertia) / 2 * np.eye(3) - inertia.inertia
+            turning = ca.reshape(ca.jtimes(ca.vec(at.axes), q, v), 3, 3) @ constant(moments) @ at.axes.T
+            linear += p
+            angular += ca.cross(centre - c, p) + 2 * vee(turning)
+        return ca.vertcat(linear, angular)
+
+    def _masses(self) -> Iterator[tuple[int, pin.Inertia]]:
+        """Joints that carry bodies with mass, and these."""
+        inertias = self.robot.model.inertias
+        return ((joint, inertias[joint]) for joint in range(1, len(inertias)) if inertias[joint].mass > 0.0)
 
     def frame_rotation(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Axes of a frame in the world, shape (3, 3)."""

@@ -42,7 +42,11 @@ class PathHead(Table):
     kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained: the next rows say which keys it takes")]
     frame: Annotated[
         str | None,
-        Key("frame of the robot that is meant, or its origin", "", "required, but for a contact force"),
+        Key(
+            "frame of the robot that is meant, or its origin",
+            "",
+            "required, but for forces and all of the robot",
+        ),
     ] = None
 
 
@@ -89,23 +93,24 @@ def _constraint(
     given = _given(table, kind, key)
     if kind == ContactTerm.kind:
         return _contact(table, key, given)
-    if table.frame is None:
+    term = PATH_TERMS[kind]
+    if table.frame is None and not term.of_robot:
         raise ProblemError(f'{key}.frame: this key is missing; kind = "{kind}" is about a frame')
+    if table.frame is not None and term.of_robot:
+        raise ProblemError(f'{key}.frame: kind = "{kind}" does not use it; it is about all of the robot')
     if "file" in given:
         if "points" in given:
             raise ProblemError(f"{key}: points and file; which of the two? Give one")
         given |= read_points(folder / path_of(given.pop("file")), f"{key}.file")
-    term = PATH_TERMS[kind]
-    frame = robot.frame_id(table.frame)
+    name = WORLD if table.frame is None else table.frame
+    frame = robot.frame_id(name)
     if term.of_joint and not _has_angle(robot, frame):
-        raise ProblemError(
-            f'{key}.frame: {table.frame!r} is no joint with one angle; kind = "{kind}" is of one'
-        )
-    start = robot.frame_placement(table.frame, q_start)
-    values = term.read(term.complete(given, start, _goal_position(robot, table.frame, goal), key), robot, key)
+        raise ProblemError(f'{key}.frame: {name!r} is no joint with one angle; kind = "{kind}" is of one')
+    start = robot.frame_placement(name, q_start)
+    values = term.read(term.complete(given, start, _goal_position(robot, name, goal), key), robot, key)
     known = PathConstraint.__dataclass_fields__
     return PathConstraint(
-        name=table.name or f"{kind} of {table.frame}",
+        name=table.name or (f"{kind} of {name}" if table.frame else kind),
         kind=kind,
         frame=frame,
         span=Span.read(table),
@@ -156,10 +161,11 @@ def _goal_position(robot: Robot, frame: str, goal: Goal) -> Array | None:
 
 
 def _table(robot: Robot, constraint: PathConstraint) -> dict[str, Any]:
+    term = PATH_TERMS[constraint.kind]
     return {
         "name": constraint.name,
         "kind": constraint.kind,
-        "frame": robot.frame_names[constraint.frame],
-        **PATH_TERMS[constraint.kind].write(constraint, robot),
+        **({} if term.of_robot else {"frame": robot.frame_names[constraint.frame]}),
+        **term.write(constraint, robot),
         **constraint.span.write(),
     }

@@ -221,6 +221,20 @@ def test_there_and_back(name: str, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("name", ["ur5", "anymal", "zoo"])
+def test_centre_of_mass_and_momentum_about_it(name: str, tmp_path) -> None:
+    robot = loaded(name, tmp_path)
+    mechanics, data = NaturalMechanics(robot), robot.model.createData()
+    q, v, _ = state(robot)
+    z, w = mechanics.tree.coordinates(q[None])[0], mechanics.tree.jacobian(q) @ v
+    at, rate = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
+    outputs = [mechanics.centre_of_mass(at), mechanics.centroidal_momentum(at, rate)]
+    centre, momentum = ca.Function("f", [at, rate], outputs)(z, w)
+    wanted = pin.computeCentroidalMomentum(robot.model, data, q, v).vector
+    assert np.allclose(np.asarray(centre).ravel(), data.com[0], atol=1e-12)
+    assert np.allclose(np.asarray(momentum).ravel(), wanted, atol=1e-11 * (1.0 + np.abs(wanted).max()))
+
+
+@pytest.mark.parametrize("name", ["ur5", "anymal", "zoo"])
 def test_mass_matrix_and_potential(name: str, tmp_path) -> None:
     robot = loaded(name, tmp_path)
     mechanics = NaturalMechanics(robot)
