@@ -271,6 +271,21 @@ class ResultFileError(_FileError):
     """A result file that cannot be read or written."""
 
 
+class LimitsExceeded(MbocpError):
+    """A motion leaves its limits as it is sent; no file was written.
+
+    `excesses` has each limit that is left, with joint, value and time: `mbocp.solution.sent.Excess`.
+    """
+
+    def __init__(self, path: Path | str, excesses: Sequence[Any]) -> None:
+        self.path, self.excesses = Path(path), tuple(excesses)
+        listed = "; ".join(f"{excess.name}: {excess.words}" for excess in excesses)
+        super().__init__(
+            f"{path}: not written, the motion leaves its limits as it is sent: {listed}. Take more steps; "
+            "check=False writes it all the same"
+        )
+
+
 class StudyError(MbocpError):
     """Something about many problems at once: their table, or the executor that runs them."""
 

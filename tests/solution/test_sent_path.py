@@ -39,7 +39,7 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     assert found.value == pytest.approx(away, rel=0.02)
     assert found.value > 0.0015
     assert found.words.endswith(" beyond 0.001")
-    given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "quiet": True}
+    given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "check": True, "quiet": True}
     with pytest.warns(UserWarning, match=r"line of tool0 leaves its limits: 0\.00\d+ m at"):
         assert not export_result(solution.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
     fine = mbocp.solve(problem.with_(steps=50), check=True)
