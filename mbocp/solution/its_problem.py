@@ -139,6 +139,7 @@ def facts_of(problem: Problem) -> Facts:
         held=tuple(sorted({hold.hold.name for phase in problem.phase for hold in phase.holds})),
         contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
         a_start=_plain(problem.a_start),
+        effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
     )
 
 

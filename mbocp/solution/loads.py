@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbocp._arrays import Array
+from mbocp.integrators import root_mean_squares
 from mbocp.solution.data import SolutionData
 
 if TYPE_CHECKING:
@@ -42,6 +44,12 @@ class Load:
     braking: float
 
 
+def rms_of(solution: SolutionData) -> Array:
+    """Root mean square of each control over the whole motion, shape (nu,)."""
+    lengths = np.diff(solution.t)
+    return root_mean_squares(lengths, solution.us, solution.u_values, solution.u_shares.tolist())
+
+
 def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
     """Say what a motion asks of each of its controls, in their order.
 
@@ -53,13 +61,8 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
     """
     from mbocp.mechanics.rates import powers  # mechanics, which no summary needs
 
-    lengths = np.diff(solution.t)
-    timed = lengths > 0.0  # impacts take no time, and no control acts
-    values = max(len(solution.u_shares), 1)
-    nodes, weights = np.polynomial.legendre.leggauss(values)  # exact for squares of the polynomials
-    begins, lengths = solution.t[:-1][timed], lengths[timed]
-    inside = solution.controls_at((begins[:, None] + lengths[:, None] * (1.0 + nodes) / 2.0).ravel())
-    parts = np.outer(lengths, weights / 2.0).ravel() / lengths.sum()
+    timed = np.diff(solution.t) > 0.0  # impacts take no time, and no control acts
+    begins, squares = solution.t[:-1][timed], rms_of(solution)
     first, last = solution.controls_at(begins), solution.us_at_ends[timed]
     given = solution.u_values.reshape(-1, solution.nu) if solution.u_values.size else first
     work = np.vstack(
@@ -72,7 +75,7 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
         Load(
             column.name,
             column.unit,
-            rms=math.sqrt(parts @ inside[:, k] ** 2),
+            rms=float(squares[k]),
             largest=float(max(np.abs(each[:, k]).max() for each in (first, last, given))),
             power=max(0.0, float(work[:, k].max())) if column.unit in _FORCES else math.nan,
             braking=max(0.0, float(-work[:, k].min())) if column.unit in _FORCES else math.nan,
