@@ -31,8 +31,8 @@ _PLACES = {
         programme/later receding/horizon
         robot/large_robots ros
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
-        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
-        terms/kept terms/motor view/replay
+        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/energy
+        terms/hulls terms/kept terms/motor view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

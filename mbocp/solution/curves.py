@@ -20,11 +20,12 @@ through these are the mean itself.
 
 Under SE1 a velocity is that of the whole step before, v_n = (q_n - q_{n-1}) / h, and cubics through the nodes
 take four times the accelerations of the scheme. At the middles of the steps, (q_{n-1} + q_n) / 2 with v_n,
-cubics are parabolas with the scheme's own accelerations a_n = (v_n - v_{n-1}) / h. From rest these begin half
-a step before. A motion that begins with a velocity cannot: at its start they have been a_1 h / 2 faster than
-v_0 for a_1 h^2 / 8. Both are lost within a time W by a cubic that takes 4 / W times the velocity: with ten
-steps a fifth of a_1, beside at most 0.8 a_1 h^2 away. No way keeps all accelerations: with -A the scheme
-comes from v_0 to rest within v_0^2 / 2A - h v_0 / 2, and nothing else does.
+cubics are parabolas with the scheme's own accelerations a_n = (v_n - v_{n-1}) / h. From rest they begin half
+a step before the motion. Where it begins with a velocity there is nothing before. At its start the parabolas
+have the velocity v_0 + a_1 h / 2 and are a_1 h^2 / 8 ahead of q_0; a cubic in time takes both away and fades
+within ten steps. It adds up to a fifth of a_1, and leads the motion by up to 0.8 a_1 h^2 beside its nodes.
+Nothing keeps the scheme's accelerations there: with -A it comes from v_0 to rest on a way of
+v_0^2 / 2A - h v_0 / 2, and every other motion needs v_0^2 / 2A.
 """
 
 from __future__ import annotations

@@ -193,8 +193,4 @@ class PowerLimit(RateTerm):
 
     def values(self, at: Point) -> ca.SX:
         """Of every control [W]."""
-        import casadi as ca  # slow to import, and results ask for names and units alone
-
-        u = ca.SX.sym("u", at.mechanics.nu)
-        pushes = ca.jacobian(at.mechanics.force(at.q, at.v, u), u)  # B(q): forces are affine in u
-        return at.control * (pushes.T @ at.v)
+        return at.powers
