@@ -26,6 +26,7 @@ def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     return f"valid names: {first}{', ...' if len(names) > limit else ''}"
 
 
+_MOST_LISTED = 3  # excesses in a message
 # A dotted key or the name of an argument at the beginning of a message, as in "goal.q[2]: got ...".
 _KEY = re.compile(r"([a-z_]\w*(?:\.\w+|\[[\w, ]+\])*): ")
 
@@ -269,6 +270,22 @@ class NotConverged(SolverError):
 
 class ResultFileError(_FileError):
     """A result file that cannot be read or written."""
+
+
+class LimitsExceeded(MbocpError):
+    """A motion leaves its limits as it is sent; no file was written.
+
+    `excesses` has each limit that is left, with joint, value and time: `mbocp.solution.sent.Excess`.
+    """
+
+    def __init__(self, path: Path | str, excesses: Sequence[Any]) -> None:
+        self.path, self.excesses = Path(path), tuple(excesses)
+        listed = "; ".join(f"{excess.name}: {excess.words}" for excess in excesses[:_MOST_LISTED])
+        listed += f"; and {len(excesses) - _MOST_LISTED} more" if len(excesses) > _MOST_LISTED else ""
+        super().__init__(
+            f"{path}: not written, the motion leaves its limits as it is sent: {listed}. Take more steps; "
+            "check=False writes it all the same"
+        )
 
 
 class StudyError(MbocpError):

@@ -105,6 +105,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     tables = written_tables(problem)
     for key in ("via", "guess", "terms", "cost", "goal"):
         tables.pop(key, None)
+    limits = {key: limit for key, limit in tables.pop("limits", {}).items() if key != "effort_rms"}
     paths = [path for path in tables.pop("path", []) if path["kind"] not in _LEADING]
     start = {key: begin[key].tolist() for key in ("q", "v", *(["a"] if has_jerks and "a" in begin else []))}
     duration = {"min": longest / _SPREAD, "max": longest * _SPREAD, "guess": 1.5 * longest}
@@ -115,6 +116,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
             "start": start,
             "goal": {"v": 0.0},
             "cost": {"time": 1.0, "effort": _SMALL / force**2},
+            "limits": limits,
             **({"path": paths} if paths else {}),
         },
         robot=problem.robot,

@@ -25,13 +25,13 @@ _PLACES = {
         cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
         formulation/memory formulation/moved_start formulation/operations formulation/sources
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
-        problem/causes problem/clear_goal problem/default_cost problem/frame_goals problem/goal_sets
-        problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances problem/place_causes
-        problem/file/gait problem/file/ground problem/via programme/c_files programme/keys programme/later
-        receding/horizon robot/large_robots ros
+        problem/causes problem/clear_goal problem/default_cost problem/effort_rms problem/frame_goals
+        problem/goal_sets problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances
+        problem/place_causes problem/file/gait problem/file/ground problem/via programme/c_files
+        programme/keys programme/later receding/horizon robot/large_robots ros
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
-        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
-        terms/kept terms/motor terms/whole_path view/replay
+        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/energy
+        terms/hulls terms/kept terms/motor terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

@@ -367,7 +367,7 @@ def export(
         bool,
         typer.Option(
             "--check/--no-check",
-            help="Exit with 1 when a limit is exceeded as it is sent; the file is written.",
+            help="Write nothing, and exit with 1, when a limit is exceeded as it is sent.",
         ),
     ] = True,
     quiet: Quiet = False,
@@ -375,8 +375,7 @@ def export(
     """Write a motion for controllers and other tools, at any rate."""
     from mbocp.cli.export import export_result
 
-    is_good = export_result(result, output, kind, rate, interpolation, fit=fit, quiet=quiet)
-    if check and not is_good:
+    if not export_result(result, output, kind, rate, interpolation, fit=fit, check=check, quiet=quiet):
         raise typer.Exit(1)
 
 

@@ -124,7 +124,8 @@ def _others(problem: Problem) -> _Rows:
 def _cost(problem: Problem) -> str:
     cost = problem.cost
     words = ["effort" if np.any(cost.effort) else ""]
-    words += [key for key in ("velocity", "tracking", "terminal", "time") if np.any(getattr(cost, key, 0.0))]
+    others = ("velocity", "tracking", "terminal", "time", "energy")
+    words += [key for key in others if np.any(cost.weight(key))]
     return ", ".join(word for word in words if word) or "none"
 
 

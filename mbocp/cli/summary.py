@@ -15,6 +15,7 @@ from mbocp.cli.console import count, output, plain_table
 from mbocp.integrators.schemes import SCHEMES
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot.parts import Label
+from mbocp.solution.loads import rms_of
 from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
@@ -114,6 +115,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
         *_constraint_forces(solution),
+        *_mean_squares(solution),
         *_limits(solution),
         *_clearance(solution),
         *_drift(solution),
@@ -396,9 +398,23 @@ def _limits(solution: Solution) -> _Rows:
     return [("limits", listed)]
 
 
+def _mean_squares(solution: Solution) -> _Rows:
+    """Root mean squares of controls, where they have limits."""
+    if not solution.facts.effort_rms:
+        return []
+    columns = zip(solution.labels.u, rms_of(solution), solution.facts.effort_rms, strict=True)
+    words = [f"{c.name} {rms:.4g} of {most:.4g} {c.unit}" for c, rms, most in columns if math.isfinite(most)]
+    return [("rms effort", ", ".join(words))]
+
+
 def _is_bounded(solution: Solution) -> bool:
     bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
-    if solution.path_names or solution.duration_range is not None or solution.named_phases:
+    if (
+        solution.path_names
+        or solution.facts.effort_rms
+        or solution.duration_range is not None
+        or solution.named_phases
+    ):
         return True
     return any(bool(np.isfinite(bound).any()) for bound in bounds)
 
@@ -406,6 +422,8 @@ def _is_bounded(solution: Solution) -> bool:
 def _touches(limit: ActiveLimit) -> str:
     where = f"{limit.kind} {limit.name}"
     times = f"in {limit.count} of {limit.total} {'nodes' if limit.kind in _AT_NODES else 'steps'}"
+    if limit.kind == "effort_rms":
+        return f"root mean square of {limit.name} at its limit {limit.bound:.6g} {limit.unit}"
     if limit.kind == "duration":
         return f"duration at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "time":

@@ -242,7 +242,7 @@ def control_weight_of(problem: Problem) -> float:
     Where the effort costs nothing the rate of the controls does, or limits determine them.
     """
     cost = problem.heaviest_cost
-    weights = np.asarray(cost.effort) + np.asarray(cost.control_rate) / problem.dt**2
+    weights = cost.on_squares + np.asarray(cost.control_rate) / problem.dt**2
     positive = weights[weights > 0.0]
     return problem.dt * (float(positive.min()) if positive.size else 1.0)
 

@@ -14,6 +14,7 @@ from mbocp.formulation.features.progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
+from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -70,6 +71,9 @@ def _violation(problem: Problem, motion: Motion, path: Array) -> float:
     limits, qs, vs = problem.limits_along(), motion.qs, motion.vs
     values = np.moveaxis(motion.values, 1, 0) if motion.shares else motion.us
     pairs = [(values, *limits["u"]), (qs[1:], *limits["q"]), (vs[1:], *limits["v"])]
+    if problem.limits.finite("rms").any():
+        squares = root_mean_squares(motion.dts, motion.us, motion.values, motion.shares)
+        pairs.append((squares, problem.limits.rms_lower, problem.limits.rms_upper))
     if problem.inequalities:
         pairs.append((path, *sides_of_path(problem)))
     timeline = problem.timeline

@@ -88,7 +88,7 @@ def _typical_cost(problem: Problem, force: float) -> float:
     cost, nv, T = problem.cost, problem.robot.nv, problem.duration
     weights = cost.tracking * np.asarray(cost.tracking_weights)
     rates = (
-        np.max(cost.effort, initial=0.0) * force**2,
+        np.max(cost.on_squares, initial=0.0) * force**2,
         np.max(cost.control_rate, initial=0.0) * (force / T) ** 2,
         np.max(cost.velocity, initial=0.0) / T**2,
         np.max(weights[:nv], initial=0.0),

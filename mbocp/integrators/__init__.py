@@ -14,7 +14,9 @@ if TYPE_CHECKING:
         control_basis,
         control_means,
         control_powers,
+        control_squares,
         cost_order,
+        root_mean_squares,
         shares_of,
     )
     from mbocp.integrators.euler import State, StepRows, evaluation_point, step_rows
@@ -43,9 +45,11 @@ __all__ = [
     "control_basis",
     "control_means",
     "control_powers",
+    "control_squares",
     "cost_order",
     "evaluation_point",
     "evaluation_points",
+    "root_mean_squares",
     "schemes_with",
     "shares_of",
     "step_rows",

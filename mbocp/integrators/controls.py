@@ -79,3 +79,32 @@ def control_powers(shares: tuple[float, ...]) -> Array:
 def control_means(shares: tuple[float, ...]) -> Array:
     """Weights of the values in the mean of the polynomial over the step, shape (k,)."""
     return frozen_array(control_powers(shares).T @ (1.0 / np.arange(1.0, len(shares) + 1.0)))
+
+
+@lru_cache(maxsize=64)
+def control_squares(shares: tuple[float, ...]) -> Array:
+    """Matrix S of the mean u'Su of the polynomial's square over the step, shape (k, k); 1 for one value."""
+    if not shares:
+        return frozen_array(np.ones((1, 1)))
+    orders = np.arange(float(len(shares)))
+    powers = control_powers(shares)
+    return frozen_array(powers.T @ (1.0 / (orders[:, None] + orders + 1.0)) @ powers)
+
+
+def root_mean_squares(lengths: Array, us: Array, values: Array, shares: Sequence[float]) -> Array:
+    """Root mean square of each control over a motion, shape (nu,).
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (N,)
+        Of the steps [s]; in impacts, of length 0, no control acts.
+    us : ndarray, shape (N, nu)
+        Controls; where they vary within steps their means.
+    values : ndarray, shape (N, k, nu)
+        Those at `shares` of the steps, where they vary.
+    shares : sequence of float
+    """
+    given = values if len(shares) else us[:, None]
+    squares = np.einsum("nku,kl,nlu->nu", given, control_squares(tuple(shares)), given)
+    found: Array = np.sqrt(np.maximum(lengths @ squares, 0.0) / lengths.sum())
+    return found

@@ -11,7 +11,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
-from mbocp.terms import COST_TERMS, Weighted
+from mbocp.terms import COST_TERMS, Energy, Weighted
+from mbocp.terms.cost import RunningCost
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,6 +102,12 @@ class Cost:
             return getattr(self, key)
         return self.further.get(key, 0.0)
 
+    @property
+    def on_squares(self) -> Array:
+        """Weights of half the squares of the controls: those of efforts, and losses of motors."""
+        found: Array = self.effort + 2.0 * Energy.losses_of(self)
+        return found
+
     def with_weights(self, weights: Mapping[str, Any]) -> Cost:
         """The same with other weights, by their key in `[cost]`."""
         own = {key: value for key, value in weights.items() if key in self.__dataclass_fields__}
@@ -150,7 +157,7 @@ class Cost:
 
     def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:
         """Refuse controls that nothing determines: without effort, rate and, as `bounded` says, limits."""
-        free = (self.effort == 0.0) & (self.control_rate == 0.0) & ~bounded
+        free = (self.on_squares == 0.0) & (self.control_rate == 0.0) & ~bounded
         if not free.any():
             return
         listed = ", ".join(name for name, is_free in zip(names, free, strict=True) if is_free)
@@ -167,12 +174,12 @@ _ON_CONTROLS = ("effort", "control_rate")
 _ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity", *_ON_CONTROLS)
 
 
-def further_terms() -> dict[str, type[Weighted]]:
+def further_terms() -> dict[str, type[RunningCost]]:
     """Terms by name whose weights are no field of `Cost`."""
     return {
         term.key: term
         for term in COST_TERMS
-        if issubclass(term, Weighted) and term.key not in Cost.__dataclass_fields__
+        if issubclass(term, RunningCost) and term.key not in Cost.__dataclass_fields__
     }
 
 

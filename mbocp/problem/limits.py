@@ -18,6 +18,7 @@ from mbocp.terms import RATE_TERMS
 
 LIMITS = {  # keys of a problem file
     "u": "limits.effort",
+    "rms": "limits.effort_rms",
     "v": "limits.velocity",
     "q": "limits.position",
     **{term.letter: f"limits.{key}" for key, term in RATE_TERMS.items()},
@@ -44,6 +45,8 @@ class Bounds:
     ----------
     u_lower, u_upper : ndarray, shape (nu,)
         Controls [N, N m, and the units of drives].
+    rms_lower, rms_upper : ndarray, shape (nu,)
+        Root mean squares of the controls over the whole motion, whose lower side says nothing.
     v_lower, v_upper : ndarray, shape (nv,)
         Velocities [m/s, rad/s].
     q_lower, q_upper : ndarray, shape (nq,)
@@ -60,6 +63,8 @@ class Bounds:
 
     u_lower: Array = field(default_factory=_unbounded)
     u_upper: Array = field(default_factory=_unbounded)
+    rms_lower: Array = field(default_factory=_unbounded)
+    rms_upper: Array = field(default_factory=_unbounded)
     v_lower: Array = field(default_factory=_unbounded)
     v_upper: Array = field(default_factory=_unbounded)
     q_lower: Array = field(default_factory=_unbounded)
@@ -96,7 +101,8 @@ class Bounds:
         """Return the same with infinite bounds where none were given, checked against `robot`."""
         sides: dict[str, Array] = {}
         of_rates = ((term.letter, getattr(robot, f"n{term.over}")) for term in RATE_TERMS.values())
-        for letter, size in (("u", robot.nu), ("v", robot.nv), ("q", robot.nq), *of_rates):
+        sizes = (("u", robot.nu), ("rms", robot.nu), ("v", robot.nv), ("q", robot.nq))
+        for letter, size in (*sizes, *of_rates):
             for side, infinity in (("lower", -np.inf), ("upper", np.inf)):
                 name = f"{letter}_{side}"
                 value = getattr(self, name)
@@ -133,6 +139,25 @@ class Bounds:
         lower, upper = getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")
         mask: BoolArray = np.isfinite(lower) | np.isfinite(upper)
         return mask
+
+
+def check_mean_squares(robot: Robot, bounds: Bounds) -> None:
+    """Refuse limits of root mean squares that are not above zero, and of controls that prescribe a motion.
+
+    Raises
+    ------
+    InvalidValue, ProblemError
+        If there is one.
+    """
+    key, first_drive = LIMITS["rms"], robot.nu - len(robot.drives)
+    for i in np.flatnonzero(bounds.finite("rms")):
+        name, limit = robot.u_labels[i].name, float(bounds.rms_upper[i])
+        if not limit > 0.0:
+            raise InvalidValue(f"{key}.{name}", limit, "a number above 0")
+        if i >= first_drive:
+            raise ProblemError(
+                f"{key}: the control {name!r} prescribes a motion and heats no motor; leave it out"
+            )
 
 
 def is_plain(robot: Robot) -> BoolArray:

@@ -8,7 +8,7 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import Stabilisation, check_control_terms, check_controls, check_integrator
-from mbocp.problem.limits import Bounds, check_limits
+from mbocp.problem.limits import Bounds, check_limits, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.rates import check_rates
@@ -112,6 +112,7 @@ def check_inequalities(
 ) -> None:
     """Refuse limits and path constraints that cannot hold."""
     check_rates(robot, limits)
+    check_mean_squares(robot, limits)
     heaviest = heaviest_cost(cost, timeline.phases, robot)
     check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)

@@ -43,6 +43,10 @@ def check_can_recede(problem: Problem) -> None:
             problem.controls != "constant",
             f'is "{problem.controls}"; take "constant", since a loop gives one control at a time',
         ),
+        "limits.effort_rms": (
+            bool(problem.limits.finite("rms").any()),
+            "is of a whole motion, of which a horizon that moves knows a part; leave it out",
+        ),
         "solver.method": (
             problem.solver.method not in _METHODS,
             f'is "{problem.solver.method}"; take "auto" or "monolithic"',

@@ -118,6 +118,8 @@ class Facts:
         Names of what phases hold, and of constraints whose forces are bounded.
     a_start : tuple of float
         Acceleration before the start, for each velocity.
+    effort_rms : tuple of float
+        Limit of the root mean square of each control, infinite where there is none.
     """
 
     duration_range: tuple[float, float] | None = None
@@ -129,6 +131,7 @@ class Facts:
     held: tuple[str, ...] = ()
     contacts: tuple[str, ...] = ()
     a_start: _Numbers = ()
+    effort_rms: _Numbers = ()
 
     def fit(self, num_steps: int, sizes: Mapping[str, int]) -> Facts:
         """Return what fits a motion; a file may say something else, and so may a problem of other steps.
@@ -157,6 +160,7 @@ class Facts:
             rates={key: bounds for key, bounds in self.rates.items() if fits_rate(key, bounds)},
             along={letter: sides for letter, sides in self.along.items() if fits_steps(letter, sides)},
             a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
+            effort_rms=self.effort_rms if len(self.effort_rms) == sizes["u"] else (),
         )
 
     def bounds_of_rate(self, key: str) -> Array:

@@ -9,17 +9,23 @@ import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._text import printable
-from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp._text import list_names, printable
+from mbocp._warn import warn_caller
+from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.sampled import Sampled, sample
-from mbocp.solution.sent import Sent, motion_as_sent
+from mbocp.solution.sent import Excess, Sent, motion_as_sent
 
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
+
+_MOST_NAMES = 3
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
 _SUFFIXES = MappingProxyType(
@@ -32,6 +38,10 @@ _SUFFIXES = MappingProxyType(
         ".parquet": "parquet",
     }
 )
+
+
+class NotCheckedWarning(UserWarning):
+    """Some limits of a motion cannot be looked at as it is sent."""
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -56,6 +66,7 @@ def export_motion(
     rate: float | None = None,
     interpolation: str | None = None,
     fit: bool = True,
+    load_robot: Callable[[], Robot] | None = None,
 ) -> Path:
     """Write the motion of the joints that slide or turn about an axis.
 
@@ -73,6 +84,9 @@ def export_motion(
         quintics, or cubics where jerks are free and quintics leave limits that cubics keep.
     fit : bool
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
+    load_robot : callable, optional
+        Loads the robot of the solution: a motion that leaves limits as it is sent is refused then, see
+        `all_excesses`. Without it nothing is looked at.
 
     Raises
     ------
@@ -80,11 +94,21 @@ def export_motion(
         If format or rate cannot be right.
     ResultFileError
         If the robot does not fit the format, or the file cannot be written.
+    LimitsExceeded
+        If the motion leaves limits.
+
+    Warns
+    -----
+    NotCheckedWarning
+        If some limits cannot be looked at.
     """
     path = Path(path)
     name = format_of(path, kind)
-    motion = sample(sent_by(name, solution, rate, interpolation, fit=fit))
-    return write_samples(motion, solution, path, name)
+    sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    excesses = all_excesses(sent, load_robot) if load_robot is not None else ()
+    if excesses:
+        raise LimitsExceeded(path, excesses)
+    return write_samples(sample(sent), solution, path, name)
 
 
 def sent_by(
@@ -93,6 +117,31 @@ def sent_by(
     """What a format sends of a motion, as `export_motion` asks for it."""
     rate = _UR_RATE if name == "urscript" and rate is None else rate
     return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
+
+
+def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, ...]:
+    """By what a motion leaves its limits as it is sent: those of joints, of efforts, of paths, of obstacles.
+
+    Warns
+    -----
+    NotCheckedWarning
+        If efforts or paths cannot be looked at.
+    """
+    solution = sent.solution
+    if not (np.isfinite(solution.limits_u).any() or solution.facts.path):
+        return sent.excesses
+    from mbocp.solution.its_problem import problem_to_check  # as slow to import as all else
+    from mbocp.solution.sent_checks import check_sent
+
+    try:
+        excesses, unknown = check_sent(sent, problem_to_check(solution, load_robot))
+    except MbocpError as error:
+        warn_caller(f"efforts and paths are not looked at as they are sent: {error}", NotCheckedWarning)
+        return sent.excesses
+    if unknown:
+        names = list_names(unknown, _MOST_NAMES)
+        warn_caller(f"not looked at as it is sent, positions do not say it: {names}", NotCheckedWarning)
+    return (*sent.excesses, *excesses)
 
 
 def write_samples(motion: Sampled, solution: SolutionData, path: Path, name: str) -> Path:

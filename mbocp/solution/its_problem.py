@@ -66,6 +66,12 @@ def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> 
         return Shown(problem, obstacles_from(tables["obstacle"]))
 
 
+def problem_to_check(solution: SolutionData, load_robot: Callable[[], Robot]) -> Problem:
+    """Return the problem that was solved; of a result from a file, make it without terms of one's own."""
+    solved: Problem | None = vars(solution).get("problem")
+    return problem_without(solution, load_robot, "terms") if solved is None else solved
+
+
 def facts_of_text(solution: SolutionData, load_robot: Callable[[], Robot]) -> Facts:
     """Return the facts of a result that keeps none: those of its problem without terms of one's own."""
     return facts_of(problem_without(solution, load_robot, "terms").member(solution.goal_place))
@@ -133,6 +139,7 @@ def facts_of(problem: Problem) -> Facts:
         held=tuple(sorted({hold.hold.name for phase in problem.phase for hold in phase.holds})),
         contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
         a_start=_plain(problem.a_start),
+        effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
     )
 
 

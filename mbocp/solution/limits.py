@@ -12,6 +12,7 @@ from mbocp._arrays import Array
 from mbocp.problem.timeline.times import least_time
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
+from mbocp.solution.loads import rms_of
 from mbocp.solution.records import Column
 from mbocp.terms import RATE_TERMS
 from mbocp.terms.rates import PLACES, name_at
@@ -83,6 +84,9 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
             if active.any() and not row.is_equation:
                 count = int(np.count_nonzero(active))
                 found.append(ActiveLimit("path", name, side, bound, row.unit, count, row.total))
+    if facts.effort_rms:
+        sides = np.array([np.full(solution.nu, -np.inf), facts.effort_rms])
+        found += _touch("effort_rms", labels.u, rms_of(solution)[None], sides)
     if facts.duration_range is not None:
         bounds_of_it = np.array(facts.duration_range)[:, None]
         taken = np.array([[solution.duration]])

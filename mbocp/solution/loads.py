@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mbocp._arrays import Array
+from mbocp.integrators import root_mean_squares
 from mbocp.solution.data import SolutionData
 
 if TYPE_CHECKING:
@@ -32,6 +34,9 @@ class Load:
     power, braking : float
         Largest power that it gives and that it takes up, at the ends of steps [W]; NaN of controls that
         prescribe a motion.
+    work, braked : float
+        Energy that it gives and that it takes up over the motion, of each step by the mean of its powers at
+        both ends [J]; NaN likewise.
     """
 
     name: str
@@ -40,6 +45,14 @@ class Load:
     largest: float
     power: float
     braking: float
+    work: float
+    braked: float
+
+
+def rms_of(solution: SolutionData) -> Array:
+    """Root mean square of each control over the whole motion, shape (nu,)."""
+    lengths = np.diff(solution.t)
+    return root_mean_squares(lengths, solution.us, solution.u_values, solution.u_shares.tolist())
 
 
 def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
@@ -55,27 +68,27 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
 
     lengths = np.diff(solution.t)
     timed = lengths > 0.0  # impacts take no time, and no control acts
-    values = max(len(solution.u_shares), 1)
-    nodes, weights = np.polynomial.legendre.leggauss(values)  # exact for squares of the polynomials
-    begins, lengths = solution.t[:-1][timed], lengths[timed]
-    inside = solution.controls_at((begins[:, None] + lengths[:, None] * (1.0 + nodes) / 2.0).ravel())
-    parts = np.outer(lengths, weights / 2.0).ravel() / lengths.sum()
+    begins, squares = solution.t[:-1][timed], rms_of(solution)
     first, last = solution.controls_at(begins), solution.us_at_ends[timed]
     given = solution.u_values.reshape(-1, solution.nu) if solution.u_values.size else first
-    work = np.vstack(
+    flows = np.vstack(
         [
             powers(robot, solution.qs[:-1][timed], solution.vs[:-1][timed], first),
             powers(robot, solution.qs[1:][timed], solution.vs[1:][timed], last),
         ]
     )
+    means = (flows[: len(begins)] + flows[len(begins) :]) / 2.0
+    work, braked = (lengths[timed] @ np.maximum(side, 0.0) for side in (means, -means))
     return tuple(
         Load(
             column.name,
             column.unit,
-            rms=math.sqrt(parts @ inside[:, k] ** 2),
+            rms=float(squares[k]),
             largest=float(max(np.abs(each[:, k]).max() for each in (first, last, given))),
-            power=max(0.0, float(work[:, k].max())) if column.unit in _FORCES else math.nan,
-            braking=max(0.0, float(-work[:, k].min())) if column.unit in _FORCES else math.nan,
+            power=max(0.0, float(flows[:, k].max())) if column.unit in _FORCES else math.nan,
+            braking=max(0.0, float(-flows[:, k].min())) if column.unit in _FORCES else math.nan,
+            work=float(work[k]) if column.unit in _FORCES else math.nan,
+            braked=float(braked[k]) if column.unit in _FORCES else math.nan,
         )
         for k, column in enumerate(solution.labels.u)
     )

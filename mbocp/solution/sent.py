@@ -357,7 +357,7 @@ def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, 
     curves = Curves(solution.t - solution.t[0], np.column_stack(positions), solution.vs[:, at_v])
     lag = 0.0
     if curves.has_chords and not curves.has_impacts:
-        curves, lag = curves.through_middles(), float(curves.nodes[1]) / 2.0
+        curves, lag = curves.through_middles()
     return _Joints(tuple(names), units, bounds, is_joined), curves, lag
 
 

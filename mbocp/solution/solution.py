@@ -215,11 +215,20 @@ class Solution(SolutionData):
         rate: float | None = None,
         interpolation: str | None = None,
         fit: bool = True,
+        check: bool = True,
     ) -> Path:
-        """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`."""
+        """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`.
+
+        Raises
+        ------
+        LimitsExceeded
+            If the motion leaves limits as it is sent; `check=False` writes it all the same.
+        """
         from mbocp.solution.formats import export_motion
 
-        return export_motion(self, path, kind=kind, rate=rate, interpolation=interpolation, fit=fit)
+        load_robot = self.load_robot if check else None
+        how: dict[str, Any] = {"kind": kind, "rate": rate, "interpolation": interpolation, "fit": fit}
+        return export_motion(self, path, **how, load_robot=load_robot)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""

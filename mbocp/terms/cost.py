@@ -39,6 +39,10 @@ class CostWeights(Protocol):
 class Reader(Protocol):
     """What terms ask of those who read the table `[cost]`: from what is written to arrays."""
 
+    @property
+    def robot(self) -> Robot:
+        """Whose controls and velocities they are."""
+
     def on_controls(self, written: Any, key: str) -> Any:
         """Weight of each control, or one number for all."""
 
@@ -160,7 +164,18 @@ class RunningTerm(ABC):
 
 
 class RunningCost(CostTerm, RunningTerm):
-    """A term of the running cost with keys in `[cost]`."""
+    """A term of the running cost with keys in `[cost]`.
+
+    Attributes
+    ----------
+    over : {"u", "v", ""}
+        Whether there is a weight for each control, for each velocity, or what the term says itself.
+    is_signed : bool
+        Whether weights may be negative.
+    """
+
+    over: ClassVar[str] = ""
+    is_signed: ClassVar[bool] = False
 
     @classmethod
     @abstractmethod
@@ -169,18 +184,7 @@ class RunningCost(CostTerm, RunningTerm):
 
 
 class Weighted(RunningCost):
-    """A term with nothing but weights, one for each component of what it weighs.
-
-    Attributes
-    ----------
-    over : {"u", "v", ""}
-        Whether there is a weight for each control, for each velocity, or only one.
-    is_signed : bool
-        Whether weights may be negative.
-    """
-
-    over: ClassVar[str]
-    is_signed: ClassVar[bool] = False
+    """A term with nothing but weights, one for each component of what it weighs, or a single one."""
 
     @classmethod
     def of(cls, given: TermNumbers) -> Weighted | None:

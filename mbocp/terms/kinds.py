@@ -9,6 +9,7 @@ from __future__ import annotations
 from mbocp._keys import Table
 from mbocp.terms.cost import COST_TERMS
 from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
+from mbocp.terms.energy import Energy
 from mbocp.terms.time import Time
 from mbocp.terms.end import ExactGoal, TerminalCost
 from mbocp.terms.path import PATH_TERMS
@@ -38,6 +39,7 @@ __all__ = [
     "ControlRate",
     "Distance",
     "Effort",
+    "Energy",
     "ExactGoal",
     "Follow",
     "Line",

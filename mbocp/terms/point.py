@@ -69,6 +69,13 @@ class Point:
         return self._there(self.change, "a change of the control")
 
     @property
+    def powers(self) -> ca.SX:
+        """Power of each control, u_i (B(q)' v)_i, shape (nu,) [W]."""
+        u = ca.SX.sym("u", self.mechanics.nu)
+        pushes = ca.jacobian(self.mechanics.force(self.q, self.v, u), u)  # B(q): forces are affine in u
+        return self.control * (pushes.T @ self.v)
+
+    @property
     def time(self) -> ca.SX:
         """Time [s]."""
         return self._there(self.moment, "the time")

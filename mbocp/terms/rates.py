@@ -193,4 +193,4 @@ class PowerLimit(RateTerm):
 
     def values(self, at: Point) -> ca.SX:
         """Of every control [W]."""
-        return at.control * (at.pushes().T @ at.v)
+        return at.powers

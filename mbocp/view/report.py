@@ -116,10 +116,12 @@ def _loads(loads: Sequence[Load]) -> str:
             f"{load.rms:.4g} {load.unit}",
             f"{load.largest:.4g} {load.unit}",
             *("-" if math.isnan(power) else f"{power:.4g} W" for power in (load.power, load.braking)),
+            *("-" if math.isnan(energy) else f"{energy:.4g} J" for energy in (load.work, load.braked)),
         )
         for load in loads
     )
-    return _rows(("control", "root mean square", "largest", "largest power", "largest braking"), rows)
+    heading = ("control", "root mean square", "largest", "largest power", "largest braking", "work", "braked")
+    return _rows(heading, rows)
 
 
 def _cells(limit: ActiveLimit) -> tuple[str, ...]:

@@ -196,7 +196,7 @@ def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
     target.unlink()
     done = run("export", str(fast), "-o", str(target))
     assert done.exit_code == 1
-    assert target.exists()
+    assert not target.exists()
     told = [line for line in done.stderr.splitlines() if "leaves its limits: speed" in line]
     assert len(told) == solution.nv
 

@@ -34,6 +34,10 @@ def test_root_mean_squares_are_those_of_fine_samples(controls: str) -> None:
     )
     np.testing.assert_allclose([load.power for load in loads], work.max(axis=0).clip(0.0))
     np.testing.assert_allclose([load.braking for load in loads], (-work).max(axis=0).clip(0.0))
+    gained = sum(load.work - load.braked for load in loads)
+    assert gained == pytest.approx((work[:20] + work[20:]).sum() / 2.0 * s.duration / 20.0)
+    if controls == "constant":
+        assert sum(load.work for load in loads) == pytest.approx(s.positive_work)
 
 
 def test_an_impact_takes_no_time() -> None:

@@ -39,7 +39,7 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     assert found.value == pytest.approx(away, rel=0.02)
     assert found.value > 0.0015
     assert found.words.endswith(" beyond 0.001")
-    given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "quiet": True}
+    given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "check": True, "quiet": True}
     with pytest.warns(UserWarning, match=r"line of tool0 leaves its limits: 0\.00\d+ m at"):
         assert not export_result(solution.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
     fine = mbocp.solve(problem.with_(steps=50), check=True)
@@ -109,3 +109,35 @@ def test_a_motion_of_first_order_that_ends_in_motion_ends_where_it_does() -> Non
     np.testing.assert_array_equal(curves.q[-1], solution.qs[-1])
     np.testing.assert_array_equal(curves.v[-1], solution.vs[-1])
     assert curves.nodes[-1] == pytest.approx(solution.duration + solution.t[1] / 2.0)
+
+
+@pytest.mark.parametrize("has_rest", [True, False])
+def test_a_motion_of_first_order_that_begins_in_motion_has_little_more_than_its_accelerations(
+    *, has_rest: bool
+) -> None:
+    """Four times as much before; the scheme's own after ten steps, and at the start a fifth more."""
+    v = [0.3, -0.5, 0.4, 0.2, -0.3, 0.5]
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml")
+    problem = problem.with_(
+        steps=60,
+        scheme="se1",
+        start={"q": problem.q_start, "v": v},
+        goal={"q": problem.goal.q, "v": [0.0] * 6 if has_rest else v},
+        limits={"acceleration": 20.0},
+    )
+    solution = mbocp.solve(problem, check=True)
+    h = solution.t[1]
+    accelerations = np.diff(solution.vs, axis=0) / h
+    first = np.abs(accelerations[0])
+    assert first.max() > 19.0  # nearly at its limit from the start
+    sent = motion_as_sent(solution)
+    curves = sent.curves
+    assert sent.lag == 0.0
+    ends = (0, len(solution.t) - 1)
+    np.testing.assert_allclose(curves.q[[0, -1]], solution.qs[list(ends)], atol=1e-9)
+    np.testing.assert_allclose(curves.v[[0, -1]], solution.vs[list(ends)], atol=1e-9)
+    steps = curves.places(4)[1][2].reshape(len(curves.nodes) - 1, 5, 6)
+    np.testing.assert_allclose(steps[10:60], np.repeat(accelerations[10:, None], 5, axis=1), atol=1e-6)
+    assert (np.abs(steps[:10]).max(axis=(0, 1)) < np.abs(accelerations[:11]).max(axis=0) + 0.22 * first).all()
+    positions = curves.at(solution.t[1:])[0]
+    assert (np.abs(positions - solution.qs[1:]).max(axis=0) < 0.8 * first * h**2 + 20.0 * h**2 / 8.0).all()

@@ -10,6 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.cli.export import export_result
+from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_torques import has_torques, torque_excesses, torques_along
 
@@ -47,11 +48,19 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     limits = {"effort": {"shoulder_lift_joint": 45.0}}
     problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(limits=limits, duration=1.5)
     result = mbocp.solve(problem, check=True).save(tmp_path / "a.h5")
-    given = {"kind": None, "rate": 500.0, "fit": True, "quiet": True}
+    given = {"kind": None, "rate": 500.0, "fit": True, "check": True, "quiet": True}
     assert export_result(result, tmp_path / "a.csv", interpolation="cubic", **given)
     with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: effort -45\.\d+ N m at"):
         assert not export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
-    saved = mbocp.Solution.load(result)
+    saved, target = mbocp.Solution.load(result), tmp_path / "c.csv"
+    for solution in (mbocp.solve(problem), saved):  # the library refuses what the command refuses
+        with pytest.raises(LimitsExceeded, match=r"c.csv: not written, .*: effort -45\.\d+ N m at") as caught:
+            solution.export(target, rate=500.0, interpolation="quintic")
+        assert not target.exists()
+        assert caught.value.excesses[0].name == "shoulder_lift_joint"
+        assert solution.export(target, rate=500.0).exists()
+        target.unlink()
+    assert saved.export(target, rate=500.0, interpolation="quintic", check=False).exists()
     gone = dataclasses.replace(
         saved, robot_spec={}, robot_files=None, problem_text=saved.problem_text.replace("ur5", "gone.urdf")
     )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.heat import Heat
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moment import Moment
 from mbocp.formulation.features.moved_start import MovedStart
@@ -28,6 +29,7 @@ _KINDS: tuple[type[Feature], ...] = (
     Memory,
     WithinSteps,
     Progress,
+    Heat,
     Reactions,
     MovedStart,
     StepLengths,

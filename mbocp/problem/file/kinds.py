@@ -59,6 +59,22 @@ def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
     return read_side(value)
 
 
+def _sizes(value: Any) -> float | list[float] | dict[str, float]:
+    """Positive numbers, for all or for each; infinite where there is no limit."""
+    if isinstance(value, list):
+        return [_size(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: _size(entry, f" for {show(name)}") for name, entry in value.items()}
+    return _size(value)
+
+
+def _size(value: Any, where: str = "") -> float:
+    found = read_side(value, where)
+    if not found > 0.0:
+        raise ValueError(f"got {show(value)}{where}, expected a number above 0 (inf for no limit)")
+    return found
+
+
 def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
     if isinstance(value, bool):
         return value
@@ -119,6 +135,7 @@ RateOrFree = Annotated[
 Limits = Annotated[
     Any, Kind("true, number, list, table", _limits, bool | float | list[Limit] | dict[str, Limit])
 ]
+Sizes = Annotated[Any, Kind("number, list, table", _sizes, float | list[float] | dict[str, float])]
 ProfileName = Annotated[Any, Kind("true, string", _profile, bool | str)]
 Ranges = Annotated[
     Any, Kind("true, list or table of pairs", _ranges, bool | list[Vector] | dict[str, Vector])

@@ -10,7 +10,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.kinds import Limits, ProfileName, Ranges
+from mbocp.problem.file.kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
@@ -35,6 +35,14 @@ class LimitsTable(Table):
     effort: Annotated[Limits, Key("[limits](#limits) of the controls; `true`: the robot's own", "N, N m")] = (
         None
     )
+    effort_rms: Annotated[
+        Sizes,
+        Key(
+            "of the [root mean squares](#root-mean-squares) of the controls over the whole motion, which "
+            "heat motors",
+            "N, N m",
+        ),
+    ] = None
     velocity: Annotated[Limits, Key("of the velocities", "m/s, rad/s")] = None
     position: Annotated[Ranges, Key("of lengths and angles", "m, rad")] = None
     acceleration: Annotated[
@@ -65,7 +73,12 @@ def read_limits(robot: Robot, limits_table: LimitsTable, profile: Profile | None
 
 
 def bounds_from(
-    robot: Robot, effort: Any = None, velocity: Any = None, position: Any = None, **rates: Any
+    robot: Robot,
+    effort: Any = None,
+    velocity: Any = None,
+    position: Any = None,
+    effort_rms: Any = None,
+    **rates: Any,
 ) -> Bounds:
     """Make the bounds from the values of the keys of `[limits]`.
 
@@ -77,6 +90,8 @@ def bounds_from(
         entry is a number, the largest absolute value, or a pair [lower, upper].
     position : bool, list or mapping, optional
         True for the robot's own, or pairs.
+    effort_rms : float, list or mapping, optional
+        Positive numbers, for all or for each.
     **rates : float, list or mapping, optional
         By keys of `mbocp.terms.RATE_TERMS`: like effort or velocity, but robots have none of their own.
 
@@ -87,6 +102,8 @@ def bounds_from(
     """
     with locate(LIMITS["u"]):
         u_lower, u_upper = _effort(robot, effort)
+    with locate(LIMITS["rms"]):
+        rms_upper = _effort_rms(robot, effort_rms)
     with locate(LIMITS["v"]):
         v_lower, v_upper = _velocity(robot, velocity)
     with locate(LIMITS["q"]):
@@ -100,6 +117,8 @@ def bounds_from(
     return Bounds(
         u_lower=u_lower,
         u_upper=u_upper,
+        rms_lower=np.full_like(rms_upper, -np.inf),
+        rms_upper=rms_upper,
         v_lower=v_lower,
         v_upper=v_upper,
         q_lower=q_lower,
@@ -110,13 +129,12 @@ def bounds_from(
 
 def write_limits(limits: Bounds) -> dict[str, Any]:
     """The table `[limits]`, or that of a phase."""
-    return {
-        key.removeprefix("limits."): np.column_stack(
-            [getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")]
-        )
-        for letter, key in LIMITS.items()
-        if limits.finite(letter).any()
-    }
+    found = {}
+    for letter, key in LIMITS.items():
+        if limits.finite(letter).any():
+            lower, upper = getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")
+            found[key.removeprefix("limits.")] = upper if letter == "rms" else np.column_stack([lower, upper])
+    return found
 
 
 def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:
@@ -131,6 +149,12 @@ def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:
 def _effort(robot: Robot, written: Any) -> _Sides:
     own = robot.limits.effort
     return _sides(robot, LIMITS["u"], written, (-own, own), _control_slots(robot, LIMITS["u"], written))
+
+
+def _effort_rms(robot: Robot, written: Any) -> Array:
+    """Upper bounds; what is written is positive."""
+    key, none = LIMITS["rms"], np.full(robot.nu, np.inf)
+    return _sides(robot, key, written, (-none, none), _control_slots(robot, key, written))[1]
 
 
 def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:

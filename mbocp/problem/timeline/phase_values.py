@@ -49,6 +49,8 @@ def fitted_phases(robot: Robot, phases: Sequence[Phase], limits: Bounds, cost: C
         with in_phase(phase.name):
             own = replace(phase, limits=phase.limits.complete(robot))
             check_rates(robot, own.limits)
+            if own.limits.finite("rms").any():
+                raise ProblemError(f"{LIMITS['rms']}: it is of the whole motion, and belongs into [limits]")
             weighed = cost.with_weights(own.weights).on_controls(robot.nu)
             weighed.check_controls(
                 widest_limits(limits, [own]).finite("u"), [label.name for label in robot.u_labels]
