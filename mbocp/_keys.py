@@ -32,6 +32,8 @@ _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 class Declared(BaseModel):
     """Some keys of a table, each declared."""
 
+    model_config = ConfigDict(defer_build=True)
+
     @classmethod
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
-from mbocp.problem.reasons.causes import why_in_vain
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.reading import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at
-from mbocp.solvers import SolverSettings
+from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.records import Callback
 from mbocp.solvers.strategies.patience import Patience
+
+if TYPE_CHECKING:
+    from mbocp.problem.reasons.cause import Cause
 
 Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
 
@@ -122,7 +123,12 @@ def settings_of(formulation: Formulation, threads: int | None = None) -> SolverS
 
 
 def _patience(problem: Problem, deadline: float) -> Patience:
-    return Patience(is_limited=math.isinf(deadline), why_in_vain=partial(why_in_vain, problem))
+    def why_in_vain(status: Status) -> Cause | None:
+        from mbocp.problem.reasons import causes  # many modules, and few solves are in vain
+
+        return causes.why_in_vain(problem, status)
+
+    return Patience(is_limited=math.isinf(deadline), why_in_vain=why_in_vain)
 
 
 def _deadline(*limits: float | None) -> float:

@@ -17,8 +17,7 @@ from mbocp.formulation.build import Pieces
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
+from mbocp.mechanics import Space
 from mbocp.mechanics.diagnostics import ConstraintViolation
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -64,7 +63,7 @@ class Formulation(Protocol):
         """What a state consists of."""
 
     @property
-    def space(self) -> ConfigurationSpace | NaturalSpace:
+    def space(self) -> Space:
         """The group that a state's configuration belongs to, or natural coordinates."""
 
     @property

@@ -10,15 +10,14 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.features.feature import Feature, join, unbounded
 from mbocp.formulation.layout import StateLayout
-from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
+from mbocp.mechanics import Space
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
 
 def state_bounds(
     problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
+    space: Space,
     features: Sequence[Feature],
     at: StateLayout,
     speeds: tuple[Array, Array],

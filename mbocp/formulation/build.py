@@ -37,7 +37,7 @@ from mbocp.formulation.stage import LATER, build_first_functions, build_function
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
+from mbocp.mechanics import Space
 from mbocp.problem import Problem
 from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
@@ -64,7 +64,7 @@ class Pieces:
     problem : Problem
     joints : ConfigurationSpace
         Of the joints, which costs and goals speak of.
-    space : ConfigurationSpace or NaturalSpace
+    space : Space
         Of the states.
     signature : FunctionSignature
         What the stage functions depend on.
@@ -88,7 +88,7 @@ class Pieces:
 
     problem: Problem
     joints: ConfigurationSpace
-    space: ConfigurationSpace | NaturalSpace
+    space: Space
     signature: FunctionSignature
     layout: StateLayout
     algebraic: Algebraic

@@ -13,7 +13,7 @@ from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import EndRows, acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import NaturalSpace
+from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
@@ -123,7 +123,7 @@ def _as_they_are(words: _RowWords) -> _RowWords:
 
 def row_describer(
     problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
+    space: Space,
     features: Sequence[Feature],
     at: StateLayout,
     rows: EndRows,
@@ -136,7 +136,7 @@ def row_describer(
 
 def _row_words(
     problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
+    space: Space,
     features: Sequence[Feature],
     at: StateLayout,
     rows: EndRows,
@@ -166,7 +166,7 @@ def _row_words(
     )
 
 
-def _start_words(problem: Problem, space: ConfigurationSpace | NaturalSpace) -> tuple[str, ...]:
+def _start_words(problem: Problem, space: Space) -> tuple[str, ...]:
     """What the rows of a periodic motion, and of constraints at a free start, are."""
     names, found = problem.robot.v_labels, list[str]()
     for term in start_ends(problem, space) if isinstance(space, ConfigurationSpace) else ():
@@ -183,7 +183,7 @@ def _start_words(problem: Problem, space: ConfigurationSpace | NaturalSpace) -> 
 
 def _limits(
     problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
+    space: Space,
     features: Sequence[Feature],
     at: StateLayout,
     speeds: tuple[Label, ...],
@@ -198,7 +198,7 @@ def _limits(
 
 def _state_limits(
     problem: Problem,
-    space: ConfigurationSpace | NaturalSpace,
+    space: Space,
     features: Sequence[Feature],
     at: StateLayout,
     speeds: tuple[Label, ...],

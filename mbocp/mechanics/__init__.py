@@ -8,7 +8,7 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
-    from mbocp.mechanics.either import Mechanics
+    from mbocp.mechanics.either import Mechanics, Space
     from mbocp.mechanics.joint import JointMechanics, symbols_of
     from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
     from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
@@ -18,6 +18,7 @@ __all__ = [
     "Mechanics",
     "NaturalMechanics",
     "NaturalSpace",
+    "Space",
     "dual_of_momentum",
     "dual_of_velocity",
     "duals_of_momenta",

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
-from mbocp.mechanics import natural_mechanics
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import LIMITS, Bounds
@@ -45,6 +44,8 @@ def check_coordinates(
         )
     if data.limits_joints and data.takes_free_duration:
         return
+    from mbocp.mechanics import natural_mechanics  # joint coordinates do not need them
+
     if not natural_mechanics(robot).tree.turning:
         return  # the same as joint coordinates
     if not data.takes_free_duration:

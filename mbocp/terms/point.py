@@ -71,9 +71,7 @@ class Point:
     @property
     def powers(self) -> ca.SX:
         """Power of each control, u_i (B(q)' v)_i, shape (nu,) [W]."""
-        u = ca.SX.sym("u", self.mechanics.nu)
-        pushes = ca.jacobian(self.mechanics.force(self.q, self.v, u), u)  # B(q): forces are affine in u
-        return self.control * (pushes.T @ self.v)
+        return self.control * (self.pushes().T @ self.v)
 
     @property
     def time(self) -> ca.SX:

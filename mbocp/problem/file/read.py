@@ -122,7 +122,7 @@ def _path(
 
 
 def _solver(solver_table: SolverTable) -> SolverOptions:
-    return SolverOptions(**solver_table.model_dump())
+    return SolverOptions(**dict(solver_table))
 
 
 READ = (

@@ -115,9 +115,15 @@ class ReadingKeys(Declared):
 
     def portable(self, base: Path | None, *left_out: str) -> dict[str, Any]:
         """The keys that say something, with absolute paths; what is carried in the end names itself."""
-        said = plain(self.model_dump(exclude_defaults=True, exclude={"payload", *left_out}))
+        told = self._told(name for name in type(self).model_fields if name not in ("payload", *left_out))
+        said = plain({name: getattr(self, name) for name in told})
         folders = {"package_dirs": [str(folder) for folder in self.folders(base)]}
         return {**said, **(folders if self.package_dirs else {})}
+
+    def _told(self, keys: Iterable[str]) -> list[str]:
+        """Keys with another value than the default."""
+        fields = type(self).model_fields
+        return [key for key in keys if getattr(self, key) != fields[key].default]
 
 
 class PartTable(ReadingKeys, ShapeTable):
@@ -144,11 +150,6 @@ class PartTable(ReadingKeys, ShapeTable):
             raise ValueError(f"{key}: is a matter of robots; a simple body has no joints of its own")
         self._check_object()
         return self
-
-    def _told(self, keys: Iterable[str]) -> list[str]:
-        """Keys with another value than the default."""
-        fields = type(self).model_fields
-        return [key for key in keys if getattr(self, key) != fields[key].default]
 
     def _check_object(self) -> None:
         floats = self.free_flyer is not False

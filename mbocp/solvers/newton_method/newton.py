@@ -13,10 +13,10 @@ from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.programme.native import kernel
 from mbocp.solvers.records import Status
-from mbocp.solvers.staggered.sweep import Sweeps
 
 if TYPE_CHECKING:
     from mbocp.programme.native import Evaluation, Factorisation, KernelFilter, KernelProgramme
+    from mbocp.solvers.staggered.sweep import Sweeps
 
 
 class PlainState(NamedTuple):
