@@ -12,21 +12,17 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all that is here
 if TYPE_CHECKING:
-    from mbocp.exceptions import MbocpError as MbocpError
-    from mbocp.exceptions import NotConverged as NotConverged
-    from mbocp.interactive import live as live
-    from mbocp.many import Motions as Motions
-    from mbocp.many import solve_many as solve_many
-    from mbocp.problem import Problem as Problem
-    from mbocp.problem import load_problem as load_problem
-    from mbocp.receding import RecedingHorizon as RecedingHorizon
-    from mbocp.robot import Robot as Robot
-    from mbocp.robot import load_robot as load_robot
-    from mbocp.solution import Solution as Solution
-    from mbocp.solving import solve as solve
-    from mbocp.stopping import stop as stop
-    from mbocp.view.of_solution import replay_solution as replay_solution
-    from mbocp.view.plots import plot_solution as plot_solution
+    from mbocp.exceptions import MbocpError, NotConverged
+    from mbocp.interactive import live
+    from mbocp.many import Motions, solve_many
+    from mbocp.problem import Problem, load_problem
+    from mbocp.receding import RecedingHorizon
+    from mbocp.robot import Robot, load_robot
+    from mbocp.solution import Solution
+    from mbocp.solving import solve
+    from mbocp.stopping import stop
+    from mbocp.view.of_solution import replay_solution
+    from mbocp.view.plots import plot_solution
 
 __version__ = "0.1.0"
 

@@ -159,13 +159,9 @@ def _changes(
 ) -> tuple[Mapping[str, Any], ...]:
     """Words of `Problem.with_` for each problem."""
     columns: dict[tuple[str, str], Array] = {}
-    for name, table, given in (("starts", "start", starts), ("goals", "goal", goals)):
-        asked = {} if given is None else dict(given) if isinstance(given, Mapping) else {"q": given}
-        for key, values in asked.items():
-            if key not in _KEYS[name]:
-                raise ProblemError(f"{name}: no {key!r}; give some of {', '.join(_KEYS[name])}")
-            size = problem.robot.nq if key == "q" else problem.robot.nv
-            columns[table, key] = _rows(f"{name}.{key}", values, size)
+    for name, given in (("starts", starts), ("goals", goals)):
+        for key, values in _rows_by_key(problem, name, given):
+            columns[name.removesuffix("s"), key] = values
     for key, values in (weights or {}).items():
         found = _numbers(f"weights.{key}", values)
         columns["cost", key] = found.reshape(len(found), -1) if found.ndim else found.reshape(1, 1)
@@ -177,6 +173,14 @@ def _changes(
         )
     (count,) = counts
     return tuple(_change(columns, k) for k in range(count))
+
+
+def _rows_by_key(problem: Problem, name: str, given: Any) -> Iterator[tuple[str, Array]]:
+    asked = {} if given is None else dict(given) if isinstance(given, Mapping) else {"q": given}
+    for key, values in asked.items():
+        if key not in _KEYS[name]:
+            raise ProblemError(f"{name}: no {key!r}; give some of {', '.join(_KEYS[name])}")
+        yield key, _rows(f"{name}.{key}", values, problem.robot.nq if key == "q" else problem.robot.nv)
 
 
 def _change(columns: Mapping[tuple[str, str], Array], k: int) -> dict[str, Any]:

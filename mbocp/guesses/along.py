@@ -55,21 +55,18 @@ def _along(problem: Problem, kept: Sequence[PathConstraint], q_start: Array, sha
         found = (c.term.target(c, name, (start, end), share) for c, name, start, end in asked)
         return [target for target in found if target is not None]
 
-    if not (goal.q_active.all() or goal.poses):
-        found = along_poses(
-            robot, [targets(share) for share in shares], np.tile(q_start, (len(shares), 1)), limits
-        )
-        if found is not None:
-            found[shares == 0.0] = q_start
-        return found
-    q_end = goal.q
-    if not goal.q_active.all():
-        reached = along_poses(robot, [targets(1.0)], q_end[None], limits)
+    ends = {0.0: q_start}
+    if goal.q_active.all():
+        ends[1.0] = goal.q
+    elif goal.poses:
+        reached = along_poses(robot, [targets(1.0)], goal.q[None], limits)
         if reached is None:
             return None
-        q_end = reached[0]
-    near = straight_to(problem, q_end)(q_start, shares)
+        ends[1.0] = reached[0]
+    has_end = 1.0 in ends
+    near = straight_to(problem, ends[1.0])(q_start, shares) if has_end else np.tile(q_start, (len(shares), 1))
     found = along_poses(robot, [targets(share) for share in shares], near, limits)
     if found is not None:
-        found[shares == 0.0], found[shares == 1.0] = q_start, q_end
+        for share, q in ends.items():
+            found[shares == share] = q
     return found

@@ -210,7 +210,7 @@ class _Stops:
         if goal is None or not (goal.q_active.any() or goal.poses):
             return ties.fit(q, qs)
         targets = [frame.target for frame in goal.poses]
-        rows, written = _StopRows(PoseRows(robot, targets), ties, qs), _written(robot, goal)
+        rows, written = _StopRows(PoseRows(robot, targets), ties, qs), robot.joints_with(goal.q_active)
         bounds = joint_bounds(robot.model, *self._limits, frozenset())
         best: Array | None = None
         for start in self._starts(q, before, written):
@@ -305,8 +305,7 @@ def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
     goal = stop.goal
     if goal is not None and not goal.poses:
         moved = np.array(goal.q_active)
-    names = [name for name in robot.joint_names if moved[robot.velocity_indices(name)].any()]
-    return _with(robot, now, stop.q, names)
+    return _with(robot, now, stop.q, robot.joints_with(moved))
 
 
 def _with(robot: Robot, q: Array, other: Array, joints: Sequence[str]) -> Array:
@@ -316,11 +315,6 @@ def _with(robot: Robot, q: Array, other: Array, joints: Sequence[str]) -> Array:
         at = robot.configuration_indices(name)
         found[at] = other[at]
     return found
-
-
-def _written(robot: Robot, goal: Goal) -> list[str]:
-    """Joints that a goal gives."""
-    return [name for name in robot.joint_names if goal.q_active[robot.velocity_indices(name)].any()]
 
 
 def _with_signs(robot: Robot, q: Array, before: Array) -> Array:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mbocp.integrators.euler import State, StepRows, evaluation_point, step_rows
     from mbocp.integrators.pairs import PAIRS, Pair
     from mbocp.integrators.points import evaluation_points
-    from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_with
+    from mbocp.integrators.schemes import SCHEMES, SchemeData, schemes_that
     from mbocp.integrators.tableaux import LIE_METHODS, TABLEAUX, Tableau
     from mbocp.integrators.tau import EULER_SCHEMES, TAU, VELOCITY_TAU
 
@@ -50,7 +50,7 @@ __all__ = [
     "evaluation_point",
     "evaluation_points",
     "root_mean_squares",
-    "schemes_with",
+    "schemes_that",
     "shares_of",
     "step_rows",
 ]

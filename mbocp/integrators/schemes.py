@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -129,6 +129,6 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
 )
 
 
-def schemes_with(key: str) -> tuple[str, ...]:
-    """Names of the schemes that take an option."""
-    return tuple(name for name, data in SCHEMES.items() if data.takes(key))
+def schemes_that(does: Callable[[SchemeData], bool]) -> str:
+    """Return the quoted names of the schemes of which something is true."""
+    return ", ".join(f'"{name}"' for name, data in SCHEMES.items() if does(data))

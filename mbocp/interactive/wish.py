@@ -119,7 +119,7 @@ def _q_at_tool(robot: Robot, pose: pin.SE3, q_near: Array) -> Array:
 def _q_at_frames(problem: Problem, targets: list[FrameTarget], q_near: Array) -> Array:
     """A configuration at the poses near another one; where there is none, the problem looks further."""
     robot, limits = problem.robot, problem.limits_of_ends[1]
-    given = [n for n in robot.joint_names if problem.goal.q_active[robot.velocity_indices(n)].any()]
+    given = robot.joints_with(problem.goal.q_active)
     within: Any = (limits.q_lower, limits.q_upper) if limits.finite("q").any() else True
     start = np.array(q_near)
     for name in given:

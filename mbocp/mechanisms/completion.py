@@ -54,7 +54,7 @@ def close_loops(
     reached = follow(robot, base, q, active)
     if distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
-    written = _written(robot, active)
+    written = robot.joints_with(active)
     try:
         return np.array(robot.assemble(q, fixed=written))
     except LoopNotClosed:
@@ -70,7 +70,7 @@ def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, a
         return v
     if active.all():
         return np.array(robot.assemble_velocity(q, v)) if assemble else v
-    return np.array(robot.assemble_velocity(q, v, fixed=_written(robot, active)))
+    return np.array(robot.assemble_velocity(q, v, fixed=robot.joints_with(active)))
 
 
 def complete_goal(robot: Robot, q: Array, active: BoolArray, q_start: Array) -> Array:
@@ -111,7 +111,7 @@ def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: by
     if distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
     bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
-    short, written = _short(robot, reached, q, active), quote_all(_written(robot, active))
+    short, written = _short(robot, reached, q, active), quote_all(robot.joints_with(active))
     if bad:
         row, value, unit = bad[0]
         raise InconsistentStart(
@@ -192,11 +192,6 @@ def _turn(robot: Robot, q_start: Array, q: Array) -> Array:
         if at.stop - at.start == 1 and robot.q_labels[at.start].unit == "rad":
             turned[at] -= 2.0 * np.pi * np.round((q[at] - q_start[at]) / (2.0 * np.pi))
     return turned
-
-
-def _written(robot: Robot, active: BoolArray) -> list[str]:
-    """Joints of which something was written."""
-    return [name for name in robot.joint_names if active[robot.velocity_indices(name)].any()]
 
 
 def _short(robot: Robot, q: Array, target: Array, active: BoolArray) -> str:

@@ -14,7 +14,7 @@ What decays within a thousandth of a step is not followed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,12 +143,15 @@ def largest_excess(
         problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
     )
     looks = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
-    found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
+    found = _excesses(looks)
     is_coarse = any(one.kind == "speed" and one.ratio > _COARSE for one in found)
     if "v" in limits and (is_coarse or problem.limits_within) and _is_open(problem):
-        followed = motion.speeds_followed(widest_within(limits["v"], steps))
-        found += [one for look in followed for one in look.excesses() if one.ratio > _NONE]
+        found += _excesses(motion.speeds_followed(widest_within(limits["v"], steps)))
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
+
+
+def _excesses(looks: Iterable[_Look]) -> list[LimitExcess]:
+    return [one for look in looks for one in look.excesses() if one.ratio > _NONE]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError, suggest
-from mbocp.integrators import SCHEMES
+from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
@@ -313,7 +313,7 @@ def contact_bounds(
     if not contacts:
         return ()
     if not SCHEMES[scheme].has_forces:
-        solving = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.has_forces)
+        solving = schemes_that(lambda data: data.has_forces)
         why = (
             "has several forces of each constraint in a step"
             if SCHEMES[scheme].solves_constraints

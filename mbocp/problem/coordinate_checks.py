@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mbocp.exceptions import ProblemError
-from mbocp.integrators import SCHEMES
+from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import LIMITS, Bounds
@@ -36,11 +36,10 @@ def check_coordinates(
     """
     data = COORDINATES[coordinates]
     if data.needs_constraints and not SCHEMES[scheme].takes_natural:
-        able = ", ".join(f'"{name}"' for name, data in SCHEMES.items() if data.takes_natural)
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but natural coordinates are tied by constraints, which are '
-            f"solved with each step by {able} alone; take one of these, or coordinates = "
-            '"joint"'
+            f"solved with each step by {schemes_that(lambda data: data.takes_natural)} alone; take one of "
+            'these, or coordinates = "joint"'
         )
     if data.limits_joints and data.takes_free_duration:
         return

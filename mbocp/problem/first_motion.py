@@ -166,8 +166,7 @@ def _goal(robot: Robot, start: Array, movable: BoolArray) -> Array:
         q = np.array(robot.integrate(start, step / 2.0**halving))
         if not robot.nc:
             return q
-        names = [name for name in robot.joint_names if movable[robot.velocity_indices(name)].any()]
-        for fixed in (names, []):
+        for fixed in (robot.joints_with(movable), []):
             try:
                 found = np.array(robot.assemble(q, fixed=fixed))
             except LoopNotClosed:

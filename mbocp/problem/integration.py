@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Literal, TypeAlias
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_with
+from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_that
 from mbocp.problem._checks import check_choice, check_integer, check_number
 from mbocp.problem.cost import Cost
 from mbocp.problem.limits import Bounds
@@ -69,24 +68,21 @@ def check_integrator(
         key, value = f"integrator.{field.name}", getattr(stabilisation, field.name)
         check_unused(key, value, field.default, scheme, suits=suits)
     if robot.drives and not SCHEMES[scheme].takes_drives:
-        able = [name for name, data in SCHEMES.items() if data.takes_drives]
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
             f"({', '.join(drive.name for drive in robot.drives)}), which only explicit schemes "
-            f"({_quote(able)}) can do"
+            f"({schemes_that(lambda data: data.takes_drives)}) can do"
         )
     if robot.nc and not SCHEMES[scheme].takes_loops:
-        able = [name for name, data in SCHEMES.items() if data.takes_loops]
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", whose stages lie between nodes, but {robot.name!r} has '
             f"holonomic constraints ({robot.constraint_labels[0].name}, ...), which hold at the nodes; "
-            f"take one of {_quote(able)}"
+            f"take one of {schemes_that(lambda data: data.takes_loops)}"
         )
     if robot.rotations == "dcm" and not SCHEMES[scheme].takes_matrices and has_rotations(robot):
-        able = [name for name, data in SCHEMES.items() if data.takes_matrices]
         raise ProblemError(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
-            f'explicit scheme ({_quote(able)}), or rotations = "quaternion"'
+            f'explicit scheme ({schemes_that(lambda data: data.takes_matrices)}), or rotations = "quaternion"'
         )
 
 
@@ -99,10 +95,10 @@ def check_controls(controls: str, scheme: str) -> None:
     """
     check_choice("horizon.controls", controls, CONTROLS)
     if controls not in SCHEMES[scheme].controls:
-        able = [name for name, data in SCHEMES.items() if controls in data.controls]
         raise ProblemError(
             f'horizon.controls: got "{controls}", but scheme "{scheme}" takes one control for each step; '
-            f'choose integrator.scheme among {_quote(able)}, or controls = "constant"'
+            f"choose integrator.scheme among {schemes_that(lambda data: controls in data.controls)}, or "
+            'controls = "constant"'
         )
 
 
@@ -139,12 +135,9 @@ def check_unused(key: str, value: object, default: object, scheme: str, *, suits
         chosen = f' ("auto" chose it for {suits})' if suits else ""
         raise ProblemError(
             f'{key}: got {got}, which scheme "{scheme}" does not use{chosen}; leave it out, or choose an '
-            f"explicit scheme ({_quote(schemes_with(key))}){' as integrator.scheme' * bool(suits)}"
+            f"explicit scheme ({schemes_that(lambda data: data.takes(key))})"
+            f"{' as integrator.scheme' * bool(suits)}"
         )
-
-
-def _quote(names: Iterable[str]) -> str:
-    return ", ".join(f'"{name}"' for name in names)
 
 
 def has_rotations(robot: Robot) -> bool:

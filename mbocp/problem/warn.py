@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +16,8 @@ from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.timeline.hold import Hold
+from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
@@ -72,20 +74,25 @@ def warn_held_anywhere(robot: Robot, timeline: Timeline, path: Iterable[PathCons
     asked = {node for waypoint in timeline.waypoints for node in (waypoint.node, waypoint.node + 1)}
     constraints = [(one.frame, one.nodes(timeline.num_steps, timeline.dt)) for one in path]
     anywhere = []
-    for before, phase in pairwise(timeline.phases):
-        known, node = {held.hold for held in before.holds}, before.last
-        for hold in (held.hold for held in phase.holds if held.hold not in known):
-            is_open = hold.kind == "point" and hold.to == WORLD and hold.at == "where_it_is"
-            frame = robot.frame_id(hold.frame)
-            is_said = node in asked or any(at == frame and nodes[node - 1].any() for at, nodes in constraints)
-            if is_open and not is_said:
-                anywhere.append(f"{hold.name} in {phase.name}")
+    for node, phase, hold in _points_put_down(timeline):
+        frame = robot.frame_id(hold.frame)
+        if node not in asked and not any(at == frame and nodes[node - 1].any() for at, nodes in constraints):
+            anywhere.append(f"{hold.name} in {phase.name}")
     if anywhere:
         warn_caller(
             f"points are held wherever they are then, in the air, too: {list_names(anywhere, 4)}; say where: "
             "by [ground] and contacts, or by a via point or path constraint at the end of the phase before",
             ProblemWarning,
         )
+
+
+def _points_put_down(timeline: Timeline) -> Iterator[tuple[int, Phase, Hold]]:
+    """Points that the world holds where they are from a phase on, with the node at which it begins."""
+    for before, phase in pairwise(timeline.phases):
+        known = {held.hold for held in before.holds}
+        for hold in (held.hold for held in phase.holds if held.hold not in known):
+            if hold.kind == "point" and hold.to == WORLD and hold.at == "where_it_is":
+                yield before.last, phase, hold
 
 
 def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
@@ -334,3 +334,7 @@ class RobotModel:
     def velocity_indices(self, joint: str) -> slice:
         """Range of a joint in v and p (empty for a mimic joint). Raises `UnknownJoint`."""
         return joints.velocity_slice(self.model, joints.joint_id(self.model, joint, self.name))
+
+    def joints_with(self, chosen: BoolArray) -> list[str]:
+        """Names of the joints that have a velocity among the chosen ones, shape (nv,)."""
+        return [name for name in self.joint_names if chosen[self.velocity_indices(name)].any()]

@@ -142,21 +142,18 @@ class Facts:
         sizes : mapping of str to int
             Numbers of "q", "v" and "u".
         """
-        ends = [0, *(phase.last for phase in self.phases)]
-        begins = [*(phase.first for phase in self.phases), num_steps]
-        is_whole = ends == begins and all(first < last for first, last in pairwise(ends))
 
         def fits_rate(key: str, bounds: tuple[Sequence[float], ...]) -> bool:
-            return key in RATE_TERMS and all(len(side) == sizes[RATE_TERMS[key].over] for side in bounds)
+            return key in RATE_TERMS and {len(side) for side in bounds} == {sizes[RATE_TERMS[key].over]}
 
         def fits_steps(letter: str, sides: tuple[Sequence[Sequence[float]], ...]) -> bool:
-            is_long_enough = letter in sizes and all(len(side) == num_steps for side in sides)
-            return is_long_enough and all(len(row) == sizes[letter] for side in sides for row in side)
+            shapes = {(len(side), *{len(row) for row in side}) for side in sides}
+            return letter in sizes and shapes == {(num_steps, sizes[letter])}
 
         return replace(
             self,
             via=tuple(place for place in self.via if 0 < place.node <= num_steps),
-            phases=self.phases if is_whole else (),
+            phases=self.phases if _fill(self.phases, num_steps) else (),
             rates={key: bounds for key, bounds in self.rates.items() if fits_rate(key, bounds)},
             along={letter: sides for letter, sides in self.along.items() if fits_steps(letter, sides)},
             a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
@@ -171,3 +168,10 @@ class Facts:
         """Limits in the steps, or at the nodes 1..N, shape (2, N, n); None where all phases have the same."""
         sides = self.along.get(letter)
         return None if sides is None else np.array(sides, dtype=np.float64)
+
+
+def _fill(phases: Sequence[PhasePlace], num_steps: int) -> bool:
+    """Whether phases have all steps of a motion, one after the other."""
+    ends = [0, *(phase.last for phase in phases)]
+    begins = [*(phase.first for phase in phases), num_steps]
+    return ends == begins and all(first < last for first, last in pairwise(ends))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -135,15 +134,15 @@ def _of_via(solution: SolutionData, facts: Facts) -> Iterator[ActiveLimit]:
             sides = np.array([[place.earliest or -np.inf], [place.latest]])
             at = t[place.node].reshape(1, 1)
             yield from _touch("time", (Column(place.name, "s"),), at, sides)
-    if any(place.is_found for place in places):
-        whole = float(t[-1]) if facts.duration_range is None else facts.duration_range[0]
-        stops = [0, *(place.node for place in places), N]
-        for (first, last), name in zip(
-            pairwise(stops), [*(place.name for place in places), "end"], strict=True
-        ):
-            least = least_time(last - first, N, whole)
-            if t[last] - t[first] <= least * (1.0 + _TOUCHES):
-                yield ActiveLimit("way", name, "lower", least, "s", 1, 1)
+    if not any(place.is_found for place in places):
+        return
+    whole = float(t[-1]) if facts.duration_range is None else facts.duration_range[0]
+    first = 0
+    for name, last in (*((place.name, place.node) for place in places), ("end", N)):
+        least = least_time(last - first, N, whole)
+        if t[last] - t[first] <= least * (1.0 + _TOUCHES):
+            yield ActiveLimit("way", name, "lower", least, "s", 1, 1)
+        first = last
 
 
 def _rate_bounds(solution: SolutionData, facts: Facts) -> dict[str, tuple[str, str, float, float, str]]:

@@ -23,6 +23,19 @@ _REFERENCES: dict[str, int] = {
 }
 
 
+class _Algorithm(cached_property[ca.Function]):
+    """An algorithm of the kernel that goes by the name of an attribute."""
+
+    def __init__(self, words: str, *, of_mass: str = "") -> None:
+        super().__init__(self._of)
+        self.__doc__, self._of_mass = words, of_mass
+
+    def _of(self, functions: ModelFunctions) -> ca.Function:
+        if self._of_mass:
+            functions._require_mass(self._of_mass)
+        return functions._build(str(self.attrname))
+
+
 class ModelFunctions:
     """Pinocchio's algorithms for one model, as `casadi.Function` over SX.
 
@@ -50,6 +63,33 @@ class ModelFunctions:
         Names of the frames, in Pinocchio's order.
     """
 
+    rnea = _Algorithm("Inverse dynamics, (q, v, a) -> tau (nv,) [N, N m].")
+    nonlinear_effects = _Algorithm("Coriolis, centrifugal and gravity terms, (q, v) -> b (nv,) [N, N m].")
+    gravity = _Algorithm("Gravity terms, q -> g (nv,) [N, N m].")
+    aba = _Algorithm("Forward dynamics, (q, v, tau) -> a (nv,) [m/s^2, rad/s^2].")
+    minverse = _Algorithm("Inverse of the inertia matrix, q -> M^-1 (nv, nv), full.")
+    crba = _Algorithm(
+        "Joint-space inertia matrix, q -> M (nv, nv), full and symmetric, armature included [kg, kg m^2]."
+    )
+    kinetic_energy = _Algorithm("Kinetic energy, (q, v) -> T [J].")
+    potential_energy = _Algorithm("Potential energy of gravity, q -> V [J].")
+    center_of_mass = _Algorithm(
+        "Centre of mass in the world frame, q -> c (3,) [m]; InvalidValue if nothing that moves has mass.",
+        of_mass="centre of mass",
+    )
+    centroidal_momentum = _Algorithm(
+        "Momentum about the centre of mass, world axes, linear first, (q, v) -> h (6,) [kg m/s, N m s]; "
+        "InvalidValue if nothing that moves has mass.",
+        of_mass="momentum about the centre of mass",
+    )
+    integrate = _Algorithm(
+        "The configuration reached from q with the tangent vector v in unit time, (q, v) -> q1 (nq,)."
+    )
+    difference = _Algorithm("The tangent vector that leads from q0 to q1 in unit time, (q0, q1) -> v (nv,).")
+    dintegrate = _Algorithm(
+        "Jacobians of `integrate` in tangent coordinates, (q, v) -> J_q (nv, nv), J_v (nv, nv)."
+    )
+
     def __init__(self, model: pin.Model, given: Sequence[ModelNumber] = ()) -> None:
         self.given = tuple(given)
         native = [bridge().ModelNumber(*number) for number in self.given]
@@ -64,76 +104,6 @@ class ModelFunctions:
 
     def __repr__(self) -> str:
         return f"ModelFunctions({self._name!r}, nq={self.nq}, nv={self.nv})"
-
-    @cached_property
-    def rnea(self) -> ca.Function:
-        """Inverse dynamics, (q, v, a) -> tau (nv,) [N, N m]."""
-        return self._build("rnea")
-
-    @cached_property
-    def nonlinear_effects(self) -> ca.Function:
-        """Coriolis, centrifugal and gravity terms, (q, v) -> b (nv,) [N, N m]."""
-        return self._build("nonlinear_effects")
-
-    @cached_property
-    def gravity(self) -> ca.Function:
-        """Gravity terms, q -> g (nv,) [N, N m]."""
-        return self._build("gravity")
-
-    @cached_property
-    def aba(self) -> ca.Function:
-        """Forward dynamics, (q, v, tau) -> a (nv,) [m/s^2, rad/s^2]."""
-        return self._build("aba")
-
-    @cached_property
-    def minverse(self) -> ca.Function:
-        """Inverse of the inertia matrix, q -> M^-1 (nv, nv), full."""
-        return self._build("minverse")
-
-    @cached_property
-    def crba(self) -> ca.Function:
-        """Joint-space inertia matrix, q -> M (nv, nv), full and symmetric, armature included [kg, kg m^2]."""
-        return self._build("crba")
-
-    @cached_property
-    def kinetic_energy(self) -> ca.Function:
-        """Kinetic energy, (q, v) -> T [J]."""
-        return self._build("kinetic_energy")
-
-    @cached_property
-    def potential_energy(self) -> ca.Function:
-        """Potential energy of gravity, q -> V [J]."""
-        return self._build("potential_energy")
-
-    @cached_property
-    def center_of_mass(self) -> ca.Function:
-        """Centre of mass in the world frame, q -> c (3,) [m]; InvalidValue if nothing that moves has mass."""
-        self._require_mass("centre of mass")
-        return self._build("center_of_mass")
-
-    @cached_property
-    def centroidal_momentum(self) -> ca.Function:
-        """Momentum about the centre of mass, world axes, linear first, (q, v) -> h (6,) [kg m/s, N m s].
-
-        InvalidValue if nothing that moves has mass.
-        """
-        self._require_mass("momentum about the centre of mass")
-        return self._build("centroidal_momentum")
-
-    @cached_property
-    def integrate(self) -> ca.Function:
-        """The configuration reached from q with the tangent vector v in unit time, (q, v) -> q1 (nq,)."""
-        return self._build("integrate")
-
-    @cached_property
-    def difference(self) -> ca.Function:
-        """The tangent vector that leads from q0 to q1 in unit time, (q0, q1) -> v (nv,)."""
-        return self._build("difference")
-
-    @cached_property
-    def dintegrate(self) -> ca.Function:
-        """Jacobians of `integrate` in tangent coordinates, (q, v) -> J_q (nv, nv), J_v (nv, nv)."""
-        return self._build("dintegrate")
 
     def frame_placement(self, frame: str | int) -> ca.Function:
         """Placement of a frame in the world, q -> R (3, 3), p (3,) [m].

@@ -82,22 +82,25 @@ def _apply(
     if not components:
         plain: list[Any] = values
         return ca.SX.unary(operation, *plain) if len(plain) == 1 else ca.SX.binary(operation, *plain)
-    first = components[0]
-    is_doubled = operation == ca.OP_ADD and len(components) == 2 and components[0] == components[1]
-    if operation == ca.OP_SQ:
-        return first.factor**2 * products[first.quaternion][first.index][first.index]
+    first, last = components[0], components[-1]
+    is_product = operation == ca.OP_SQ or (operation == ca.OP_MUL and len(components) == 2)
+    if is_product and first.quaternion == last.quaternion:
+        return first.factor * last.factor * products[first.quaternion][first.index][last.index]
+    factor = _factor(operation, values, components)
+    if factor is None:
+        raise _refusal(function)
+    return _Component(first.quaternion, first.index, factor * first.factor)
+
+
+def _factor(operation: int, values: list[ca.SX | _Component], components: list[_Component]) -> float | None:
+    """By what an operation multiplies the first component; None where it does something else."""
+    is_doubled = operation == ca.OP_ADD and components == [components[0]] * 2
     if operation == ca.OP_TWICE or is_doubled:
-        return _Component(first.quaternion, first.index, 2.0 * first.factor)
+        return 2.0
     if operation == ca.OP_NEG:
-        return _Component(first.quaternion, first.index, -first.factor)
-    if operation == ca.OP_MUL and len(components) == 2 and first.quaternion == components[1].quaternion:
-        second = components[1]
-        return first.factor * second.factor * products[first.quaternion][first.index][second.index]
-    if operation == ca.OP_MUL and len(components) == 1:
-        other = values[1] if values[0] is first else values[0]
-        if isinstance(other, ca.SX) and other.is_constant():
-            return _Component(first.quaternion, first.index, first.factor * float(other))
-    raise _refusal(function)
+        return -1.0
+    numbers = [value for value in values if isinstance(value, ca.SX) and value.is_constant()]
+    return float(numbers[0]) if operation == ca.OP_MUL and numbers else None
 
 
 def _refusal(function: ca.Function) -> UnsupportedRobot:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
-from mbocp.robot import Robot
+from mbocp.robot import Constraint, Robot
 from mbocp.solution import Solution
 
 
@@ -50,14 +51,8 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     columns = {label.name: k for k, label in enumerate(solution.labels.lam)}
     if not columns or not np.isfinite(solution.lams).all():
         return ()
-    found = [(constraint, robot.model) for constraint in robot.constraints]
-    if solution.facts.held:
-        shown = solution.shown
-        if shown is not None and shown.problem.timeline.switches is not None:
-            model = shown.problem.robot.model
-            found += [(held.constraint, model) for held in shown.problem.timeline.switches.held]
     marks = []
-    for constraint, model in found:
+    for constraint, model in (*((one, robot.model) for one in robot.constraints), *_held(solution)):
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]
         if not constraint.frame_ids or not rows:
             continue
@@ -70,6 +65,14 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
         timed, t = in_time(forces, np.diff(solution.t)), solution.t - solution.t[0]
         marks.append(ForceMark(constraint.name, frame, other, constraint.is_pushing, t, timed))
     return tuple(marks)
+
+
+def _held(solution: Solution) -> list[tuple[Constraint, pin.Model]]:
+    """Constraints of what phases hold, with the model that has their frames."""
+    shown = solution.shown if solution.facts.held else None
+    if shown is None or shown.problem.timeline.switches is None:
+        return []
+    return [(held.constraint, shown.problem.robot.model) for held in shown.problem.timeline.switches.held]
 
 
 def in_time(values: Array, dts: Array) -> Array:

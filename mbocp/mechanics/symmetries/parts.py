@@ -21,12 +21,10 @@ def independent_parts(robot: Robot) -> tuple[frozenset[int], ...]:
     """
     model = robot.model
     branch = [0] * model.njoints
-    for joint in range(1, model.njoints):
-        parent = int(model.parents[joint])
-        branch[joint] = branch[parent] if parent else joint
     owner = np.zeros(robot.nv, dtype=np.intp)
     for joint in range(1, model.njoints):
-        entry = model.joints[joint]
+        parent, entry = int(model.parents[joint]), model.joints[joint]
+        branch[joint] = branch[parent] if parent else joint
         owner[entry.idx_v : entry.idx_v + entry.nv] = branch[joint]
     joined = {root: root for root in branch[1:]}
     for pair in zip(model.mimicking_joints, model.mimicked_joints, strict=True):

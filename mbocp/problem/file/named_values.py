@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -183,17 +184,15 @@ def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) ->
         if part is None:
             spread[name] = entry
             continue
-        places = [i for i, slot in enumerate(_slots(robot)) if slot.name.startswith(part.prefix)]
-        names = [slot.name for slot in _slots(robot) if slot.name.startswith(part.prefix)]
+        inside = {slot.name: i for i, slot in enumerate(_slots(robot)) if slot.name.startswith(part.prefix)}
+        options = [[counts[i] for i in inside.values()] for counts in sizes]
         numbers = _as_list(entry)
-        fitting = [counts for counts in sizes if sum(counts[i] for i in places) == len(numbers)]
-        if not fitting:
-            expected = sum(sizes[0][i] for i in places)
-            raise DimensionMismatch(f"{key}.{name}", len(numbers), expected, f"joints: {', '.join(names)}")
-        start = 0
-        for joint, i in zip(names, places, strict=True):
-            spread[joint] = numbers[start : start + fitting[0][i]]
-            start += fitting[0][i]
+        counts = next((one for one in options if sum(one) == len(numbers)), None)
+        if counts is None:
+            expected = sum(options[0])
+            raise DimensionMismatch(f"{key}.{name}", len(numbers), expected, f"joints: {', '.join(inside)}")
+        rest = iter(numbers)
+        spread |= {joint: list(islice(rest, count)) for joint, count in zip(inside, counts, strict=True)}
     return spread
 
 

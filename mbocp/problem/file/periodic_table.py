@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from mbocp.problem.goals.periodic import Periodic
 from mbocp.robot import Robot
 
 _PARTS = ("q", "v")
-_WORDS = ("swap", "mirror", "combine", "moved", "except", "impact")
 
 
 def free_from(robot: Robot, written: Any) -> FreeStart | None:
@@ -108,32 +107,17 @@ def periodic_from(written: Any) -> Periodic | None:
         return None
     table = {} if written is True else dict(written)
     key = "goal.periodic"
-    _refuse_others(key, table, _WORDS)
-    swap, moved = table.get("swap", []), table.get("moved", {})
-    if not (isinstance(swap, list) and all(_are_names(pair) and len(pair) == 2 for pair in swap)):
-        raise ProblemError(
-            f'{key}.swap: got {show(swap)}, expected pairs of joints such as [["left", "right"]]'
-        )
-    for word in ("mirror", "except"):
-        if not _are_names(table.get(word, [])):
-            raise ProblemError(f"{key}.{word}: got {show(table[word])}, expected a list of joints")
-    if not isinstance(moved, Mapping):
-        raise ProblemError(f"{key}.moved: got {show(moved)}, expected a table such as {{ x = 0.5 }}")
-    combine, impact = table.get("combine", {}), table.get("impact", "")
-    if not (isinstance(combine, Mapping) and all(isinstance(sums, Mapping) for sums in combine.values())):
-        raise ProblemError(
-            f"{key}.combine: got {show(combine)}, expected a table for each joint such as "
-            "{ leg = { leg = 1, hip = 1 } }"
-        )
-    if not isinstance(impact, str):
-        raise ProblemError(f"{key}.impact: got {show(impact)}, expected the name of a frame")
+    _refuse_others(key, table, tuple(_EXPECTED))
+    for word, (is_right, expected) in _EXPECTED.items():
+        if word in table and not is_right(table[word]):
+            raise ProblemError(f"{key}.{word}: got {show(table[word])}, expected {expected}")
     return Periodic(
-        swap=tuple((a, b) for a, b in swap),
+        swap=tuple((a, b) for a, b in table.get("swap", ())),
         mirror=table.get("mirror", ()),
-        combine=combine,
-        moved=moved,
+        combine=table.get("combine", {}),
+        moved=table.get("moved", {}),
         apart=table.get("except", ()),
-        impact=impact,
+        impact=table.get("impact", ""),
     )
 
 
@@ -156,11 +140,30 @@ def periodic_table(periodic: Periodic) -> dict[str, Any] | bool:
     return {word: value for word, value in table.items() if value} or True
 
 
-def _are_names(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(name, str) for name in value)
-
-
 def _refuse_others(key: str, table: Mapping[str, Any], words: tuple[str, ...]) -> None:
     for word in table:
         if word not in words:
             raise ProblemError(f"{key}: unknown key {word!r}; there are {', '.join(words)}")
+
+
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _are_pairs(value: Any) -> bool:
+    return isinstance(value, list) and all(_are_names(pair) and len(pair) == 2 for pair in value)
+
+
+def _are_tables(value: Any) -> bool:
+    return isinstance(value, Mapping) and all(isinstance(table, Mapping) for table in value.values())
+
+
+# Keys of `goal.periodic`: whether a value is right, and what is expected.
+_EXPECTED: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "swap": (_are_pairs, 'pairs of joints such as [["left", "right"]]'),
+    "mirror": (_are_names, "a list of joints"),
+    "combine": (_are_tables, "a table for each joint such as { leg = { leg = 1, hip = 1 } }"),
+    "moved": (lambda value: isinstance(value, Mapping), "a table such as { x = 0.5 }"),
+    "except": (_are_names, "a list of joints"),
+    "impact": (lambda value: isinstance(value, str), "the name of a frame"),
+}

@@ -161,9 +161,8 @@ class Profile:
                 f"limits.profile: {show(self.name)} is about the joints {', '.join(joints)}, which robot "
                 f"{robot.name!r} does not have: it has {', '.join(names)}"
             )
-        sliding = [
-            name for name in found if robot.v_labels[robot.velocity_indices(name).start].unit != "rad/s"
-        ]
+        units = {name: robot.v_labels[robot.velocity_indices(name).start].unit for name in found}
+        sliding = [name for name, unit in units.items() if unit != "rad/s"]
         if self.table.degrees and sliding:
             raise ProblemError(
                 f"limits.profile: {show(self.name)} is in degrees, but {sliding[0]!r} slides; "

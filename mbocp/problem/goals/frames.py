@@ -59,7 +59,7 @@ def start_at(robot: Robot, targets: Sequence[FrameTarget], q: Array, written: Bo
     for target in targets:
         check_frame("start.frame", robot, target.name)
         check_frame("start.frame", robot, target.relative_to)
-    fixed = [name for name in robot.joint_names if written[robot.velocity_indices(name)].any()]
+    fixed = robot.joints_with(written)
     best: InverseKinematics | None = None
     limits = robot.limits
     has_limits = bool(np.isfinite(np.append(limits.position_lower, limits.position_upper)).any())

@@ -212,16 +212,10 @@ def _torques(problem: Problem, leg: _Leg) -> Iterator[Cause]:
 
 def _weights(problem: Problem) -> Iterator[Cause]:
     """Poses at rest that the motors cannot hold."""
-    robot, goal = problem.robot, problem.goal
-    limits = problem.limits_along()["u"]
-    poses = []
-    if problem.start_free is None and not problem.v_start.any():
-        poses.append(("start", problem.q_start, 0))
-    if goal.is_exact and goal.q_active.all() and goal.rate_active.all() and not goal.value.any():
-        poses.append(("goal", goal.q, -1))
+    robot, limits = problem.robot, problem.limits_along()["u"]
     if robot.drives or robot.nu != robot.nv - robot.nc:  # else others than the smallest controls may hold it
         return
-    for where, q, step in poses:
+    for where, q, step in _poses_at_rest(problem):
         u = holding_controls(robot, np.array(q))
         if u is None:
             continue
@@ -236,6 +230,15 @@ def _weights(problem: Problem) -> Iterator[Cause]:
                 f"{max(has, 0.0):.4g} {label.unit}"
             )
             yield Cause("weight", label.name, line, False, float(over[i]))
+
+
+def _poses_at_rest(problem: Problem) -> Iterator[tuple[str, Array, int]]:
+    """Start and goal where they are given and at rest, with the step beside them."""
+    goal = problem.goal
+    if problem.start_free is None and not problem.v_start.any():
+        yield "start", problem.q_start, 0
+    if goal.is_exact and goal.q_active.all() and goal.rate_active.all() and not goal.value.any():
+        yield "goal", goal.q, -1
 
 
 def _steps(problem: Problem, leg: _Leg) -> Iterator[Cause]:

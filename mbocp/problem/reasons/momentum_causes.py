@@ -62,10 +62,8 @@ class _Kept:
 
 def momentum_causes(problem: Problem) -> Iterator[Cause]:
     """Momenta that nothing changes, and that the goal asks for all the same."""
-    robot, goal = problem.robot, problem.goal
-    changes = problem.timeline.switches is not None or problem.phase or robot.drives
-    is_given = problem.start_free is None and goal.is_exact and goal.periodic is None
-    if changes or not is_given or robot.nu >= robot.nv:
+    robot = problem.robot
+    if not _stay_and_are_given(problem):
         return
     kept = list(_symmetries(problem))
     asked = [one for one in kept if _asks_for_rest(problem, one)]
@@ -81,6 +79,14 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
     still = [one for one in asked if abs(one.momentum) <= _ZERO * scale]
     for beginning in dict.fromkeys(one.nothing_moves(robot) for one in still):
         yield _asked_twice(problem, [one for one in still if one.nothing_moves(robot) == beginning])
+
+
+def _stay_and_are_given(problem: Problem) -> bool:
+    """Whether momenta may stay along the motion, whose start and goal are given."""
+    robot, goal = problem.robot, problem.goal
+    changes = problem.timeline.switches is not None or problem.phase or robot.drives
+    is_given = problem.start_free is None and goal.is_exact and goal.periodic is None
+    return is_given and not changes and robot.nu < robot.nv
 
 
 def _asked_twice(problem: Problem, still: Sequence[_Kept]) -> Cause:

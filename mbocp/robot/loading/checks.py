@@ -114,7 +114,7 @@ def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
     null = vectors[:, values < 10 * max(abs(values[0]), 1e-13)]
     weight = np.zeros(robot.nv)
     weight[free] = np.linalg.norm(null, axis=1)
-    guilty = [n for n in robot.joint_names if weight[robot.velocity_indices(n)].max(initial=0.0) > _MIN_SHARE]
+    guilty = robot.joints_with(weight > _MIN_SHARE)
     are_all = len(guilty) == len(robot.joint_names)
     return SingularMassMatrix(robot.name, guilty, float(values[0]), are_all=are_all)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -200,7 +200,22 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     model: Any = robot.model
     data: Any = working_data(model)
     pin.framesForwardKinematics(model, data, q)
-    lines = []
+    ends = [frame for c in robot.constraints if c.fixes_origin for frame in c.frame_ids]
+    pairs = [c.frame_ids for c in robot.constraints if c.connector is not None]
+    pairs += [(force.frame_a, force.frame_b) for force in robot.forces]
+    lines = [(data.oMi[parent], data.oMi[joint]) for parent, joint in _links(robot)]
+    for frame in (*ids, *ends):
+        joint = model.frames[frame].parentJoint
+        if joint != 0:  # the ground is no link
+            lines.append((data.oMi[joint], data.oMf[frame]))
+    lines += [(data.oMf[a], data.oMf[b]) for a, b in pairs]
+    points = [[end.translation for end in line] for line in lines]
+    return np.array(points, dtype=float).reshape(-1, 2, 3)
+
+
+def _links(robot: Robot) -> Iterator[tuple[int, int]]:
+    """Joints between which there is a link, each with the one before it."""
+    model: Any = robot.model
     feet = sum(parent == 0 for parent in model.parents) - 1  # the first is the universe's own
     # Loops may close over frames that are no link, and robots in one world stand apart.
     is_over_ground = feet > 1 and bool(robot.constraints or robot.parts)
@@ -210,15 +225,4 @@ def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
         # A slider's axes are no links unless they turn, and neither is the way to a floating base.
         turns[joint] = turns[parent] or joint_kind(model, joint).word in _HINGES
         if turns[joint] and not (parent == 0 and is_over_ground):
-            lines.append((data.oMi[parent].translation.copy(), data.oMi[joint].translation.copy()))
-    ends = [frame for c in robot.constraints if c.fixes_origin for frame in c.frame_ids]
-    for frame in (*ids, *ends):
-        joint = model.frames[frame].parentJoint
-        if joint == 0:
-            continue  # the ground is no link
-        lines.append((data.oMi[joint].translation.copy(), data.oMf[frame].translation.copy()))
-    pairs = [c.frame_ids for c in robot.constraints if c.connector is not None]
-    pairs += [(force.frame_a, force.frame_b) for force in robot.forces]
-    for pair in pairs:
-        lines.append(tuple(data.oMf[frame].translation.copy() for frame in pair))
-    return np.array(lines, dtype=float).reshape(-1, 2, 3)
+            yield parent, joint
