@@ -2,6 +2,8 @@
 
 Four swings of 0.2 s and a stand, on a level ground with friction 0.7, from rest to rest, at
 up to 0.4 m/s in any direction, turned by up to half a radian, within the limits of `solo12_trot.toml`.
+
+`--cycles`: gaits that go on and on, of robots with four legs, at 0.3 m/s.
 """
 
 from __future__ import annotations
@@ -26,6 +28,14 @@ _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
 _NUM_SWINGS = 4
 FEET = ["FL", "FR", "HL", "HR"]
 GAITS = {"trot": 2, "pace": 2, "walk": 1, "bound": 2}  # and how many cycles four swings are
+SWINGS = {"trot": 2, "pace": 2, "walk": 4, "bound": 2, "hop": 1}  # of a cycle
+_OF_UNITREE = {name: f"{name}_foot" for name in ("FL", "FR", "RL", "RR")}
+ROBOTS: Mapping[str, tuple[Mapping[str, str], float]] = {  # feet, and the weight of the velocities
+    "solo12": ({name: f"{name}_FOOT" for name in FEET}, 0.01),
+    "anymal_c": ({name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}, 1.0),
+    "hyq": ({name: f"{name}_foot" for name in ("lf", "rf", "lh", "rh")}, 1.0),
+    **{name: (_OF_UNITREE, 1.0) for name in ("go1", "go2", "a1", "b1")},
+}
 
 
 def gait(name: str, number: int) -> Problem:
@@ -88,13 +98,56 @@ def gait_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
     return Table("Gaits of solo12", columns, rows, note)
 
 
+def cycle(name: str, word: str) -> Problem:
+    """A cycle of a gait at 0.3 m/s, swings of 0.3 s; between hops all feet stand as long."""
+    (feet, weight), robot = ROBOTS[name], load_robot(name)
+    swing, stance, base = 0.3, 0.3 if word == "hop" else 0.0, robot.joint_names[0]
+    gait = {"swings": word, "duration": swing, "steps": _STEPS, **({"stance": stance} if stance else {})}
+    still = [f"{base}.vx", f"{base}.vy", f"{base}.wz"]
+    way = 0.3 * SWINGS[word] * (swing + stance)
+    return Problem.create(
+        robot,
+        gait=gait,
+        ground={"feet": feet, "friction": 0.7, "lift": 0.04},
+        start={"free": {"v": True, "q": {"except": still}}},
+        goal={"periodic": {"moved": {base: {"x": way}}}},
+        cost={"effort": 1.0, "velocity": weight},
+        limits={"effort": True, "position": True},
+        scheme="se1",
+    )
+
+
+def cycles_table(names: Sequence[str]) -> Table:
+    """Iterations and time of a cycle of each gait, a line for each robot."""
+    rows = []
+    for name in names:
+        words = []
+        for word in SWINGS:
+            problem = cycle(name, word)
+            begun = time.perf_counter()
+            solution = mbocp.solve(problem, time_limit=60.0)
+            seconds = time.perf_counter() - begun
+            told = "" if solution.converged else f" {solution.status}"
+            words.append(f"{solution.iterations}, {seconds:.1f} s{told}")
+        rows.append((name, *words))
+    note = (
+        "Iterations and time from the default guess, with what it takes to build functions of a new problem."
+    )
+    return Table("Cycles of gaits at 0.3 m/s", ("", *SWINGS), rows, note)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gaits", description=__doc__)
     parser.add_argument("--count", type=int, default=50, help="of each gait")
     parser.add_argument("--markdown", action="store_true")
+    parser.add_argument("--cycles", nargs="*", choices=[*ROBOTS], metavar="ROBOT", help="of these, or of all")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
+    if options.cycles is not None:
+        for table in (header(), cycles_table(options.cycles or [*ROBOTS])):
+            show(table, markdown=options.markdown)
+        return
     records = {name: [record_of(name, k) for k in range(options.count)] for name in GAITS}
     for table in (header(), gait_table(records)):
         show(table, markdown=options.markdown)
