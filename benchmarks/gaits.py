@@ -34,7 +34,7 @@ ROBOTS: Mapping[str, tuple[Mapping[str, str], float]] = {  # feet, and the weigh
     "solo12": ({name: f"{name}_FOOT" for name in FEET}, 0.01),
     "anymal_c": ({name: f"{name}_FOOT" for name in ("LF", "RF", "LH", "RH")}, 1.0),
     "hyq": ({name: f"{name}_foot" for name in ("lf", "rf", "lh", "rh")}, 1.0),
-    **{name: (_OF_UNITREE, 1.0) for name in ("go1", "go2", "a1", "b1")},
+    **dict.fromkeys(("go1", "go2", "a1", "b1"), (_OF_UNITREE, 1.0)),
 }
 
 
