@@ -13,7 +13,7 @@ from rich.table import Table
 
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.summary import payload_words, print_rows
+from mbocp.cli.summary import inertia_words, payload_words, print_rows
 from mbocp.robot import describe, list_robots
 
 
@@ -71,6 +71,7 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         **drives,
         "redundant": f"{', '.join(redundant)}: left out, the other rows imply them" if redundant else "",
         "mass": f"{facts['mass']:.4g} kg",
+        "inertias": inertia_words(facts["inertias"]),
         "carries": payload_words(facts["payloads"]),
         "gravity": f"{_numbers(facts['gravity'])} m/s^2",
         "q0": _numbers(facts["q0"]),

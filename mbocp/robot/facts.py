@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._text import show
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
@@ -23,9 +24,10 @@ def describe(robot: Robot) -> dict[str, Any]:
     -------
     dict
         name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
-        constraints leave), mass [kg], gravity [m/s^2], joints, actuators, actuated (their names), passive
-        (joints that none of them acts upon directly), drives, speeds, constraints, forces, payloads, parts,
-        frames, trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
+        constraints leave), mass [kg], inertias (of links whose file gives none), gravity [m/s^2], joints,
+        actuators, actuated (their names), passive (joints that none of them acts upon directly), drives,
+        speeds, constraints, forces, payloads, parts, frames, trace_frames, q0 [rad, m], rotations,
+        fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
@@ -38,6 +40,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "dofs": robot.nv - robot.nc,
         "mobility": robot.nv - robot.nc,
         "mass": float(sum(inertia.mass for inertia in list(robot.model.inertias)[1:])),
+        "inertias": [{"link": one.link, **one.table, "origin": one.origin} for one in robot.link_inertias],
         "gravity": [float(g) for g in robot.model.gravity.linear],
         "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
         "actuators": [
@@ -63,9 +66,14 @@ def describe(robot: Robot) -> dict[str, Any]:
 def find_oddities(robot: Robot) -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
     found = list[str]()
+    parts = ("", *(part.prefix for part in robot.parts))
+    mended = tuple(
+        f"link {show(one.link.removeprefix(part))}: " for one in robot.link_inertias for part in parts
+    )
     for path in robot.sources:
         try:
-            found += format_of(path).reader().oddities(path)
+            lines = format_of(path).reader().oddities(path)
+            found += [line for line in lines if not line.startswith(mended)]
         except MbocpError:  # the file has changed, or is no longer there
             continue
     return tuple(found)

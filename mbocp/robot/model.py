@@ -16,6 +16,7 @@ from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
+from mbocp.robot.link_inertia import LinkInertia
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
@@ -86,6 +87,8 @@ class RobotModel:
         What stands for the shapes of some frames, see `Robot.collision_spheres`.
     decided_by_locks : tuple of ModelNumber
         Numbers of `model` that the values of locked joints decide, where options lock them.
+    link_inertias : tuple of LinkInertia
+        Masses and inertias of links that its file does not give; `model` has them already.
     stored : RobotFiles, optional
         The files it was loaded from, if they came with a result; they keep their temporary folder.
     """
@@ -111,6 +114,7 @@ class RobotModel:
     shapes: tuple[ShapeSource, ...] = ()
     given_spheres: tuple[CollisionSphere, ...] = ()
     decided_by_locks: tuple[ModelNumber, ...] = ()
+    link_inertias: tuple[LinkInertia, ...] = ()
     stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:

@@ -81,6 +81,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
         ),
         parts=found.parts,
         shapes=found.shapes,
+        link_inertias=found.link_inertias,
         given_spheres=spheres_of(names, table),
         decided_by_locks=decided,
     )

@@ -13,8 +13,9 @@ from typing import Any
 from mbocp._arrays import plain
 from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
-from mbocp.robot.loading.describe import describe_parts, describe_source, read_parts
+from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.inertias_table import read_inertias
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
 from mbocp.robot.loading.schema import tables_from
@@ -36,6 +37,7 @@ def load_robot(
     actuated: Sequence[str] | None = None,
     mimic: bool | None = None,
     dynamics: bool | None = None,
+    inertias: Mapping[str, Any] | None = None,
     damping: bool | None = None,
     friction: str | None = None,
     friction_speed: float | None = None,
@@ -73,6 +75,9 @@ def load_robot(
     dynamics : bool, optional
         False: controls are the accelerations of the joints, and links need no inertias. Default: what
         robot.toml says, else True.
+    inertias : mapping, optional
+        Masses and inertias that the file does not give: `density` [kg/m^3] of the shapes of links, or `mass`
+        [kg] of the whole robot, and `links`, by name. Default: what robot.toml says.
     damping : bool, optional
         Whether the viscous damping that the file gives joints acts. Default: what robot.toml says, else True.
     friction : {"none", "smooth"}, optional
@@ -112,6 +117,8 @@ def load_robot(
         If meshes are missing; the robot is shown without them.
     NotModelledWarning
         If the file says something about the physics that is left out.
+    EstimatedInertiaWarning
+        If `inertias` gives links masses and inertias of their shapes.
     """
     return load_keys(
         RobotKeys.model_construct(
@@ -122,6 +129,7 @@ def load_robot(
             actuated=None if actuated is None else list(actuated),
             mimic=mimic,
             dynamics=dynamics,
+            inertias=read_inertias(inertias),
             damping=damping,
             friction=friction,
             friction_speed=friction_speed,
@@ -155,9 +163,9 @@ def load_parts(
         Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
         ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
         its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
-        lock, actuated, mimic, dynamics, damping, friction, friction_speed, package_dirs and payload. In place
-        of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
-        ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
+        lock, actuated, mimic, dynamics, inertias, damping, friction, friction_speed, package_dirs and
+        payload. In place of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``,
+        ``sphere`` or ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
     lock : mapping or sequence of str, optional
         More joints to make rigid, by their names in the whole.
     gravity : sequence of 3 floats, optional
@@ -213,8 +221,8 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        dynamics, damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to
-        call it. Or ``part`` and the options of `load_parts`.
+        dynamics, inertias, damping, friction, friction_speed, package_dirs, rotations, payload, and
+        ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -237,6 +245,7 @@ def load_keys(keys: RobotKeys, base: Path | None) -> Robot:
     found, spec = _alone(keys, base) if keys.part is None else _together(keys, keys.part, base)
     named = replace(found, named_locks=found.named_locks | set(keys.lock or ()))
     spec |= keys.portable(base, "name", "part")
+    spec |= inertias_of(found) if keys.part is None else {}
     if keys.payload is not None:
         spec["payload"] = []  # those that it has in the end name themselves
     return assemble_robot(named, keys.actuated, spec)

@@ -19,6 +19,7 @@ from pydantic import (
 
 from mbocp._files import read_toml
 from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.robot.loading.inertias_table import InertiasTable, LinkTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.schema_errors import first_complaint, refusal
@@ -201,6 +202,7 @@ class RobotTable(Table):
     lock: list[str] | dict[str, Numbers] = Field(default=[])
     mimic: bool | None = None
     dynamics: bool | None = None
+    inertias: InertiasTable | None = None
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
     friction_speed: PositiveNumber | None = None
@@ -266,6 +268,7 @@ def read_robot_toml(path: Path) -> RobotTable:
 
 
 TABLES: dict[str, tuple[type[BaseModel], ...]] = {
+    "inertias": (InertiasTable, LinkTable),
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "drive": (DriveTable,),
