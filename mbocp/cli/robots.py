@@ -121,8 +121,8 @@ def _actuators(facts: Mapping[str, Any]) -> Table:
 
 def _elements(facts: Mapping[str, Any]) -> Table:
     table = plain_table("name", "type", "between", "numbers")
-    for element in [*facts["constraints"], *facts["forces"]]:
-        keys = ("length", "ratio", "offset", "stiffness", "damping", "coefficient")
+    for element in [*facts["constraints"], *facts["forces"], *facts["elastic"]]:
+        keys = ("length", "ratio", "offset", "stiffness", "damping", "motor_inertia", "coefficient")
         numbers = [f"{key} {element[key]:g}" for key in keys if key in element]
         if len(element.get("rows", ())) > 1:
             kept = len(element["rows"]) - len(element["redundant_rows"])

@@ -45,6 +45,8 @@ def check_coordinates(
         )
     if data.limits_joints and data.takes_free_duration:
         return
+    if robot.elastic:
+        raise ProblemError('coordinates: "natural" knows no elastic joints; take "joint"')
     if not natural_mechanics(robot).tree.turning:
         return  # the same as joint coordinates
     if not data.takes_free_duration:

@@ -16,6 +16,7 @@ from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
+from mbocp.robot.elastic import ElasticJoint
 from mbocp.robot.link_inertia import LinkInertia
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
@@ -77,6 +78,8 @@ class RobotModel:
         Rows that the equations leave out because the others imply them; counted over all constraints.
     resistances : tuple of JointResistance
         Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
+    elastic : tuple of ElasticJoint
+        Springs between joints and their motors.
     payloads : tuple of Payload
         Bodies that it carries; `model` and `visual_model` have them already.
     parts : tuple of PlacedRobot
@@ -109,6 +112,7 @@ class RobotModel:
     rotations: str = "quaternion"
     redundant_rows: tuple[int, ...] = ()
     resistances: tuple[JointResistance, ...] = ()
+    elastic: tuple[ElasticJoint, ...] = ()
     payloads: tuple[Payload, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
     shapes: tuple[ShapeSource, ...] = ()
@@ -248,7 +252,7 @@ class RobotModel:
     @property
     def has_forces(self) -> bool:
         """Whether springs, dampers or losses of joints act."""
-        return bool(self.forces or self.resistances)
+        return bool(self.forces or self.resistances or self.elastic)
 
     @property
     def has_limits(self) -> bool:
@@ -311,6 +315,8 @@ class RobotModel:
             digest.update(repr(self.redundant_rows).encode())
         if self.resistances:
             digest.update(repr(self.resistances).encode())
+        if self.elastic:
+            digest.update(repr(self.elastic).encode())
         for drive in self.drives:
             digest.update(
                 repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()

@@ -285,15 +285,44 @@ class Robot(Mechanism):
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of gravity and of the force elements [J]."""
         q = self._vector(q, self.nq, "q")
-        return kinematics.gravity_potential(self.model, q) + kinematics.force_potential(
-            self.model, q, self.forces
-        )
+        springs = kinematics.force_potential(self.model, q, self.forces)
+        springs += sum(float(joint.energy(q)) for joint in self.elastic)
+        return kinematics.gravity_potential(self.model, q) + springs
 
     def force_elements(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Generalised force of springs, dampers and joints that lose energy, shape (nv,) [N, N m]."""
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
-        elements = kinematics.force_elements(self.model, q, v, self.forces)
-        return frozen_array(elements + resistance_forces(self.resistances, v))
+        total = kinematics.force_elements(self.model, q, v, self.forces)
+        total += resistance_forces(self.resistances, v)
+        for joint in self.elastic:
+            effort, (link, motor) = float(joint.effort(q, v)), joint.at_v
+            total[link] += effort
+            total[motor] -= effort
+        return frozen_array(total)
+
+    def balanced(self, q: ArrayLike) -> Array:
+        """Turn the motors of elastic joints to where the robot stays at rest, shape (nq,).
+
+        Their springs, other motors and constraints balance gravity and force elements; where these leave a
+        choice, with the least forces.
+        """
+        found = np.array(self._vector(q, self.nq, "q"))
+        if not self.elastic:
+            return frozen_array(found)
+        (at_link, at_motor), (link, motor) = (
+            np.array(pairs, dtype=np.intp).T
+            for pairs in ([joint.at_q for joint in self.elastic], [joint.at_v for joint in self.elastic])
+        )
+        found[at_motor], still = found[at_link], np.zeros(self.nv)
+        force = pin.rnea(self.model, working_data(self.model), found, still, still)
+        force = force - self.force_elements(found, still)
+        springs = np.zeros((self.nv, len(self.elastic)))
+        springs[link, np.arange(len(self.elastic))] = 1.0
+        columns = np.hstack([springs, self.actuation_matrix(found), self.constraint_jacobian(found).T])
+        rows = np.setdiff1d(np.arange(self.nv), motor)
+        efforts = np.linalg.lstsq(columns[rows], force[rows], rcond=None)[0][: len(self.elastic)]
+        found[at_motor] += efforts / [joint.stiffness for joint in self.elastic]
+        return frozen_array(found)
 
     # Drives
 

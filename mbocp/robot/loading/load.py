@@ -15,6 +15,7 @@ from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.elastic_table import read_elastic
 from mbocp.robot.loading.inertias_table import read_inertias
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
@@ -25,7 +26,12 @@ from mbocp.robot.robot import Robot
 
 # Keys of each part; beside several parts they would not say whose.
 _OF_PARTS = ("name", *OF_FILES, "package_dirs")
-_OF_THE_WHOLE = ("lock", "gravity", "rotations")  # which take the place of what the tables of a robot say
+_OF_THE_WHOLE = (
+    "lock",
+    "gravity",
+    "rotations",
+    "elastic",
+)  # which take the place of what the tables of a robot say
 
 
 def load_robot(
@@ -45,6 +51,7 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] | None = None,
+    elastic: Sequence[Mapping[str, Any]] | None = None,
     base: Path | None = None,
 ) -> Robot:
     """Load a robot.
@@ -95,6 +102,9 @@ def load_robot(
         else "quaternion".
     payload : sequence of Payload or mapping, optional
         Bodies that the robot carries, as `Payload` or as tables of its keys. Default: what robot.toml says.
+    elastic : sequence of mapping, optional
+        Joints that springs join to their motors: tables with ``joint``, ``stiffness`` [N m/rad, N/m],
+        ``damping`` [N m s/rad, N s/m] and ``motor_inertia`` [kg m^2, kg]. Default: what robot.toml says.
     base : Path, optional
         Folder that relative paths start from. Default: the working directory.
 
@@ -137,6 +147,7 @@ def load_robot(
             package_dirs=[str(folder) for folder in package_dirs],
             rotations=rotations,
             payload=payload,
+            elastic=read_elastic(elastic),
         ),
         base,
     )
@@ -150,6 +161,7 @@ def load_parts(
     actuated: Sequence[str] | None = None,
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] = (),
+    elastic: Sequence[Mapping[str, Any]] | None = None,
     constraint: Sequence[Mapping[str, Any]] = (),
     initial: Mapping[str, Any] | None = None,
     name: str | None = None,
@@ -176,6 +188,8 @@ def load_parts(
         See `load_robot`.
     payload : sequence of Payload or mapping, optional
         Bodies that frames carry, by their names in the whole, beside those of the parts.
+    elastic : sequence of mapping, optional
+        See `load_robot`; in names of the whole, beside those of the parts.
     constraint : sequence of mapping, optional
         What joins frames of the parts: tables as ``[[constraint]]`` of a robot.toml, in names of the whole.
     initial : mapping, optional
@@ -207,6 +221,7 @@ def load_parts(
             label=name,
             rotations=rotations,
             payload=payload or None,
+            elastic=read_elastic(elastic),
             constraint=plain(constraint) or None,
             initial=plain(initial),
         ),
@@ -221,7 +236,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        dynamics, inertias, damping, friction, friction_speed, package_dirs, rotations, payload, and
+        dynamics, inertias, damping, friction, friction_speed, package_dirs, rotations, payload, elastic, and
         ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.

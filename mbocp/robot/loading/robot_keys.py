@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pinocchio as pin
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
 from mbocp._keys import Declared, Key, Kind
@@ -21,6 +21,7 @@ from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.elastic_table import ElasticTable
 from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
 from mbocp.robot.loading.schema_errors import refusal
@@ -219,6 +220,13 @@ class RobotKeys(ReadingKeys, _HeadKeys):
         ),
     ] = None
     label: Annotated[str | None, Key("what to call it in output", "", "the robot's name")] = None
+    elastic: Annotated[
+        list[ElasticTable] | None,
+        Key(
+            "[elastic joints](robots.md#elastic-joints); one table `[[robot.elastic]]` each",
+            default=f"{_OWN}, else none",
+        ),
+    ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
         Key(
@@ -256,7 +264,8 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
 
 def _allowed(loc: tuple[int | str, ...]) -> list[str]:
     """Keys of the table of a part, or of the one in it, that an unknown key stands in."""
-    return list((InertiasTable if "inertias" in loc[:-1] else PartTable).model_fields)
+    tables: dict[str, type[BaseModel]] = {"inertias": InertiasTable, "elastic": ElasticTable}
+    return list(next((tables[key] for key in tables if key in loc[:-1]), PartTable).model_fields)
 
 
 def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
