@@ -54,7 +54,8 @@ class Robot(Mechanism):
         Returns
         -------
         Robot
-            With the same initial pose. Its `spec` names all payloads.
+            With the same initial pose, in which motors of elastic joints hold the weight. Its `spec` names
+            all payloads.
 
         Raises
         ------
@@ -66,7 +67,8 @@ class Robot(Mechanism):
         model, visuals = attach(self.model, self.visual_model, payloads, self.name)
         carried = (*self.payloads, *payloads)
         spec = {**self.spec, "payload": [payload.table for payload in carried]}
-        return replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
+        laden = replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
+        return replace(laden, q0=laden.balanced(self.q0)) if self.elastic else laden
 
     # Collision geometry
 
@@ -300,28 +302,36 @@ class Robot(Mechanism):
             total[motor] -= effort
         return frozen_array(total)
 
-    def balanced(self, q: ArrayLike) -> Array:
+    def balanced(self, q: ArrayLike, given: ArrayLike | None = None) -> Array:
         """Turn the motors of elastic joints to where the robot stays at rest, shape (nq,).
 
         Their springs, other motors and constraints balance gravity and force elements; where these leave a
         choice, with the least forces.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+        given : array_like of bool, shape (nv,), optional
+            Motors that stay where they are; none by default.
         """
         found = np.array(self._vector(q, self.nq, "q"))
-        if not self.elastic:
+        stays = np.zeros(self.nv, dtype=np.bool_) if given is None else np.asarray(given)
+        turned = np.array([not stays[joint.at_v[1]] for joint in self.elastic], dtype=np.bool_)
+        if not turned.any():
             return frozen_array(found)
-        (at_link, at_motor), (link, motor) = (
-            np.array(pairs, dtype=np.intp).T
-            for pairs in ([joint.at_q for joint in self.elastic], [joint.at_v for joint in self.elastic])
-        )
-        found[at_motor], still = found[at_link], np.zeros(self.nv)
-        force = pin.rnea(self.model, working_data(self.model), found, still, still)
-        force = force - self.force_elements(found, still)
+        link, motor = np.array([joint.at_q for joint in self.elastic]).T
+        relaxed, still = found.copy(), np.zeros(self.nv)
+        relaxed[motor] = found[link]
+        force = pin.rnea(self.model, working_data(self.model), relaxed, still, still)
+        force = force - self.force_elements(relaxed, still)
         springs = np.zeros((self.nv, len(self.elastic)))
-        springs[link, np.arange(len(self.elastic))] = 1.0
-        columns = np.hstack([springs, self.actuation_matrix(found), self.constraint_jacobian(found).T])
-        rows = np.setdiff1d(np.arange(self.nv), motor)
+        for k, joint in enumerate(self.elastic):
+            springs[joint.at_v[0], k] = 1.0
+        columns = np.hstack([springs, self.actuation_matrix(relaxed), self.constraint_jacobian(relaxed).T])
+        rows = np.setdiff1d(np.arange(self.nv), [joint.at_v[1] for joint in self.elastic])
         efforts = np.linalg.lstsq(columns[rows], force[rows], rcond=None)[0][: len(self.elastic)]
-        found[at_motor] += efforts / [joint.stiffness for joint in self.elastic]
+        bent = efforts / [joint.stiffness for joint in self.elastic]
+        found[motor[turned]] = (found[link] + bent)[turned]
         return frozen_array(found)
 
     # Drives

@@ -203,6 +203,36 @@ def test_motors_of_ends_at_rest_are_where_springs_hold_the_weight(files: dict[in
     np.testing.assert_array_equal(again.goal.q, problem.goal.q)
 
 
+def test_poses_of_frames_have_balanced_motors(files: dict[int, Path]) -> None:
+    pose = {"name": "elbow", "position": [-0.3, 0.0, -0.4]}
+    problem = task(files[2], start={"frame": pose}, goal={"frame": pose, "v": 0, "a": 0})
+    for q in (problem.q_start, problem.goal.q):
+        np.testing.assert_allclose(problem.robot.frame_placement("elbow", q).translation[0], -0.3, atol=1e-6)
+        np.testing.assert_allclose(K * (q[2:] - q[:2]), rigid(q[:2], np.zeros(2))[1], atol=1e-9)
+    aside = load_robot(files[1], elastic=elastic(1), gravity=[2.0, 0.0, -9.0])  # pulls at the arm at zero
+    laden = aside.with_payload(mbocp.robot.Payload(frame="upper", mass=1.5, com=(0.0, 0.0, -C1)))
+    assert abs(aside.q0[1]) > 1e-3
+    assert laden.q0.tolist() == pytest.approx([0.0, 1.5 * aside.q0[1]])
+
+
+def test_a_plan_to_a_pose_ends_where_nothing_swings(files: dict[int, Path]) -> None:
+    """A goal of a frame gives no joint; `a = 0` has the motors hold the weight."""
+    goal = {"frame": {"name": "elbow", "position": [-0.3, 0.0, -0.4]}, "v": 0, "a": 0}
+    s = mbocp.solve(task(files[2], goal=goal, scheme="gauss2"), check=True)
+    q = s.qs[-1]
+    np.testing.assert_allclose(K * (q[2:] - q[:2]), rigid(q[:2], np.zeros(2))[1], atol=1e-6)
+
+
+def test_a_profile_limits_the_motors() -> None:
+    arm = load_robot("ur5", elastic=[{**elastic(1)[0], "joint": "elbow_joint"}])
+    problem = Problem.create(arm, 1.0, 5, goal={"v": 0}, limits={"profile": "ur5"})
+    link, motor = (arm.velocity_indices(name).start for name in ("elbow_joint", "elbow_joint_motor"))
+    bounds = problem.limits
+    assert np.isinf(bounds.v_upper[link])
+    assert np.isfinite([bounds.v_upper[motor], *bounds.u_upper]).all()
+    assert np.isfinite(bounds.q_upper[arm.configuration_indices("elbow_joint")]).all()
+
+
 def test_a_planned_motion_is_one_of_spongs_arm(files: dict[int, Path]) -> None:
     """The controls, constant in each step, move the model by hand to the goal, and leave it there."""
     s = mbocp.solve(task(files[2], scheme="gauss3"), check=True)

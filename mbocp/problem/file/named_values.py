@@ -89,10 +89,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
-    motors = [joint for joint in robot.elastic if not active[joint.at_v[1]]]
-    if motors:
-        at_q = [joint.at_q[1] for joint in motors]
-        q[at_q] = robot.balanced(q)[at_q]
+    q = np.array(robot.balanced(q, active)) if robot.elastic else q
     return q, active
 
 
