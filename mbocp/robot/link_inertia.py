@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-
 
 @dataclass(frozen=True)
 class LinkInertia:
@@ -42,12 +40,6 @@ class LinkInertia:
         return cls(
             link, float(body.mass), tuple(com.tolist()), tuple(moments[rows, columns].tolist()), origin
         )
-
-    @property
-    def matrix(self) -> Array:
-        """Rotational inertia about the centre of mass, shape (3, 3) [kg m^2]."""
-        xx, yy, zz, xy, xz, yz = self.inertia
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
     @property
     def table(self) -> dict[str, Any]:

@@ -26,12 +26,8 @@ from mbocp.robot.robot import Robot
 
 # Keys of each part; beside several parts they would not say whose.
 _OF_PARTS = ("name", *OF_FILES, "package_dirs")
-_OF_THE_WHOLE = (
-    "lock",
-    "gravity",
-    "rotations",
-    "elastic",
-)  # which take the place of what the tables of a robot say
+# They take the place of what the tables of a robot say.
+_OF_THE_WHOLE = ("lock", "gravity", "rotations", "elastic")
 
 
 def load_robot(

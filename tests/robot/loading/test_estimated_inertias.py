@@ -128,6 +128,17 @@ def test_an_open_mesh_counts_as_its_hull(tmp_path: Path, open_stl: Path) -> None
     assert_same(found.model.inertias[1], AT.act(BOX))
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_mesh_whose_faces_are_there_twice_counts_as_its_hull(tmp_path: Path, turned: bool) -> None:
+    """Its surface is closed, and encloses twice the volume, or none where the second faces are turned."""
+    hull = hull_of((CUBE - 0.5) * (300, 200, 700))
+    faces = np.vstack([hull.faces, hull.faces[:, ::-1] if turned else hull.faces])
+    path = tmp_path / "twice.stl"
+    path.write_bytes(binary_stl(MeshPart(np.array(hull.vertices), faces, None, None, None)))
+    found = load(arm(tmp_path, mesh(path)), "by the convex hull", density=RHO)
+    assert_same(found.model.inertias[1], AT.act(BOX))
+
+
 def test_several_shapes_and_links_that_are_fixed_to_each_other_add_up(tmp_path: Path, box_stl: Path) -> None:
     both = shape('<sphere radius="0.2"/>', origin="") + mesh(box_stl) + shape("<box size='9 9 9'/>", "visual")
     found = load(arm(tmp_path, both), "collision", density=RHO)

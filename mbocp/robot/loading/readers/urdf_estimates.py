@@ -33,8 +33,8 @@ from mbocp.robot.payload import Payload
 from mbocp.robot.warnings import EstimatedInertiaWarning
 
 _KINDS = ("collision", "visual")  # of shapes, the better ones first
-_LEAST_VOLUME = 1e-9  # of the cube over a mesh's size: less is the noise of a surface that encloses nothing
-_LARGEST_SHARE = 1.02  # largest principal moment, of the sum of the others; above, no body has them
+_LEAST_SHARE = 1e-6  # volume of a mesh, of its hull's: less is the noise of a surface that encloses nothing
+_LARGEST_SHARE = 1.02  # and the most; also of a moment of inertia, of the sum of the other two
 
 
 @dataclass(frozen=True)
@@ -151,15 +151,15 @@ def _filled(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
 def _of_mesh(vertices: Array, faces: Indices) -> tuple[pin.Inertia, bool]:
     """Body of 1 kg/m^3 within a mesh, and whether it is that within the convex hull."""
     corners, triangles = weld(vertices, faces)
-    least = _LEAST_VOLUME * float(np.ptp(corners, axis=0).max()) ** 3
-    if len(triangles) and not count_open_edges(triangles):
-        body = enclosed(corners, triangles)
-        if body.mass > least and _is_possible(body):
-            return body, False
     try:
         hull = hull_of(corners, max_corners=len(corners))
     except InvalidValue:  # flat
         return pin.Inertia.Zero(), True
+    if not count_open_edges(triangles):
+        body = enclosed(corners, triangles)
+        # Faces that are there twice may leave no volume, or more than there is room for.
+        if _LEAST_SHARE * hull.volume < body.mass <= _LARGEST_SHARE * hull.volume and _is_possible(body):
+            return body, False
     return enclosed(np.array(hull.vertices), hull.faces), True
 
 
