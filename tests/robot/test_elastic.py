@@ -18,6 +18,8 @@ from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot, describe, load_parts, load_robot
+from mbocp.robot.loading.elastic_table import ElasticTable
+from mbocp.robot.loading.motors import with_motors
 from tests.robot.urdfs import link, robot
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -134,6 +136,23 @@ def test_they_stand_beside_ball_joints_with_rotation_matrices(tmp_path: Path) ->
     expected = arm.actuation_matrix(q) @ u + arm.force_elements(q, v)
     np.testing.assert_allclose(np.array(force).ravel(), expected, atol=1e-12)
     assert float(energy) == pytest.approx(arm.potential_energy(q))
+
+
+def test_a_slider_has_a_motor_that_slides_and_no_rotor_besides(tmp_path: Path) -> None:
+    file = tmp_path / "slider.urdf"
+    file.write_text(
+        robot(link("base", None), body("cart", M1, C1, I1), hinge("rail", "base", "cart", 0, "prismatic"))
+    )
+    row = ElasticTable.model_validate({"joint": "rail", "stiffness": 90.0, "motor_inertia": 0.5})
+    model = pin.Model(load_robot(file).model)
+    model.armature[0] = 7.0  # as files with rotors have it
+    made, q, (joint,) = with_motors(model, np.array([0.2]), [row], (), "slider")
+    assert (made.armature.tolist(), q.tolist()) == ([0.0, 0.5], [0.2, 0.2])
+    assert joint.effort([0.2, 0.3], [0.0, 0.0]) == pytest.approx(9.0)
+    cart = load_robot(file, elastic=[row])
+    found = accelerations(cart, np.array([0.2, 0.3]), np.zeros(2), np.array([1.0]))
+    np.testing.assert_allclose(found, [9.0 / M1, (1.0 - 9.0) / 0.5])
+    assert cart.u_labels[0].unit == "N"
 
 
 def motion(rate: Callable[[np.ndarray], np.ndarray], start: np.ndarray, duration: float) -> np.ndarray:
