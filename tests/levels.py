@@ -36,7 +36,8 @@ _PLACES = {
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """
         guesses/around phases/solved problem/approach problem/problem robot/loading/examples
-        robot/loading/joined robot/loading/lock_numbers robot/loading/parts solution/later solution/travel
+        robot/elastic robot/loading/joined robot/loading/lock_numbers robot/loading/parts solution/later
+        solution/travel
     """,
     # Damaged files, killed processes, full disks, spoilt functions.
     "hostile": """

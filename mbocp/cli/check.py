@@ -26,10 +26,10 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
     """Print what would be solved, and draw it."""
     if page is not None:
         check_output(page, "-o", PAGES)
-    from mbocp.cli.summary import cause_rows, print_rows, robot_words
+    from mbocp.cli.summary import cause_rows, inertia_words, print_rows, robot_words
     from mbocp.problem import load_problem
     from mbocp.problem.reasons.causes import causes_of
-    from mbocp.robot.facts import find_oddities
+    from mbocp.robot.facts import describe, find_oddities
 
     problem = load_problem(file, settings)
     robot = problem.robot
@@ -44,6 +44,8 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
         ("solver", _solver(problem)),
     ]
     rows += cause_rows(causes_of(problem))
+    if words := inertia_words(describe(robot)["inertias"]):
+        rows.append(("inertias", words))
     rows += [("URDF", Text(words, style="yellow")) for words in find_oddities(robot)]
     if page is not None:
         from mbocp.view.preview import write_preview

@@ -49,7 +49,7 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
     if options.dynamics is False:
         typer.echo(
             f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is "
-            "known of its torques",
+            "known of its torques; robot.inertias in place of robot.dynamics estimates its masses",
             err=True,
         )
     if _only_rotors(robot) and options.free_flyer is None:

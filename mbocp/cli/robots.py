@@ -13,7 +13,7 @@ from rich.table import Table
 
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.summary import payload_words, print_rows
+from mbocp.cli.summary import inertia_words, payload_words, print_rows
 from mbocp.robot import describe, list_robots
 
 
@@ -71,6 +71,7 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         **drives,
         "redundant": f"{', '.join(redundant)}: left out, the other rows imply them" if redundant else "",
         "mass": f"{facts['mass']:.4g} kg",
+        "inertias": inertia_words(facts["inertias"]),
         "carries": payload_words(facts["payloads"]),
         "gravity": f"{_numbers(facts['gravity'])} m/s^2",
         "q0": _numbers(facts["q0"]),
@@ -120,8 +121,8 @@ def _actuators(facts: Mapping[str, Any]) -> Table:
 
 def _elements(facts: Mapping[str, Any]) -> Table:
     table = plain_table("name", "type", "between", "numbers")
-    for element in [*facts["constraints"], *facts["forces"]]:
-        keys = ("length", "ratio", "offset", "stiffness", "damping", "coefficient")
+    for element in [*facts["constraints"], *facts["forces"], *facts["elastic"]]:
+        keys = ("length", "ratio", "offset", "stiffness", "damping", "motor_inertia", "coefficient")
         numbers = [f"{key} {element[key]:g}" for key in keys if key in element]
         if len(element.get("rows", ())) > 1:
             kept = len(element["rows"]) - len(element["redundant_rows"])

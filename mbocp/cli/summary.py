@@ -101,6 +101,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
     return [
         *_coarse(solution),
         ("robot", robot),
+        *_masses(solution.robot_spec),
         *_load_and_tools(solution.robot_spec),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
         *_named_phases(solution),
@@ -337,6 +338,19 @@ def robot_words(name: str, nv: int, nu: int, nc: int) -> str:
 def payload_words(payloads: Sequence[Mapping[str, Any]]) -> str:
     """Say what is carried, from the tables of payloads."""
     return ", ".join(f"{p.get('name')} ({p.get('mass')} kg at {p.get('frame')})" for p in payloads)
+
+
+def inertia_words(links: Sequence[Mapping[str, Any]]) -> str:
+    """Say which links have other masses than their file gives, from the facts of a robot."""
+    return ", ".join(f"{one['link']} {one['mass']:.3g} kg ({one['origin']})" for one in links)
+
+
+def _masses(robot_spec: Mapping[str, Any]) -> _Rows:
+    """What a problem says of masses and inertias that no file gives."""
+    tables = [robot_spec, *(part for part in robot_spec.get("part", ()) if isinstance(part, Mapping))]
+    given = (table.get("inertias") for table in tables)
+    links = [name for table in given if isinstance(table, Mapping) for name in table.get("links", ())]
+    return [("inertias", f"not of its file: those of {', '.join(links)}")] if links else []
 
 
 def _load_and_tools(robot_spec: Mapping[str, Any]) -> _Rows:

@@ -163,6 +163,10 @@ class JointMechanics:
             total += force_element_force(element, self, q, v)
         for resistance in self.robot.resistances:
             total[resistance.dof] += resistance_torque(resistance, v)
+        for joint in self.robot.elastic:
+            effort, (link, motor) = joint.effort(self._configuration(q), v), joint.at_v
+            total[link] += effort
+            total[motor] -= effort
         return total
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
@@ -170,6 +174,8 @@ class JointMechanics:
         energy = self._call(self.functions.potential_energy, q)[0]
         for element in self.robot.forces:
             energy += force_element_energy(element, self, q)
+        for joint in self.robot.elastic:
+            energy += joint.energy(self._configuration(q))
         return energy
 
     def centre_of_mass(self, q: ca.SX) -> ca.SX:
@@ -247,10 +253,16 @@ class JointMechanics:
         others = (*others, *self._given)
         if not matrices:
             return list(function.call([q, *others]))
+        return call_with_matrices(function, self._configuration(q), matrices, others)
+
+    def _configuration(self, q: ca.SX) -> ca.SX:
+        """Configuration of the robot; zero in place of the quaternions of attitudes that are matrices."""
+        if not self._dcm:
+            return q
         configuration = ca.SX.zeros(self.robot.nq)
         for part in self.space.parts:
             size = part.at_q.stop - part.at_q.start - (4 if part.at_matrix >= 0 else 0)
             if size:
                 start = part.at_q.start
                 configuration[start : start + size] = q[part.at_z][:size]
-        return call_with_matrices(function, configuration, matrices, others)
+        return configuration

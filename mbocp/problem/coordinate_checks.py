@@ -43,6 +43,8 @@ def check_coordinates(
         )
     if data.limits_joints and data.takes_free_duration:
         return
+    if robot.elastic:
+        raise ProblemError('coordinates: "natural" knows no elastic joints; take "joint"')
     from mbocp.mechanics import natural_mechanics  # joint coordinates do not need them
 
     if not natural_mechanics(robot).tree.turning:

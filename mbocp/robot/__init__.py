@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mbocp.robot.collision.spheres import LinkSpheres
     from mbocp.robot.facts import describe
     from mbocp.robot.gathering import gather, load_stored
+    from mbocp.robot.link_inertia import LinkInertia
     from mbocp.robot.loading.checks import SingularMassMatrix
     from mbocp.robot.loading.load import load_parts, load_robot, robot_from_spec
     from mbocp.robot.loading.sources import RobotEntry, list_robots
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from mbocp.robot.robot import Robot
     from mbocp.robot.stored import RobotFiles
     from mbocp.robot.warnings import (
+        EstimatedInertiaWarning,
         IgnoredKeysWarning,
         ImpossibleInertiaWarning,
         InitialPoseWarning,
@@ -63,6 +65,7 @@ __all__ = [
     "Constraint",
     "Coupling",
     "Drive",
+    "EstimatedInertiaWarning",
     "FrameActuator",
     "FrameTarget",
     "Hinge",
@@ -74,6 +77,7 @@ __all__ = [
     "Kinematics",
     "Label",
     "Limits",
+    "LinkInertia",
     "LinkSpheres",
     "MissingMeshWarning",
     "NormalisationWarning",

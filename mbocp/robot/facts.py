@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from mbocp._text import show
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
+from mbocp.robot.elastic import ElasticJoint
 from mbocp.robot.loading.formats import format_of
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
@@ -23,9 +25,10 @@ def describe(robot: Robot) -> dict[str, Any]:
     -------
     dict
         name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
-        constraints leave), mass [kg], gravity [m/s^2], joints, actuators, actuated (their names), passive
-        (joints that none of them acts upon directly), drives, speeds, constraints, forces, payloads, parts,
-        frames, trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
+        constraints leave), mass [kg], inertias (of links whose file gives none), gravity [m/s^2], joints,
+        actuators, actuated (their names), passive (joints that none of them acts upon directly), drives,
+        speeds, constraints, forces, elastic (joints), payloads, parts, frames, trace_frames, q0 [rad, m],
+        rotations, fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
@@ -38,6 +41,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "dofs": robot.nv - robot.nc,
         "mobility": robot.nv - robot.nc,
         "mass": float(sum(inertia.mass for inertia in list(robot.model.inertias)[1:])),
+        "inertias": [{"link": one.link, **one.table, "origin": one.origin} for one in robot.link_inertias],
         "gravity": [float(g) for g in robot.model.gravity.linear],
         "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
         "actuators": [
@@ -50,6 +54,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
         "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
         "forces": [_force(force) for force in robot.forces],
+        "elastic": [_elastic(robot, joint) for joint in robot.elastic],
         "payloads": [payload.table for payload in robot.payloads],
         "parts": [part.table for part in robot.parts],
         "frames": list(robot.frame_names),
@@ -63,9 +68,14 @@ def describe(robot: Robot) -> dict[str, Any]:
 def find_oddities(robot: Robot) -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
     found = list[str]()
+    parts = ("", *(part.prefix for part in robot.parts))
+    mended = tuple(
+        f"link {show(one.link.removeprefix(part))}: " for one in robot.link_inertias for part in parts
+    )
     for path in robot.sources:
         try:
-            found += format_of(path).reader().oddities(path)
+            lines = format_of(path).reader().oddities(path)
+            found += [line for line in lines if not line.startswith(mended)]
         except MbocpError:  # the file has changed, or is no longer there
             continue
     return tuple(found)
@@ -128,6 +138,12 @@ def _force(force: Any) -> dict[str, Any]:
     if isinstance(force, QuarticSpring):
         return {**common, "coefficient": force.coefficient}
     return {**common, "stiffness": force.stiffness, "damping": force.damping}
+
+
+def _elastic(robot: Robot, joint: ElasticJoint) -> dict[str, Any]:
+    rotor = float(robot.model.armature[joint.at_v[1]])
+    numbers = {"stiffness": joint.stiffness, "damping": joint.damping, "motor_inertia": rotor}
+    return {"name": joint.name, "type": "elastic", "joints": [joint.name, joint.motor], **numbers}
 
 
 def _finite(value: float) -> float | None:

@@ -16,6 +16,8 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
+from mbocp.robot.elastic import ElasticJoint
+from mbocp.robot.link_inertia import LinkInertia
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import Payload
@@ -76,6 +78,8 @@ class RobotModel:
         Rows that the equations leave out because the others imply them; counted over all constraints.
     resistances : tuple of JointResistance
         Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
+    elastic : tuple of ElasticJoint
+        Springs between joints and their motors.
     payloads : tuple of Payload
         Bodies that it carries; `model` and `visual_model` have them already.
     parts : tuple of PlacedRobot
@@ -86,6 +90,8 @@ class RobotModel:
         What stands for the shapes of some frames, see `Robot.collision_spheres`.
     decided_by_locks : tuple of ModelNumber
         Numbers of `model` that the values of locked joints decide, where options lock them.
+    link_inertias : tuple of LinkInertia
+        Masses and inertias of links that its file does not give; `model` has them already.
     stored : RobotFiles, optional
         The files it was loaded from, if they came with a result; they keep their temporary folder.
     """
@@ -106,11 +112,13 @@ class RobotModel:
     rotations: str = "quaternion"
     redundant_rows: tuple[int, ...] = ()
     resistances: tuple[JointResistance, ...] = ()
+    elastic: tuple[ElasticJoint, ...] = ()
     payloads: tuple[Payload, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
     shapes: tuple[ShapeSource, ...] = ()
     given_spheres: tuple[CollisionSphere, ...] = ()
     decided_by_locks: tuple[ModelNumber, ...] = ()
+    link_inertias: tuple[LinkInertia, ...] = ()
     stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:
@@ -244,7 +252,7 @@ class RobotModel:
     @property
     def has_forces(self) -> bool:
         """Whether springs, dampers or losses of joints act."""
-        return bool(self.forces or self.resistances)
+        return bool(self.forces or self.resistances or self.elastic)
 
     @property
     def has_limits(self) -> bool:
@@ -307,6 +315,8 @@ class RobotModel:
             digest.update(repr(self.redundant_rows).encode())
         if self.resistances:
             digest.update(repr(self.resistances).encode())
+        if self.elastic:
+            digest.update(repr(self.elastic).encode())
         for drive in self.drives:
             digest.update(
                 repr((drive.control, drive.dofs, drive.frame_id)).encode() + drive.direction.tobytes()

@@ -54,7 +54,8 @@ class Robot(Mechanism):
         Returns
         -------
         Robot
-            With the same initial pose. Its `spec` names all payloads.
+            With the same initial pose, in which motors of elastic joints hold the weight. Its `spec` names
+            all payloads.
 
         Raises
         ------
@@ -66,7 +67,8 @@ class Robot(Mechanism):
         model, visuals = attach(self.model, self.visual_model, payloads, self.name)
         carried = (*self.payloads, *payloads)
         spec = {**self.spec, "payload": [payload.table for payload in carried]}
-        return replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
+        laden = replace(self, model=model, visual_model=visuals, payloads=carried, spec=spec)
+        return replace(laden, q0=laden.balanced(self.q0)) if self.elastic else laden
 
     # Collision geometry
 
@@ -285,15 +287,52 @@ class Robot(Mechanism):
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of gravity and of the force elements [J]."""
         q = self._vector(q, self.nq, "q")
-        return kinematics.gravity_potential(self.model, q) + kinematics.force_potential(
-            self.model, q, self.forces
-        )
+        springs = kinematics.force_potential(self.model, q, self.forces)
+        springs += sum(float(joint.energy(q)) for joint in self.elastic)
+        return kinematics.gravity_potential(self.model, q) + springs
 
     def force_elements(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Generalised force of springs, dampers and joints that lose energy, shape (nv,) [N, N m]."""
         q, v = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v")
-        elements = kinematics.force_elements(self.model, q, v, self.forces)
-        return frozen_array(elements + resistance_forces(self.resistances, v))
+        total = kinematics.force_elements(self.model, q, v, self.forces)
+        total += resistance_forces(self.resistances, v)
+        for joint in self.elastic:
+            effort, (link, motor) = float(joint.effort(q, v)), joint.at_v
+            total[link] += effort
+            total[motor] -= effort
+        return frozen_array(total)
+
+    def balanced(self, q: ArrayLike, given: ArrayLike | None = None) -> Array:
+        """Turn the motors of elastic joints to where the robot stays at rest, shape (nq,).
+
+        Their springs, other motors and constraints balance gravity and force elements; where these leave a
+        choice, with the least forces.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+        given : array_like of bool, shape (nv,), optional
+            Motors that stay where they are; none by default.
+        """
+        found = np.array(self._vector(q, self.nq, "q"))
+        stays = np.zeros(self.nv, dtype=np.bool_) if given is None else np.asarray(given)
+        turned = np.array([not stays[joint.at_v[1]] for joint in self.elastic], dtype=np.bool_)
+        if not turned.any():
+            return frozen_array(found)
+        link, motor = np.array([joint.at_q for joint in self.elastic]).T
+        relaxed, still = found.copy(), np.zeros(self.nv)
+        relaxed[motor] = found[link]
+        force = pin.rnea(self.model, working_data(self.model), relaxed, still, still)
+        force = force - self.force_elements(relaxed, still)
+        springs = np.zeros((self.nv, len(self.elastic)))
+        for k, joint in enumerate(self.elastic):
+            springs[joint.at_v[0], k] = 1.0
+        columns = np.hstack([springs, self.actuation_matrix(relaxed), self.constraint_jacobian(relaxed).T])
+        rows = np.setdiff1d(np.arange(self.nv), [joint.at_v[1] for joint in self.elastic])
+        efforts = np.linalg.lstsq(columns[rows], force[rows], rcond=None)[0][: len(self.elastic)]
+        bent = efforts / [joint.stiffness for joint in self.elastic]
+        found[motor[turned]] = (found[link] + bent)[turned]
+        return frozen_array(found)
 
     # Drives
 

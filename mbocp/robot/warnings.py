@@ -23,6 +23,10 @@ class ImpossibleInertiaWarning(UserWarning):
     """A link has a rotational inertia that no body can have; it is used as it stands."""
 
 
+class EstimatedInertiaWarning(UserWarning):
+    """Masses and inertias of links are estimates, from their shapes."""
+
+
 class NotModelledWarning(UserWarning):
     """A robot's file has tags about forces or motions that mbocp does not know; they are left out."""
 

@@ -152,6 +152,9 @@ def _motion_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]
         excess = np.hstack([rate, np.zeros((3, 3)), pin.skew(d)])
         # Only a damper feels more than the distance.
         rows.append(excess if isinstance(element, SpringDamper) else d[None] @ excess)
+    for joint in robot.elastic:  # a joint and its motor move alike
+        link, motor = joint.at_v
+        rows.append(np.append(features[motor] - features[link], np.zeros(6))[None])
     return rows
 
 
@@ -172,6 +175,9 @@ def _support(robot: Robot, joints: frozenset[int]) -> Any:
         # Massless joints move nothing: only what goes along with a twist s counts.
         null = null @ np.linalg.pinv(null[-6:], rcond=_RANK_TOLERANCE)
         moving |= np.abs(null[:-6]).max(axis=1, initial=0.0) > _RANK_TOLERANCE
+    for elastic in robot.elastic:  # its motor has no body, and goes along
+        link, motor = elastic.at_v
+        moving[motor] |= moving[link]
     own = np.zeros(robot.nv, dtype=bool)
     for joint in joints:
         entry = robot.model.joints[joint]

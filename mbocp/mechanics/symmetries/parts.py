@@ -16,8 +16,8 @@ _SEED, _SAMPLES = 20250521, 3  # what couples does so at random configurations
 def independent_parts(robot: Robot) -> tuple[frozenset[int], ...]:
     """Joints of each set of branches of the world that nothing joins, in the order of their first joints.
 
-    Branches are joined by force elements, holonomic constraints, mimic joints, inertia and actuators that
-    act on both.
+    Branches are joined by force elements, elastic joints, holonomic constraints, mimic joints, inertia and
+    actuators that act on both.
     """
     model = robot.model
     branch = [0] * model.njoints
@@ -32,6 +32,8 @@ def independent_parts(robot: Robot) -> tuple[frozenset[int], ...]:
     for element in robot.forces:
         ends = (model.frames[frame].parentJoint for frame in (element.frame_a, element.frame_b))
         _join(joined, (branch[joint] for joint in ends if joint))
+    for elastic in robot.elastic:
+        _join(joined, (int(owner[dof]) for dof in elastic.at_v))
     if len({_root(joined, root) for root in branch[1:]}) > 1:  # what is one part already stays one
         _join_by_equations(robot, joined, owner)
     roots = {joint: _root(joined, branch[joint]) for joint in range(1, model.njoints)}

@@ -17,7 +17,7 @@ from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
 from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from
+from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from, with_motors_at_rest
 from mbocp.problem.file.periodic_table import periodic_from, periodic_table
 from mbocp.problem.goals.drives import without_driven_velocities
 from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal
@@ -109,6 +109,8 @@ def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:
 def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
     q, q_active = _configuration(table, robot, q_start)
     rate, value, rate_active = _rate(table, robot, q)
+    if rate_active.all() and not value.any():
+        q_active = with_motors_at_rest(robot, q_active)
     is_free = table.a == "free"
     a, a_active = _nothing(robot) if table.a is None or is_free else rate_from(robot, table.a, "goal.a")
     says = a_active.any() or table.frame or table.periodic or not (table.q is table.v is table.p is None)

@@ -74,11 +74,13 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
         All of `q`, either its `nq` numbers or with one angle for each continuous joint, or some joints by
         name.
     base : ndarray, shape (nq,)
-        Where the joints are that a mapping does not name.
+        Where the joints are that a mapping does not name. Motors of elastic joints need no numbers: without
+        them they are where the joints stay at rest.
     key : str
         Dotted key, for messages.
     """
     slots = list(_slots(robot))
+    written = _without_motors(robot, slots, written)
     written = _by_part(robot, written, key, [slot.nq for slot in slots], [s.n_written for s in slots])
     q = np.array(base, dtype=np.float64)
     active = np.zeros(robot.nv, dtype=np.bool_)
@@ -88,7 +90,28 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
+    q = np.array(robot.balanced(q, active)) if robot.elastic else q
     return q, active
+
+
+def _without_motors(robot: Robot, slots: list[_Slot], written: Written) -> Written:
+    """A list without numbers for the motors of elastic joints as a table by joint."""
+    motors = {joint.motor for joint in robot.elastic}
+    rest = [slot for slot in slots if slot.name not in motors]
+    if not motors or isinstance(written, Mapping) or len(written) != sum(slot.n_written for slot in rest):
+        return written
+    ends = np.cumsum([slot.n_written for slot in rest]).tolist()
+    return {
+        slot.name: list(written[end - slot.n_written : end]) for slot, end in zip(rest, ends, strict=True)
+    }
+
+
+def with_motors_at_rest(robot: Robot, active: BoolArray) -> BoolArray:
+    """Return what is written of a rest, and the motors of elastic joints, where all else is written."""
+    motors = [joint.at_v[1] for joint in robot.elastic]
+    if not motors or not np.delete(active, motors).all():
+        return active
+    return np.ones_like(active)
 
 
 def _warn_of_turns(slot: _Slot, numbers: Sequence[float], key: str) -> None:

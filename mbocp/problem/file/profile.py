@@ -103,7 +103,8 @@ class Profile:
     def limits(self, robot: Robot) -> dict[str, dict[str, Any]]:
         """Return the tables of `[limits]` for a robot, by key.
 
-        Positions of continuous joints are left out, and controls that are not those of a joint.
+        Positions of continuous joints are left out, and controls that are not those of a joint. Rates and
+        efforts of elastic joints are those of their motors.
 
         Raises
         ------
@@ -116,7 +117,9 @@ class Profile:
             values = self._values(key, robot)
             if values is None:
                 continue
-            entries = {name: values[i] for name, i in names.items() if self._has(key, name, robot, controls)}
+            moved = {} if key == "position" else {joint.name: joint.motor for joint in robot.elastic}
+            named = {moved.get(name, name): values[i] for name, i in names.items()}
+            entries = {name: value for name, value in named.items() if self._has(key, name, robot, controls)}
             finite = {name: value for name, value in entries.items() if np.isfinite(value).any()}
             found |= {key: finite} if finite else {}
         return found

@@ -91,10 +91,10 @@ def _start_configuration(table: StartTable, robot: Robot) -> Array:
             check_size("start.q", q, robot.q_labels, MAX_POSITION)
             if not table.frame:
                 q = close_loops(robot, q, written, assemble=table.assemble, base=robot.q0, key="start.q")
-    if not table.frame:
-        return q
-    targets = [goal.target for goal in frames_from(table.frame, key="start.frame")]
-    return start_at(robot, targets, q, written)
+    if table.frame:
+        targets = [goal.target for goal in frames_from(table.frame, key="start.frame")]
+        q = start_at(robot, targets, q, written)
+    return np.array(robot.balanced(q, written)) if robot.elastic else q
 
 
 def write_start(problem: ProblemData) -> dict[str, Any]:

@@ -111,15 +111,13 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
         return goal
     if goal.q_active.all() and goal.is_exact:
         raise _elsewhere(robot, goal)
-    near = _near(robot, goal, q_start, limits)
-    if near is not None:
-        return replace(goal, q=near)
-    found = goal_branches(robot, goal, q_start, limits)
-    if not found.reached:
-        if goal.is_exact:
+    q = _near(robot, goal, q_start, limits)
+    if q is None:
+        found = goal_branches(robot, goal, q_start, limits)
+        if not found.reached and goal.is_exact:
             raise _unreachable(robot, found)
-        return replace(goal, q=found.q)
-    return replace(goal, q=_within_mode(robot, found, q_start))
+        q = _within_mode(robot, found, q_start) if found.reached else found.q
+    return replace(goal, q=robot.balanced(q, goal.q_active) if robot.elastic else q)
 
 
 def _near(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | None:

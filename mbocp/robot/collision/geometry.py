@@ -101,7 +101,22 @@ def _check_size(path: Path, where: str, shape: coal.CollisionGeometry) -> None:
         raise RobotFileError(path, f"{where}: a length of {min(sizes):g} m, expected {_MIN_LENGTH:g} or more")
 
 
-def _mesh(path: Path, where: str, mesh: Path, scale: Array) -> coal.BVHModelOBBRSS:
+def read_mesh(path: Path, where: str, mesh: Path, scale: Array) -> tuple[Array, Indices]:
+    """Corners, shape (V, 3) [m], and triangles, shape (F, 3), of a mesh file of a robot.
+
+    Parameters
+    ----------
+    path, where : Path, str
+        The robot's file, and what the shape is called, for messages.
+    mesh : Path
+    scale : ndarray, shape (3,)
+        Metres of a unit of the mesh.
+
+    Raises
+    ------
+    RobotFileError
+        If it cannot be read, or is too large or too small.
+    """
     try:
         vertices, faces = read_triangles(mesh)
     except UNREADABLE as error:
@@ -113,6 +128,11 @@ def _mesh(path: Path, where: str, mesh: Path, scale: Array) -> coal.BVHModelOBBR
         raise RobotFileError(path, f"{reason} {MAX_TRIANGLES} triangles")
     if not np.ptp(vertices, axis=0).max() >= _MIN_LENGTH:
         raise RobotFileError(path, f"{where}: mesh {shorten(str(mesh))} has no extent")
+    return vertices, faces
+
+
+def _mesh(path: Path, where: str, mesh: Path, scale: Array) -> coal.BVHModelOBBRSS:
+    vertices, faces = read_mesh(path, where, mesh, scale)
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
     points.extend(list(vertices))
     triangles.extend([coal.Triangle(*face) for face in faces.tolist()])

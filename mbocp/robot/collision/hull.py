@@ -14,11 +14,11 @@ from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.volume import count_open_edges, enclosed, weld
 
 MAX_CORNERS = 5000
 _MAX_EXCESS = 0.01  # of a file's volume, by which its hull may be larger without being asked for
 _LEAST_VOLUME = 1e-9  # of the cube over the diagonal
-_SAME = 1e-7  # of the size: corners this near each other are one; STL has seven digits
 _LARGEST = 1e6  # [m]
 
 
@@ -60,7 +60,7 @@ class Hull:
         return _convex(self)
 
 
-def hull_of(points: Array) -> Hull:
+def hull_of(points: Array, max_corners: int = MAX_CORNERS) -> Hull:
     """Convex hull of points, shape (n, 3) [m].
 
     Raises
@@ -85,9 +85,9 @@ def hull_of(points: Array) -> Hull:
         raise InvalidValue(
             "vertices", "points of one plane", "corners of a body with a volume; use a thin box"
         )
-    if len(found.vertices) > MAX_CORNERS:
+    if len(found.vertices) > max_corners:
         what = f"{len(found.vertices)} corners of the hull"
-        raise InvalidValue("vertices", what, f"{MAX_CORNERS} at most; give a mesh of fewer triangles")
+        raise InvalidValue("vertices", what, f"{max_corners} at most; give a mesh of fewer triangles")
     corners = points[found.vertices]
     place = np.zeros(len(points), dtype=np.int64)
     place[found.vertices] = np.arange(len(corners))
@@ -145,18 +145,8 @@ def hull_of_file(path: Path, scale: Array, may_be_larger: bool) -> tuple[Hull, f
 
 def _measure(vertices: Array, faces: Indices) -> tuple[float, int]:
     """Volume that triangles enclose [m^3], and how many edges have no second triangle the other way round."""
-    size = float(np.ptp(vertices, axis=0).max())
-    rounded = np.round((vertices - vertices.min(axis=0)) / (size * _SAME)).astype(np.int64)
-    _, first, same = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    corners, faces = vertices[first], same.ravel()[faces]
-    faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
-    _, number = np.unique(key, return_inverse=True)
-    turns = np.bincount(number.ravel(), weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
-    a, b, c = (corners[faces[:, k]] - corners.mean(axis=0) for k in range(3))
-    volume = float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()) / 6.0
-    return abs(volume), int(np.count_nonzero(turns))
+    corners, faces = weld(vertices, faces)
+    return float(enclosed(corners, faces).mass), count_open_edges(faces)
 
 
 @lru_cache(maxsize=64)

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints, kinematics
+from mbocp.robot.loading.elastic_table import motor_of
 from mbocp.robot.loading.kinematic import unit_rotors
 from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
@@ -179,7 +180,26 @@ class ActuationReader:
             named = list(actuated)
         elif named is not None or declared:
             named = [*(named or []), *declared]
-        return self._motors(named) if named is not None else self._default_motors(reader.driven())
+        driven = reader.driven()
+        self._refuse_driven(driven)
+        found = self._motors(named) if named is not None else self._default_motors(driven)
+        return list(dict.fromkeys(self._motor(joint) for joint in found))
+
+    @cached_property
+    def _elastic(self) -> dict[int, int]:
+        """Motors of elastic joints, by the joint; none before the model has them."""
+        names = list(self.names.model.names)
+        found = [row.joint for row in self.table.elastic if motor_of(row.joint) in names]
+        return {names.index(joint): names.index(motor_of(joint)) for joint in found}
+
+    def _motor(self, joint: int) -> int:
+        """The joint that the motor of a joint acts on."""
+        return self._elastic.get(joint, joint)
+
+    def _refuse_driven(self, driven: frozenset[int]) -> None:
+        for joint in sorted(driven & {*self._elastic, *self._elastic.values()}):
+            name = self.names.model.names[joint]
+            self.names.refuse("drive", f"joint {name!r} is elastic: its motor moves it by a spring")
 
     @cached_property
     def _effort_labels(self) -> tuple[Label, ...]:
@@ -199,8 +219,10 @@ class ActuationReader:
         """Constant columns of B, and actuators whose columns depend on q, with their limits."""
         declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
         fixed, varying = list[_Column](), list[tuple[FrameActuator, float]]()
+        moved = {motor: joint for joint, motor in self._elastic.items()}
         for joint in motors:
-            fixed += self._of_joint(joint, declared.get(self.names.model.names[joint]))
+            name = self.names.model.names[moved.get(joint, joint)]
+            fixed += self._of_joint(joint, declared.get(name))
         for number, row in enumerate(self.table.actuators):
             if isinstance(row, JointActuator):
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from mbocp.robot.loading.initial_pose import close_loops
 from mbocp.robot.loading.joint_frames import with_joint_frames
 from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.locking import lock_joints
+from mbocp.robot.loading.motors import with_motors
 from mbocp.robot.loading.resistances import joint_resistances
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.robot import Robot
@@ -56,6 +58,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     known = model.nframes
     model, table = with_joint_frames(model, found.table, found.name, found.file)
     decided = (*decided, *placements_of_followers(model, range(known, model.nframes), decided))
+    model, q0, elastic = with_motors(model, q0, table.elastic, gone, found.name)
     names = TableReader(model, gone, found.name, found.file, q0)
     actuation, efforts = ActuationReader(names, table).actuation(actuated)
     constraints, forces = constraints_of(names, table), forces_of(names, table)
@@ -79,14 +82,17 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
             for losses in found.losses
             for resistance in joint_resistances(model, tied, losses, found.name)
         ),
+        elastic=elastic,
         parts=found.parts,
         shapes=found.shapes,
+        link_inertias=found.link_inertias,
         given_spheres=spheres_of(names, table),
         decided_by_locks=decided,
     )
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
     robot = robot.with_payload(*found.carried) if found.carried else robot
+    robot = replace(robot, q0=robot.balanced(robot.q0)) if elastic else robot
     check_drives(robot)
     check_mechanics(robot)
     return robot

@@ -33,8 +33,9 @@ class SingularMassMatrix(UnsupportedRobot):
         if are_all:
             named = "any joint"
             remedy = (
-                "Give its links masses and inertias, <inertial> in a URDF; or say dynamics = false: then "
-                "controls are accelerations"
+                "Give its links masses and inertias, <inertial> in a URDF; or say inertias = { density = "
+                "2700 } [kg/m^3], which fills their shapes; or dynamics = false: then controls are "
+                "accelerations"
             )
         else:
             lock = f"lock {them}: lock = {json.dumps(joints)}"

@@ -59,6 +59,9 @@ def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[st
         parts=tuple(leaf for part in parts for leaf in part.leaves),
         losses=tuple(_losses(losses, part) for part in parts for losses in part.description.losses),
         carried=_each(parts, "carried", _payload),
+        link_inertias=_each(
+            parts, "link_inertias", lambda one, part: replace(one, link=prefix(one.link, part))
+        ),
         named_locks=frozenset(_each(parts, "named_locks", prefix)),
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pinocchio as pin
 
@@ -20,6 +21,7 @@ from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.payload_table import payloads_of
@@ -32,7 +34,7 @@ from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_to
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.whole_table import Part, with_own_tables
-from mbocp.robot.placed import PlacedRobot
+from mbocp.robot.placed import SEPARATOR, PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED
 
 
@@ -62,31 +64,56 @@ def describe_source(
     if table is not None and table.parts:
         return _describe_parts(source, table, keys, folders, within)
     free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
+    has_dynamics, inertias = _masses(table, keys)
     if table is not None:
-        found = _with_table(source, table, keys, folders)
+        found = _with_table(source, table, keys, folders, inertias)
     elif source.kind == "chain":
+        if inertias is not None:
+            raise RobotError(f"inertias: robot {source.name!r} has its own; only files may be without")
         found = describe_chain(source.name, free_flyer=bool(free_flyer))
     elif source.kind == "example":
         found = describe_example(
-            source.name, source.example, free_flyer=free_flyer, mimic=bool(mimic), folders=folders
+            source.name,
+            source.example,
+            free_flyer=free_flyer,
+            mimic=bool(mimic),
+            folders=folders,
+            inertias=inertias,
         )
     else:
         reader = FORMATS[source.kind].reader()
-        found = reader.read(source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders)
+        found = reader.read(
+            source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias
+        )
     given = found.table.payloads if keys.payload is None else keys.payload
     losses = (_losses(found.table, keys),)
     found = replace(_with_ball_joints(found), losses=losses, carried=payloads_of(given))
-    has_dynamics = found.table.dynamics if keys.dynamics is None else keys.dynamics
-    return without_dynamics(found) if has_dynamics is False else found
+    return found if has_dynamics else without_dynamics(found)
 
 
-def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path]) -> Description:
+def _masses(table: RobotTable | None, keys: ReadingKeys) -> tuple[bool, InertiasTable | None]:
+    """Whether forces move the robot, and where masses come from; options take precedence over robot.toml."""
+    own = keys if table is None else table
+    if (own.dynamics if keys.dynamics is None else keys.dynamics) is not False:
+        return True, own.inertias if keys.inertias is None else keys.inertias
+    if keys.inertias is not None or (keys.dynamics is None and own.inertias is not None):
+        raise RobotError("inertias: has no meaning with dynamics = false; leave one of the two out")
+    return False, None
+
+
+def _with_table(
+    source: Source,
+    table: RobotTable,
+    keys: ReadingKeys,
+    folders: Sequence[Path],
+    inertias: InertiasTable | None,
+) -> Description:
     """The model that a robot.toml names, with its tables."""
     path, folders = model_file(source.path, table, folders)
     name, reader = table.name or source.name, format_of(path).reader()
     free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
     mimic = table.mimic if keys.mimic is None else keys.mimic
-    found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders)
+    found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias)
     return replace(found, name=name, table=table, file=source.path)
 
 
@@ -126,15 +153,16 @@ def _describe_parts(
     if source.path in within:
         circle = " -> ".join(str(path) for path in (*within[within.index(source.path) :], source.path))
         raise RobotFileError(source.path, f"assembles itself: {circle}", "part")
+    given = keys.inertias if keys.inertias is not None and keys.inertias.is_whole else None
     for key in OF_FILES:
-        if getattr(keys, key) is not None:
+        if getattr(keys, key) not in (None, given):
             raise RobotError(
                 f"{key}: robot {source.name!r} is assembled of parts; write it into each [[part]] of "
                 f"{source.path}"
             )
     name, inner = table.name or source.name, (*within, source.path)
     try:
-        parts = read_parts(table.parts, source.path.parent, folders, inner)
+        parts = read_parts(_with_numbers(table.parts, given), source.path.parent, folders, inner)
         found = describe_parts(parts, table, name, source.path)
     except RobotFileError:
         raise
@@ -143,6 +171,22 @@ def _describe_parts(
         raise
     own = (*found.carried, *payloads_of(table.payloads))
     return replace(found, carried=own if keys.payload is None else payloads_of(keys.payload))
+
+
+def _with_numbers(tables: Sequence[PartTable], given: InertiasTable | None) -> Sequence[PartTable]:
+    """Tables of parts with their share of the numbers of a robot that is loaded again."""
+    if given is None:
+        return tables
+    shares = [given.within(table.name + SEPARATOR) for table in tables]
+    if sum(len(share.links) for share in shares) < len(given.links):
+        names = ", ".join(repr(table.name) for table in tables)
+        raise RobotError(
+            f"inertias.links: expected PART/LINK, with a part {names}; got {', '.join(given.links)}"
+        )
+    return [
+        table.model_copy(update={"inertias": share} if share.links else {})
+        for table, share in zip(tables, shares, strict=True)
+    ]
 
 
 def describe_parts(parts: Sequence[Part], own: RobotTable, name: str, file: Path) -> Description:
@@ -205,7 +249,7 @@ def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: 
         else:
             source = find_source(table.robot, base)
             found = describe_source(source, table, (*table.folders(base), *folders), within)
-            spec = {**table.portable(base), "robot": source.address}
+            spec = {**table.portable(base), "robot": source.address, **inertias_of(found)}
         joints.check_joints(found.model, found.name)
         described, placed = _with_options(found, table), _place(table, found)
     except MbocpError as error:
@@ -213,6 +257,12 @@ def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: 
         raise
     names_payloads = found.carried or table.payload is not None
     return Part(described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})})
+
+
+def inertias_of(found: Description) -> dict[str, Any]:
+    """The masses and inertias of links as numbers, which need no shapes when the robot is loaded again."""
+    links = {one.link: one.table for one in found.link_inertias}
+    return {"inertias": {"links": links}} if links else {}
 
 
 def _with_options(found: Description, keys: PartTable) -> Description:

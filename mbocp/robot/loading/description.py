@@ -13,6 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
 from mbocp.robot.collision.source import ShapeSource
+from mbocp.robot.link_inertia import LinkInertia
 from mbocp.robot.loading.followers import Follower
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.resistances import Losses
@@ -53,6 +54,8 @@ class Description:
     losses : tuple of Losses
         Damping and friction that act.
     carried : tuple of Payload
+    link_inertias : tuple of LinkInertia
+        Those that stand in `model` in place of what the file gives.
     named_locks : frozenset of str
         Joints that options lock: other values of theirs are other numbers of the same functions.
     """
@@ -69,6 +72,7 @@ class Description:
     parts: tuple[PlacedRobot, ...] = ()
     losses: tuple[Losses, ...] = ()
     carried: tuple[Payload, ...] = ()
+    link_inertias: tuple[LinkInertia, ...] = ()
     named_locks: frozenset[str] = frozenset()
 
     @cached_property

@@ -12,13 +12,21 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from mbocp.robot.loading.description import Description
+    from mbocp.robot.loading.inertias_table import InertiasTable
 
 
 class Reader(Protocol):
     """The module of a format. Each function raises `RobotFileError` for a file that cannot be read."""
 
     def read(
-        self, path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+        self,
+        path: Path,
+        name: str,
+        *,
+        free_flyer: bool | None,
+        mimic: bool | None,
+        folders: Sequence[Path],
+        inertias: InertiasTable | None = None,
     ) -> Description:
         """Read a robot.
 
@@ -33,6 +41,8 @@ class Reader(Protocol):
             Whether mimic joints follow their leaders; None: as is usual in this format.
         folders : sequence of Path
             That hold packages of meshes.
+        inertias : InertiasTable, optional
+            Where masses and inertias come from that the file does not give.
         """
 
     def companions(self, path: Path) -> tuple[Path, ...]:

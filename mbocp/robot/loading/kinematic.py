@@ -42,7 +42,7 @@ def without_dynamics(found: Description) -> Description:
     for place in range(model.njoints):
         model.inertias[place] = pin.Inertia.Zero()
     model.armature = np.ones(model.nv)
-    for losses in ("damping", "friction", "effortLimit"):
+    for losses in ("damping", "friction", "effortLimit", "rotorInertia"):
         setattr(model, losses, np.zeros(model.nv))
     return replace(found, model=model, losses=(Losses(damping=False, friction="none"),))
 
@@ -54,7 +54,8 @@ def unit_rotors(model: pin.Model) -> BoolArray:
         moved = [model.inertias[j] for j in model.subtrees[joint]]
         where = joints.velocity_slice(model, joint)
         if not any(one.mass or np.any(one.inertia) for one in moved):
-            found[where] = np.asarray(model.armature)[where] == 1.0
+            is_unit = np.asarray(model.armature)[where] == 1.0
+            found[where] = is_unit & (np.asarray(model.rotorInertia)[where] == 0.0)  # none of a real motor
     return found
 
 

@@ -13,8 +13,10 @@ from typing import Any
 from mbocp._arrays import plain
 from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
-from mbocp.robot.loading.describe import describe_parts, describe_source, read_parts
+from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.elastic_table import read_elastic
+from mbocp.robot.loading.inertias_table import read_inertias
 from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
 from mbocp.robot.loading.schema import tables_from
@@ -24,7 +26,8 @@ from mbocp.robot.robot import Robot
 
 # Keys of each part; beside several parts they would not say whose.
 _OF_PARTS = ("name", *OF_FILES, "package_dirs")
-_OF_THE_WHOLE = ("lock", "gravity", "rotations")  # which take the place of what the tables of a robot say
+# They take the place of what the tables of a robot say.
+_OF_THE_WHOLE = ("lock", "gravity", "rotations", "elastic")
 
 
 def load_robot(
@@ -36,6 +39,7 @@ def load_robot(
     actuated: Sequence[str] | None = None,
     mimic: bool | None = None,
     dynamics: bool | None = None,
+    inertias: Mapping[str, Any] | None = None,
     damping: bool | None = None,
     friction: str | None = None,
     friction_speed: float | None = None,
@@ -43,6 +47,7 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] | None = None,
+    elastic: Sequence[Mapping[str, Any]] | None = None,
     base: Path | None = None,
 ) -> Robot:
     """Load a robot.
@@ -73,6 +78,9 @@ def load_robot(
     dynamics : bool, optional
         False: controls are the accelerations of the joints, and links need no inertias. Default: what
         robot.toml says, else True.
+    inertias : mapping, optional
+        Masses and inertias that the file does not give: `density` [kg/m^3] of the shapes of links, or `mass`
+        [kg] of the whole robot, and `links`, by name. Default: what robot.toml says.
     damping : bool, optional
         Whether the viscous damping that the file gives joints acts. Default: what robot.toml says, else True.
     friction : {"none", "smooth"}, optional
@@ -90,6 +98,9 @@ def load_robot(
         else "quaternion".
     payload : sequence of Payload or mapping, optional
         Bodies that the robot carries, as `Payload` or as tables of its keys. Default: what robot.toml says.
+    elastic : sequence of mapping, optional
+        Joints that springs join to their motors: tables with ``joint``, ``stiffness`` [N m/rad, N/m],
+        ``damping`` [N m s/rad, N s/m] and ``motor_inertia`` [kg m^2, kg]. Default: what robot.toml says.
     base : Path, optional
         Folder that relative paths start from. Default: the working directory.
 
@@ -112,6 +123,8 @@ def load_robot(
         If meshes are missing; the robot is shown without them.
     NotModelledWarning
         If the file says something about the physics that is left out.
+    EstimatedInertiaWarning
+        If `inertias` gives links masses and inertias of their shapes.
     """
     return load_keys(
         RobotKeys.model_construct(
@@ -122,6 +135,7 @@ def load_robot(
             actuated=None if actuated is None else list(actuated),
             mimic=mimic,
             dynamics=dynamics,
+            inertias=read_inertias(inertias),
             damping=damping,
             friction=friction,
             friction_speed=friction_speed,
@@ -129,6 +143,7 @@ def load_robot(
             package_dirs=[str(folder) for folder in package_dirs],
             rotations=rotations,
             payload=payload,
+            elastic=read_elastic(elastic),
         ),
         base,
     )
@@ -142,6 +157,7 @@ def load_parts(
     actuated: Sequence[str] | None = None,
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] = (),
+    elastic: Sequence[Mapping[str, Any]] | None = None,
     constraint: Sequence[Mapping[str, Any]] = (),
     initial: Mapping[str, Any] | None = None,
     name: str | None = None,
@@ -155,9 +171,9 @@ def load_parts(
         Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
         ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
         its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
-        lock, actuated, mimic, dynamics, damping, friction, friction_speed, package_dirs and payload. In place
-        of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``, ``sphere`` or
-        ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
+        lock, actuated, mimic, dynamics, inertias, damping, friction, friction_speed, package_dirs and
+        payload. In place of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``,
+        ``sphere`` or ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
     lock : mapping or sequence of str, optional
         More joints to make rigid, by their names in the whole.
     gravity : sequence of 3 floats, optional
@@ -168,6 +184,8 @@ def load_parts(
         See `load_robot`.
     payload : sequence of Payload or mapping, optional
         Bodies that frames carry, by their names in the whole, beside those of the parts.
+    elastic : sequence of mapping, optional
+        See `load_robot`; in names of the whole, beside those of the parts.
     constraint : sequence of mapping, optional
         What joins frames of the parts: tables as ``[[constraint]]`` of a robot.toml, in names of the whole.
     initial : mapping, optional
@@ -199,6 +217,7 @@ def load_parts(
             label=name,
             rotations=rotations,
             payload=payload or None,
+            elastic=read_elastic(elastic),
             constraint=plain(constraint) or None,
             initial=plain(initial),
         ),
@@ -213,8 +232,8 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        dynamics, damping, friction, friction_speed, package_dirs, rotations, payload, and ``label``: what to
-        call it. Or ``part`` and the options of `load_parts`.
+        dynamics, inertias, damping, friction, friction_speed, package_dirs, rotations, payload, elastic, and
+        ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -237,6 +256,7 @@ def load_keys(keys: RobotKeys, base: Path | None) -> Robot:
     found, spec = _alone(keys, base) if keys.part is None else _together(keys, keys.part, base)
     named = replace(found, named_locks=found.named_locks | set(keys.lock or ()))
     spec |= keys.portable(base, "name", "part")
+    spec |= inertias_of(found) if keys.part is None else {}
     if keys.payload is not None:
         spec["payload"] = []  # those that it has in the end name themselves
     return assemble_robot(named, keys.actuated, spec)

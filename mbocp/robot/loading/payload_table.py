@@ -38,6 +38,7 @@ def _name(value: Any) -> str:
     return value
 
 
+Inertia: TypeAlias = Annotated[Any, BeforeValidator(_inertia)]
 Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number)]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
@@ -49,7 +50,7 @@ class ShapeTable(BaseModel):
 
     mass: Mass | None = None
     com: Position = (0.0, 0.0, 0.0)
-    inertia: Annotated[Any, BeforeValidator(_inertia)] = (0.0,) * 6
+    inertia: Inertia = (0.0,) * 6
     box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3))] = None
     sphere: Annotated[Any, BeforeValidator(finite_number)] = None
     cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2))] = None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pinocchio as pin
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
 from mbocp._keys import Declared, Key, Kind
@@ -21,6 +21,8 @@ from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.elastic_table import ElasticTable
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
 from mbocp.robot.loading.schema_errors import refusal
 from mbocp.robot.loading.table_types import Orientation, Position
@@ -53,6 +55,7 @@ OF_FILES = (
     "free_flyer",
     "mimic",
     "dynamics",
+    "inertias",
     "damping",
     "friction",
     "friction_speed",
@@ -82,6 +85,10 @@ class ReadingKeys(Declared):
             "[robots without inertias](robots.md#robots-without-inertias)",
             default=f"{_OWN}, else true",
         ),
+    ] = None
+    inertias: Annotated[
+        InertiasTable | None,
+        Key("masses and inertias that the file does not give", default=f"{_OWN}, else none"),
     ] = None
     damping: Annotated[
         bool | None,
@@ -214,6 +221,13 @@ class RobotKeys(ReadingKeys, _HeadKeys):
         ),
     ] = None
     label: Annotated[str | None, Key("what to call it in output", "", "the robot's name")] = None
+    elastic: Annotated[
+        list[ElasticTable] | None,
+        Key(
+            "[elastic joints](robots.md#elastic-joints); one table `[[robot.elastic]]` each",
+            default=f"{_OWN}, else none",
+        ),
+    ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
         Key(
@@ -246,7 +260,13 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
     try:
         return PartTable.model_validate(plain(entry))
     except ValidationError as error:
-        raise refusal(error, f"part[{number}]", entry, lambda _: list(PartTable.model_fields)) from error
+        raise refusal(error, f"part[{number}]", entry, _allowed) from error
+
+
+def _allowed(loc: tuple[int | str, ...]) -> list[str]:
+    """Keys of the table of a part, or of the one in it, that an unknown key stands in."""
+    tables: dict[str, type[BaseModel]] = {"inertias": InertiasTable, "elastic": ElasticTable}
+    return list(next((tables[key] for key in tables if key in loc[:-1]), PartTable).model_fields)
 
 
 def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
@@ -270,4 +290,4 @@ def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
             raise RobotError(f"robot: unknown key {key!r}; {suggest(key, RobotKeys.model_fields)}") from error
         is_inside = first["loc"][0] in ("part", "payload") and len(first["loc"]) > 1
         where = "" if is_inside else "robot"
-        raise refusal(error, where, data, lambda _: list(PartTable.model_fields)) from error
+        raise refusal(error, where, data, _allowed) from error

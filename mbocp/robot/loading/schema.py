@@ -19,6 +19,8 @@ from pydantic import (
 
 from mbocp._files import read_toml
 from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.robot.loading.elastic_table import ElasticTable
+from mbocp.robot.loading.inertias_table import InertiasTable, LinkTable
 from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.schema_errors import first_complaint, refusal
@@ -201,6 +203,7 @@ class RobotTable(Table):
     lock: list[str] | dict[str, Numbers] = Field(default=[])
     mimic: bool | None = None
     dynamics: bool | None = None
+    inertias: InertiasTable | None = None
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
     friction_speed: PositiveNumber | None = None
@@ -211,6 +214,7 @@ class RobotTable(Table):
     actuators: list[Actuator] = Field(default=[], alias="actuator")
     drives: list[DriveTable] = Field(default=[], alias="drive")
     constraints: list[ConstraintTable] = Field(default=[], alias="constraint")
+    elastic: list[ElasticTable] = Field(default=[])
     springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
     spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
     payloads: list[PayloadTable] = Field(default=[], alias="payload")
@@ -266,10 +270,12 @@ def read_robot_toml(path: Path) -> RobotTable:
 
 
 TABLES: dict[str, tuple[type[BaseModel], ...]] = {
+    "inertias": (InertiasTable, LinkTable),
     "actuation": (ActuationTable,),
     "actuator": (JointActuator, Wrench, Thruster),
     "drive": (DriveTable,),
     "constraint": tuple(kind.Keys for kind in CONSTRAINTS.values()),
+    "elastic": (ElasticTable,),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),
     "payload": (PayloadTable,),

@@ -97,7 +97,7 @@ def test_fixed_and_free_base() -> None:
     assert free.joint_names[0] == "root_joint"
     np.testing.assert_array_equal(free.q0[:7], [0, 0, 0, 0, 0, 0, 1])
     with pytest.raises(
-        UnsupportedRobot, match=r"'human' is built by code.*free_flyer and mimic cannot be changed"
+        UnsupportedRobot, match=r"'human' is built by code.*free_flyer, mimic and inertias cannot be changed"
     ):
         load_robot("human", free_flyer=False)
 

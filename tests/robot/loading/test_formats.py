@@ -16,6 +16,7 @@ from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.facts import find_oddities
 from mbocp.robot.loading.description import ROOT_JOINT, Description
 from mbocp.robot.loading.formats import FORMATS, Format, format_of
+from mbocp.robot.loading.inertias_table import InertiasTable
 
 FILE = "swing 2.0\n"  # name and mass [kg] of a ball on a hinge
 
@@ -24,7 +25,14 @@ class Toy:
     """Reader of files with one line."""
 
     def read(
-        self, path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+        self,
+        path: Path,
+        name: str,
+        *,
+        free_flyer: bool | None,
+        mimic: bool | None,
+        folders: Sequence[Path],
+        inertias: InertiasTable | None = None,
     ) -> Description:
         try:
             joint, mass = path.read_text().split()

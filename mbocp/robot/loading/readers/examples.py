@@ -21,6 +21,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.urdf import captured_stderr, describe_urdf, read_urdf
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
@@ -80,7 +81,13 @@ def description(name: str) -> str:
 
 
 def describe_example(
-    name: str, facts: ExampleFacts | None, *, free_flyer: bool | None, mimic: bool, folders: Sequence[Path]
+    name: str,
+    facts: ExampleFacts | None,
+    *,
+    free_flyer: bool | None,
+    mimic: bool,
+    folders: Sequence[Path],
+    inertias: InertiasTable | None = None,
 ) -> Description:
     """Describe a robot of example-robot-data.
 
@@ -96,19 +103,23 @@ def describe_example(
         Whether mimic joints follow their leader (upstream: False).
     folders : sequence of Path
         To search for meshes before the loader's own.
+    inertias : InertiasTable, optional
+        Where those come from that the URDF does not give.
     """
     if facts is None:
         facts = _readable_facts(name)
         if _has_own_code(_loaders()[name]):
-            if mimic or free_flyer not in (None, facts.free_flyer):
+            if mimic or inertias or free_flyer not in (None, facts.free_flyer):
                 raise UnsupportedRobot(
-                    f"robot {name!r} is built by code of example-robot-data: free_flyer and mimic cannot be "
-                    f"changed; load its URDF instead: {facts.path}"
+                    f"robot {name!r} is built by code of example-robot-data: free_flyer, mimic and inertias "
+                    f"cannot be changed; load its URDF instead: {facts.path}"
                 )
             return _describe_built(name, facts.path)
     base = facts.free_flyer if free_flyer is None else free_flyer
     folders = (*folders, *facts.packages)
-    found = describe_urdf(read_urdf(facts.path), free_flyer=base, mimic=mimic, folders=folders)
+    found = describe_urdf(
+        read_urdf(facts.path), free_flyer=base, mimic=mimic, folders=folders, inertias=inertias
+    )
     return replace(found, name=name, q0=_reference_pose(facts, found.model))
 
 

@@ -26,6 +26,7 @@ from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.safe_yaml import parse_yaml
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
@@ -97,7 +98,13 @@ class RobotYaml(BaseModel):
 
 
 def read(
-    path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+    path: Path,
+    name: str,
+    *,
+    free_flyer: bool | None,
+    mimic: bool | None,
+    folders: Sequence[Path],
+    inertias: InertiasTable | None = None,
 ) -> Description:
     """Read a URDF with a robot.yaml beside it.
 
@@ -106,7 +113,9 @@ def read(
     told = read_robot_yaml(path)
     urdf = read_urdf(_model_file(path))
     table, urdf = told.table(urdf), told.with_joints(urdf, path)
-    found = describe_urdf(urdf, free_flyer=bool(free_flyer), mimic=bool(mimic), folders=folders)
+    found = describe_urdf(
+        urdf, free_flyer=bool(free_flyer), mimic=bool(mimic), folders=folders, inertias=inertias
+    )
     return replace(found, name=name, file=path, table=table)
 
 

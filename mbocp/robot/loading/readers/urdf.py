@@ -16,8 +16,10 @@ import pinocchio as pin
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.description import ROOT_JOINT, Description
 from mbocp.robot.loading.followers import Follower
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.srdf import find_srdf
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
+from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_mimic import followers, with_first_leaders
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
@@ -30,11 +32,19 @@ _stderr_lock = threading.Lock()
 
 
 def read(
-    path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+    path: Path,
+    name: str,
+    *,
+    free_flyer: bool | None,
+    mimic: bool | None,
+    folders: Sequence[Path],
+    inertias: InertiasTable | None = None,
 ) -> Description:
     """Read a robot from a URDF; mimic joints follow their leaders unless told otherwise, see `Format`."""
     urdf = read_urdf(path)
-    return describe_urdf(urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders)
+    return describe_urdf(
+        urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders, inertias=inertias
+    )
 
 
 def companions(path: Path) -> tuple[Path, ...]:
@@ -71,7 +81,14 @@ def read_urdf(path: Path) -> Urdf:
     return urdf
 
 
-def describe_urdf(urdf: Urdf, *, free_flyer: bool, mimic: bool, folders: Sequence[Path] = ()) -> Description:
+def describe_urdf(
+    urdf: Urdf,
+    *,
+    free_flyer: bool,
+    mimic: bool,
+    folders: Sequence[Path] = (),
+    inertias: InertiasTable | None = None,
+) -> Description:
     """Make the description of what a URDF says.
 
     Parameters
@@ -84,7 +101,10 @@ def describe_urdf(urdf: Urdf, *, free_flyer: bool, mimic: bool, folders: Sequenc
         Whether mimic joints follow their leaders; otherwise they are joints of their own.
     folders : sequence of Path
         That hold packages of meshes.
+    inertias : InertiasTable, optional
+        Where those come from that it does not give.
     """
+    urdf, estimated = (urdf, ()) if inertias is None else with_inertias(urdf, inertias, folders)
     model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
     return Description(
         name=urdf.name,
@@ -95,6 +115,7 @@ def describe_urdf(urdf: Urdf, *, free_flyer: bool, mimic: bool, folders: Sequenc
         source=urdf.path,
         followers=followers(urdf.path, urdf.root) if mimic else (),
         shapes=(shapes_of(urdf, folders),),
+        link_inertias=estimated,
     )
 
 

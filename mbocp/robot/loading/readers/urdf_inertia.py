@@ -49,6 +49,18 @@ def read_inertials(path: Path, root: ElementTree.Element) -> tuple[Inertial, ...
     return tuple(found)
 
 
+def is_rotor(inertial: Inertial) -> bool:
+    """Whether it has inertia and no mass, as the idealised rotor of a motor has."""
+    return inertial.mass == 0.0 and float(np.abs(inertial.inertia).max()) > _ROUND_OFF
+
+
+def fault_of(inertial: Inertial) -> str:
+    """Say why a link cannot have this inertia; an empty text if it can."""
+    if float(np.abs(inertial.inertia).max()) <= _ROUND_OFF:
+        return f"{inertial.mass:g} kg without inertia"
+    return _fault(inertial)
+
+
 def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.Model) -> None:
     """Warn of bodies whose inertia no distribution of mass has.
 

@@ -5,7 +5,7 @@ Pinocchio's own builder loads every mesh (seconds for some robots) and stops at 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -66,7 +66,7 @@ def shapes_of(urdf: Urdf, folders: Sequence[Path]) -> ShapeSource:
     drawn = (link for link, _, visual in _elements(urdf, "visual") if visual.find("geometry/*") is not None)
     return ShapeSource(
         urdf.path,
-        partial(_solid, urdf, tuple(folders)),
+        partial(link_shapes, urdf, tuple(folders), "collision"),
         partial(disabled_beside, urdf.path),
         frozenset(drawn),
     )
@@ -79,13 +79,32 @@ def mesh_addresses(root: ElementTree.Element) -> tuple[str, ...]:
     return tuple(dict.fromkeys(mesh.get("filename", "") for mesh in meshes))
 
 
-def _solid(urdf: Urdf, folders: Sequence[Path]) -> Iterator[LinkShape]:
-    """Shapes that links collide with."""
-    for link, number, element in _elements(urdf, "collision"):
+def link_shapes(
+    urdf: Urdf, folders: Sequence[Path], kind: str, links: Collection[str] | None = None
+) -> Iterator[LinkShape]:
+    """Read the shapes of links.
+
+    Parameters
+    ----------
+    urdf : Urdf
+    folders : sequence of Path
+        That hold packages of meshes.
+    kind : {"collision", "visual"}
+    links : collection of str, optional
+        Those that are asked for; all by default.
+
+    Raises
+    ------
+    RobotFileError
+        If a mesh is missing, naming it and its link.
+    """
+    for link, number, element in _elements(urdf, kind):
+        if links is not None and link not in links:
+            continue
         try:
-            shape = _shape(urdf, folders, "collision", link, number, element)
+            shape = _shape(urdf, folders, kind, link, number, element)
         except FileNotFoundError as error:
-            where = f"collision {number} of link {show(link)}"
+            where = f"{kind} {number} of link {show(link)}"
             raise RobotFileError(urdf.path, f"{where}: its mesh is missing: {error}") from error
         if shape is not None:
             yield shape
