@@ -123,7 +123,7 @@ class ReadingKeys(Declared):
     def portable(self, base: Path | None, *left_out: str) -> dict[str, Any]:
         """The keys that say something, with absolute paths; what is carried in the end names itself."""
         told = self._told(name for name in type(self).model_fields if name not in ("payload", *left_out))
-        said = plain({name: getattr(self, name) for name in told})
+        said = plain({name: _said(getattr(self, name)) for name in told})
         folders = {"package_dirs": [str(folder) for folder in self.folders(base)]}
         return {**said, **(folders if self.package_dirs else {})}
 
@@ -261,6 +261,13 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
         return PartTable.model_validate(plain(entry))
     except ValidationError as error:
         raise refusal(error, f"part[{number}]", entry, _allowed) from error
+
+
+def _said(value: Any) -> Any:
+    """A value, or what tables say that are in it."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(exclude_defaults=True)
+    return [_said(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _allowed(loc: tuple[int | str, ...]) -> list[str]:
