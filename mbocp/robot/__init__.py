@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from mbocp.robot.robot import Robot
     from mbocp.robot.stored import RobotFiles
     from mbocp.robot.warnings import (
+        HeldJointsWarning,
         IgnoredKeysWarning,
         ImpossibleInertiaWarning,
         InitialPoseWarning,
@@ -65,6 +66,7 @@ __all__ = [
     "Drive",
     "FrameActuator",
     "FrameTarget",
+    "HeldJointsWarning",
     "Hinge",
     "IgnoredKeysWarning",
     "ImpossibleInertiaWarning",

@@ -15,6 +15,10 @@ class InitialPoseWarning(UserWarning):
     """The initial pose that was written violates a holonomic constraint, and has been moved."""
 
 
+class HeldJointsWarning(UserWarning):
+    """Joints were locked, since no motor drives what they let move, and it steers nothing."""
+
+
 class IgnoredKeysWarning(UserWarning):
     """A robot.yaml has keys that mbocp does not know; they are left out."""
 

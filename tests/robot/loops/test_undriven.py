@@ -1,0 +1,93 @@
+"""Motions of closed loops that no motor drives: found, told apart from what swings, and held."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.problem import Problem
+from mbocp.robot import HeldJointsWarning, Robot, load_robot
+from mbocp.robot.loops.undriven import joints_to_hold, undriven_motions
+from tests.robot.loops import builders as loops
+
+YAML = "closed_loop: [['tip_A', 'tip_B']]\nname_mot: ['mot_a', 'mot_b']\n"
+
+
+def five_bar(folder: Path, text: str = "", offset: float = 0.0) -> Robot:
+    """A five-bar linkage whose tips are two balls on hinges, welded to each other: both turn at the tip."""
+    urdf = (
+        '<robot name="five"><link name="base"/>'
+        + loops.link("a1", 0.3)
+        + loops.link("a2", 0.5)
+        + loops.link("b1", 0.3)
+        + loops.link("b2", 0.5)
+        + ball("ball_a", offset)
+        + ball("ball_b", offset)
+        + loops.joint("mot_a", "base", "a1", rpy="0 -2.2 0")
+        + loops.joint("knee", "a1", "a2", "0.3 0 0", rpy="0 1.2 0")
+        + loops.joint("turn_a", "a2", "ball_a", "0.5 0 0")
+        + loops.joint("mot_b", "base", "b1", "0.4 0 0", rpy="0 -0.9 0")
+        + loops.joint("free", "b1", "b2", "0.3 0 0", rpy="0 -1.2 0")
+        + loops.joint("turn_b", "b2", "ball_b", "0.5 0 0")
+        + loops.tip("tip_A", "ball_a", 0.0)
+        + loops.tip("tip_B", "ball_b", 0.0)
+        + "</robot>"
+    )
+    folder.mkdir(exist_ok=True)
+    (folder / "robot.urdf").write_text(urdf)
+    (folder / "robot.yaml").write_text(YAML + text)
+    return load_robot(folder)
+
+
+def ball(name: str, offset: float) -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{offset} 0 0"/><mass value="0.2"/>'
+        '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+
+
+def test_balls_at_the_tip_are_held(tmp_path: Path) -> None:
+    """One joint is locked, where the free robot stands, and as many motions as motors are left."""
+    free = five_bar(tmp_path / "free", "undriven: free\n")
+    assert free.nv - free.nc == 3
+    (motion,) = undriven_motions(free, free.q0).T
+    moved = {free.joint_names[i] for i in np.flatnonzero(np.abs(motion) > 1e-9)}
+    assert moved == {"turn_a", "turn_b"}
+    (joint,) = joints_to_hold(free)
+    with pytest.warns(HeldJointsWarning, match=rf"no motor drives what turns with '{joint}' at .*undriven"):
+        held = five_bar(tmp_path / "held")
+    assert set(free.joint_names) - set(held.joint_names) == {joint}
+    assert held.nv - held.nc == held.nu == 2
+    for name in held.joint_names:
+        np.testing.assert_allclose(
+            held.q0[held.configuration_indices(name)], free.q0[free.configuration_indices(name)], atol=1e-9
+        )
+
+
+def test_what_swings_stays_free(tmp_path: Path) -> None:
+    """Balls off their axis are pendulums: gravity turns them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", HeldJointsWarning)
+        robot = five_bar(tmp_path, offset=0.05)
+    assert undriven_motions(robot, robot.q0).shape[1] == 1
+    assert joints_to_hold(robot) == []
+
+
+def test_driven_loops_have_none() -> None:
+    robot = load_robot("five_bar")
+    assert undriven_motions(robot, robot.q0).shape == (robot.nv, 0)
+    assert joints_to_hold(robot) == []
+
+
+@pytest.mark.filterwarnings("ignore::mbocp.robot.HeldJointsWarning")
+@pytest.mark.parametrize("reach", [0.2, -0.2])
+def test_motors_reach_their_goal(tmp_path: Path, reach: float) -> None:
+    robot = five_bar(tmp_path)
+    goal = {n: float(robot.q0[robot.configuration_indices(n)][0]) + reach for n in ("mot_a", "mot_b")}
+    solution = mbocp.solve(Problem.create(robot, 1.0, 40, start={"q": robot.q0}, goal={"q": goal, "v": 0}))
+    assert solution.converged
+    assert solution.iterations < 20
