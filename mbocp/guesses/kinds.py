@@ -14,7 +14,7 @@ from mbocp.guesses.around import around
 from mbocp.guesses.balance import balance, balances, required_force
 from mbocp.guesses.line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.simulated import guess_by_simulation
-from mbocp.guesses.ways import given_way, gives_driven
+from mbocp.guesses.ways import given_way
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
@@ -30,10 +30,9 @@ def guess_candidates(problem: Problem) -> tuple[str, ...]:
 def kinds_in_turn(problem: Problem) -> Iterator[str]:
     """Kinds of guess to try in turn: the one that was asked for, or those that suit the problem.
 
-    A goal that is given in full, or for all joints of closed loops that a motor drives, is approached on the
-    straight line, with the controls that this takes, and so are via points; a path that a frame follows is a
-    way, too. A robot that can hold still at its start may begin by doing so. Zero control and a forward
-    simulation always satisfies the dynamics.
+    A goal that is given in full is approached on the straight line, with the controls that this takes, and so
+    are via points; a path that a frame follows is a way, too. A robot that can hold still at its start may
+    begin by doing so. Zero control and a forward simulation always satisfies the dynamics.
     """
     if problem.guess.kind != "auto":
         yield problem.guess.kind
@@ -42,7 +41,7 @@ def kinds_in_turn(problem: Problem) -> Iterator[str]:
         yield "joint"
         yield from kinds_in_turn(problem.with_(coordinates="joint"))
         return
-    if is_whole(problem) or gives_driven(problem) or problem.via or follows_path(problem):
+    if is_whole(problem) or problem.via or follows_path(problem):
         yield "line"
     if can_hold(problem):
         yield "hold"

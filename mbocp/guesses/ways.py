@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation import Formulation
-from mbocp.mechanisms.closed_path import closed_path, driving_joints, leaves_undriven, path_towards
+from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.goals.frames import goal_branches
@@ -37,29 +37,8 @@ _REACH = 0.5  # of the way to a random configuration: halfway there from the mid
 
 
 def straight(problem: Problem) -> Way:
-    """The straight line to the goal, or as near to it as closed loops allow.
-
-    Where the goal gives the driven joints of a mechanism, what no motor drives moves as it does from rest on.
-    """
-    to_goal = straight_to(problem, problem.goal.q)
-    if not gives_driven(problem):
-        return to_goal
-    robot, goal = problem.robot, problem.goal
-
-    def way(q_start: Array, shares: Array) -> Array:
-        begin = project_on_constraints(robot, q_start, np.arange(robot.nv))
-        path = path_towards(robot, begin, goal.q, goal.q_active, shares)
-        return to_goal(q_start, shares) if path is None else path
-
-    return way
-
-
-def gives_driven(problem: Problem) -> bool:
-    """Whether the goal gives all joints of closed loops but some that no motor drives."""
-    robot, goal = problem.robot, problem.goal
-    if not robot.nc or robot.drives or goal.enforce == "none" or not goal.q_active.any():
-        return False
-    return leaves_undriven(robot, problem.q_start, goal.q_active)
+    """The straight line to the goal, or as near to it as closed loops allow."""
+    return straight_to(problem, problem.goal.q)
 
 
 def straight_to(problem: Problem, q_goal: Array) -> Way:

@@ -60,8 +60,7 @@ def path_towards(
     q_start, target : ndarray, shape (nq,)
         Configurations; the first closes the loops.
     wanted : ndarray of bool, shape (nv,)
-        Velocity components of whole joints that move on the line. Where they decide all but what no motor
-        drives, that moves as it does from rest on, see `mbocp.robot.loops.undriven`.
+        Velocity components of whole joints that move on the line.
     shares : ndarray, shape (n,)
         Part of the line at each configuration.
 
@@ -72,15 +71,12 @@ def path_towards(
     """
     whole = np.where(wanted, robot.difference(q_start, target), 0.0)
     q, qs, last, loops = q_start, [], np.zeros(robot.nv), _Loops(robot, wanted)
-    is_open = leaves_undriven(robot, q_start, wanted)
     for share in shares:
         there = pin.integrate(robot.model, q_start, share * whole)
         near = loops.led_to(q, there, last)
         found = follow(robot, q, there, wanted) if near is None else near
         if np.abs(pin.difference(robot.model, found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
-        if is_open:
-            found = _with_least_motion(robot, loops, q, found, wanted)
         last = np.zeros(robot.nv) if near is None else pin.difference(robot.model, q, found)
         q = found
         qs.append(q)
@@ -112,31 +108,6 @@ def driving_joints(robot: Robot, q: Array) -> BoolArray:
         chosen[where] = True
         basis = basis @ null_space(rows, RANK_TOLERANCE)
     return chosen
-
-
-def leaves_undriven(robot: Robot, q: Array, wanted: BoolArray) -> bool:
-    """Whether the wanted components decide all motions but some that no motor drives."""
-    motions = _open_motions(robot, q, wanted)
-    work = robot.actuation_matrix(q).T @ motions
-    is_idle = np.abs(work).max(initial=0.0) < RANK_TOLERANCE and not motions[list(robot.driven)].any()
-    return bool(motions.size) and is_idle
-
-
-def _open_motions(robot: Robot, q: Array, wanted: BoolArray) -> Array:
-    """Basis of the motions along the constraints in which the wanted components stand still."""
-    return null_space(np.vstack([robot.constraint_jacobian(q), np.eye(robot.nv)[wanted]]), RANK_TOLERANCE)
-
-
-def _with_least_motion(robot: Robot, loops: _Loops, q: Array, found: Array, wanted: BoolArray) -> Array:
-    """The configuration with what neither loops nor wanted components decide moved the least from q.
-
-    Measured by the kinetic energy that this takes: so moves what no motor drives, from rest on.
-    """
-    motions, moved = _open_motions(robot, found, wanted), robot.difference(q, found)
-    pull = motions.T @ robot.mass_matrix(found)
-    back = -motions @ np.linalg.lstsq(pull @ motions, pull @ moved, rcond=RANK_TOLERANCE)[0]
-    least = loops.close(found, back)
-    return found if least is None else least
 
 
 class _Loops:
@@ -177,7 +148,7 @@ class _Loops:
             left = pin.difference(self._model, q, there)
             ahead = np.where(self._led, left * (step / (1.0 - gone)), step * rate)
             leaps = np.abs(ahead[self._led]).max(initial=0.0) >= _MAX_LEAP  # wherever the others end
-            found = None if leaps else self.close(q, ahead)
+            found = None if leaps else self._close(q, ahead)
             if found is not None:
                 rate = pin.difference(self._model, q, found) / step
                 q, gone, step = found, gone + step, min(2.0 * step, 1.0 - gone - step)
@@ -187,7 +158,7 @@ class _Loops:
                 return None
         return q
 
-    def close(self, q: Array, ahead: Array) -> Array | None:
+    def _close(self, q: Array, ahead: Array) -> Array | None:
         """Configuration moved by `ahead`, its loops closed by the other joints with Newton's method.
 
         None if the method does not converge or a joint would leap.

@@ -31,13 +31,13 @@ def test_the_way_does_not_depend_on_where_one_looks(shares) -> None:
 def test_steps_that_leap_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     """A crank that is led over more than a step may be long need not have its loop closed to know that."""
     robot, longest = PROBLEM.robot, list[float]()
-    closed = module._Loops.close
+    closed = module._Loops._close
 
     def recorded(loops, q, ahead):
         longest.append(float(np.abs(ahead[loops._led]).max()))
         return closed(loops, q, ahead)
 
-    monkeypatch.setattr(module._Loops, "close", recorded)
+    monkeypatch.setattr(module._Loops, "_close", recorded)
     path = closed_path(robot, PROBLEM.q_start, np.asarray(PROBLEM.goal.q), np.array([0.0, 0.5, 1.0]))
     assert path is not None
     assert len(longest) >= 2 * np.pi / module._MAX_LEAP
