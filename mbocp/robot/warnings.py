@@ -16,7 +16,7 @@ class InitialPoseWarning(UserWarning):
 
 
 class HeldJointsWarning(UserWarning):
-    """Joints were locked, since no motor drives what they let move, and it steers nothing."""
+    """Joints were locked, since no motor drives what they let move, and it hardly matters to the rest."""
 
 
 class IgnoredKeysWarning(UserWarning):

@@ -28,7 +28,7 @@ from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
 from mbocp.robot.loading.resistances import joint_resistances
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.undriven import joints_to_hold
+from mbocp.robot.loops.undriven import Held, joints_to_hold
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import HeldJointsWarning
 from mbocp.symbolic import placements_of_followers
@@ -90,8 +90,8 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     )
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
-    held = joints_to_hold(robot) if table.undriven == "hold" else []
-    if held:
+    held = joints_to_hold(robot) if table.undriven == "hold" else Held()
+    if held.joints:
         return assemble_robot(_with_held(found, robot, held), actuated, spec)
     robot = robot.with_payload(*found.carried) if found.carried else robot
     check_drives(robot)
@@ -99,17 +99,18 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     return robot
 
 
-def _with_held(found: Description, robot: Robot, held: Sequence[str]) -> Description:
+def _with_held(found: Description, robot: Robot, held: Held) -> Description:
     """The description of a robot with joints locked where its loops are closed, and its pose there."""
     at = {name: robot.q0[robot.configuration_indices(name)].tolist() for name in robot.joint_names}
-    values = ", ".join(f"{name!r} at {at[name][0]:.4g}" for name in held)
+    values = ", ".join(f"{name!r} at {at[name][0]:.4g}" for name in held.joints)
     warn_caller(
-        f"robot {robot.name!r}: no motor drives what turns with {values}, and it steers nothing: held there "
-        f'(undriven "free" in {found.file.name} lets it turn)',
+        f"robot {robot.name!r}: no motor drives what turns with {values}: held there, which adds at most "
+        f'{100 * held.change:.2g} % to the inertia that motors feel (undriven "free" in '
+        f"{found.file.name} lets it turn)",
         HeldJointsWarning,
     )
     posed = pose_by_joint(found.model, found.pose, {n: q for n, q in at.items() if q}, found.name)
-    locks = by_joint(found.table.lock) | {name: at[name] for name in held}
+    locks = by_joint(found.table.lock) | {name: at[name] for name in held.joints}
     table = found.table.model_copy(update={"lock": locks, "initial": None, "undriven": "free"})
     return replace(found, q0=posed, table=table)
 

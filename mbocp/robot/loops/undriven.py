@@ -5,11 +5,14 @@ The columns of W(q) span the motions along the constraints on which no motor and
 .. math:: G W = 0, \qquad B^T W = 0.
 
 Where nothing else acts along them either, and masses are spread evenly about the axis, their momentum stays
-zero from rest on, :math:`W^T M v = 0`. Nothing steers them and they steer nothing, but they scale the
-equations badly where rods are light, and an end at rest asks for what no control can give.
+zero from rest on, :math:`W^T M v = 0`. Nothing steers them, and light rods hardly matter to the
+rest; but they scale the equations badly, and an end at rest asks for what no control can give.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +20,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._linear import null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.robot.kinematics import is_singular
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.projection import gauss_newton, violations
 from mbocp.robot.robot import Robot
@@ -26,6 +30,7 @@ _SPREAD = 0.1  # [rad, m] between them
 _TIME = 1e-5  # [s] over which a momentum may change
 _KEPT = 1e-2  # [1/s] relative change of a momentum: light rods have 1e-3 of round-off, uneven ones 0.3
 _MIN_MOMENTUM = 1e-300
+_MOST = 0.1  # change of the inertia that motors feel by what is held
 
 
 def undriven_motions(robot: Robot, q: Array) -> Array:
@@ -36,21 +41,48 @@ def undriven_motions(robot: Robot, q: Array) -> Array:
     return found
 
 
-def joints_to_hold(robot: Robot) -> list[str]:
-    """Names of joints that, held, end the motions which no motor drives and which steer nothing.
+class Held(NamedTuple):
+    """Joints that, held, end the motions which no motor drives.
 
-    Empty where there are none, where what no motor drives swings, or where it takes part of a joint to end
-    them.
+    Attributes
+    ----------
+    joints : tuple of str
+    change : float
+        By which part the inertia that motors feel grows at most, at the initial pose.
     """
+
+    joints: tuple[str, ...] = ()
+    change: float = 0.0
+
+
+def joints_to_hold(robot: Robot) -> Held:
+    """Find the joints to hold; none where what no motor drives swings, is heavy, or is part of a joint."""
     if not robot.nc:
-        return []
-    motions = undriven_motions(robot, robot.q0)
+        return Held()
+    motions, along = undriven_motions(robot, robot.q0), _tangent(robot, robot.q0)
+    if not motions.size or is_singular(along.T @ robot.mass_matrix(robot.q0) @ along):  # refused later
+        return Held()
     single = {robot.velocity_indices(n).start: n for n in robot.joint_names if _is_single(robot, n)}
     at = sorted(single)
-    rows = spanning_rows(motions[at], RANK_TOLERANCE) if motions.size else []
-    if len(rows) < motions.shape[1] or not rows or not _keep_momentum(robot):
-        return []
-    return [single[at[row]] for row in rows]
+    rows = spanning_rows(motions[at], RANK_TOLERANCE)
+    if len(rows) < motions.shape[1] or not _keep_momentum(robot):
+        return Held()
+    chosen = [at[row] for row in rows]
+    change = _change_of_inertia(robot, motions, chosen)
+    return Held(tuple(single[i] for i in chosen), change) if change < _MOST else Held()
+
+
+def _change_of_inertia(robot: Robot, motions: Array, held: Sequence[int]) -> float:
+    """By which part the inertia of driven motions grows at most, where components are held."""
+    along, mass = _tangent(robot, robot.q0), robot.mass_matrix(robot.q0)
+    fixed = along @ null_space(along[list(held)], RANK_TOLERANCE)
+    pull = motions.T @ mass
+    free = fixed - motions @ np.linalg.solve(
+        pull @ motions, pull @ fixed
+    )  # what is not held moves as it will
+    root = np.linalg.cholesky(free.T @ mass @ free)
+    ratio = np.linalg.solve(root, np.linalg.solve(root, fixed.T @ mass @ fixed).T)
+    return float(np.linalg.eigvalsh(ratio)[-1]) - 1.0
 
 
 def _is_single(robot: Robot, joint: str) -> bool:

@@ -10,14 +10,14 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem
-from mbocp.robot import HeldJointsWarning, Robot, load_robot
+from mbocp.robot import HeldJointsWarning, Robot, load_parts, load_robot
 from mbocp.robot.loops.undriven import joints_to_hold, undriven_motions
 from tests.robot.loops import builders as loops
 
 YAML = "closed_loop: [['tip_A', 'tip_B']]\nname_mot: ['mot_a', 'mot_b']\n"
 
 
-def five_bar(folder: Path, text: str = "", offset: float = 0.0) -> Robot:
+def five_bar(folder: Path, text: str = "", *, offset: float = 0.0, inertia: float = 1e-5) -> Robot:
     """A five-bar linkage whose tips are two balls on hinges, welded to each other: both turn at the tip."""
     urdf = (
         '<robot name="five"><link name="base"/>'
@@ -25,8 +25,8 @@ def five_bar(folder: Path, text: str = "", offset: float = 0.0) -> Robot:
         + loops.link("a2", 0.5)
         + loops.link("b1", 0.3)
         + loops.link("b2", 0.5)
-        + ball("ball_a", offset)
-        + ball("ball_b", offset)
+        + ball("ball_a", offset, inertia)
+        + ball("ball_b", offset, inertia)
         + loops.joint("mot_a", "base", "a1", rpy="0 -2.2 0")
         + loops.joint("knee", "a1", "a2", "0.3 0 0", rpy="0 1.2 0")
         + loops.joint("turn_a", "a2", "ball_a", "0.5 0 0")
@@ -43,10 +43,10 @@ def five_bar(folder: Path, text: str = "", offset: float = 0.0) -> Robot:
     return load_robot(folder)
 
 
-def ball(name: str, offset: float) -> str:
+def ball(name: str, offset: float, size: float) -> str:
     return (
         f'<link name="{name}"><inertial><origin xyz="{offset} 0 0"/><mass value="0.2"/>'
-        '<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<inertia ixx="{size}" iyy="{size}" izz="{size}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
     )
 
 
@@ -57,7 +57,8 @@ def test_balls_at_the_tip_are_held(tmp_path: Path) -> None:
     (motion,) = undriven_motions(free, free.q0).T
     moved = {free.joint_names[i] for i in np.flatnonzero(np.abs(motion) > 1e-9)}
     assert moved == {"turn_a", "turn_b"}
-    (joint,) = joints_to_hold(free)
+    (joint,), change = joints_to_hold(free)
+    assert 0.0 < change < 1e-3
     with pytest.warns(HeldJointsWarning, match=rf"no motor drives what turns with '{joint}' at .*undriven"):
         held = five_bar(tmp_path / "held")
     assert set(free.joint_names) - set(held.joint_names) == {joint}
@@ -68,19 +69,37 @@ def test_balls_at_the_tip_are_held(tmp_path: Path) -> None:
         )
 
 
-def test_what_swings_stays_free(tmp_path: Path) -> None:
-    """Balls off their axis are pendulums: gravity turns them."""
+def test_a_robot_toml_and_parts_say_it_too(tmp_path: Path) -> None:
+    """By default nothing of a robot.toml is held; what a part holds is held in the whole."""
+    with pytest.warns(HeldJointsWarning):
+        five_bar(tmp_path)
+    with pytest.warns(HeldJointsWarning):
+        whole = load_parts([{"robot": str(tmp_path), "name": "left"}])
+    assert whole.nv - whole.nc == 2
+    (tmp_path / "robot.yaml").unlink()
+    toml = '[actuation]\njoints = ["mot_a", "mot_b"]\n[[constraint]]\ntype = "weld"\nname = "tip"\n'
+    toml += 'frames = ["tip_A", "tip_B"]\n'
+    (tmp_path / "robot.toml").write_text(toml)
+    assert load_robot(tmp_path).nv == 6
+    (tmp_path / "robot.toml").write_text('undriven = "hold"\n' + toml)
+    with pytest.warns(HeldJointsWarning, match=r'undriven "free" in robot\.toml'):
+        assert load_robot(tmp_path).nv == 5
+
+
+@pytest.mark.parametrize("more", [{"offset": 0.05}, {"inertia": 1.0}])
+def test_what_swings_or_is_heavy_stays_free(tmp_path: Path, more: dict[str, float]) -> None:
+    """Balls off their axis are pendulums: gravity turns them; large ones hinder the motors where held."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", HeldJointsWarning)
-        robot = five_bar(tmp_path, offset=0.05)
+        robot = five_bar(tmp_path, **more)  # type: ignore[arg-type]
     assert undriven_motions(robot, robot.q0).shape[1] == 1
-    assert joints_to_hold(robot) == []
+    assert joints_to_hold(robot).joints == ()
 
 
 def test_driven_loops_have_none() -> None:
     robot = load_robot("five_bar")
     assert undriven_motions(robot, robot.q0).shape == (robot.nv, 0)
-    assert joints_to_hold(robot) == []
+    assert joints_to_hold(robot).joints == ()
 
 
 @pytest.mark.filterwarnings("ignore::mbocp.robot.HeldJointsWarning")
