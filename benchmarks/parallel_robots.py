@@ -78,7 +78,7 @@ def _row(folder: Path, reaches: Sequence[float]) -> tuple[str, ...]:
             robot = mbocp.load_robot(folder)
         except MbocpError as error:
             return (folder.name, "no", *[""] * (len(_COLUMNS) - 3), _short(error))
-    held = [str(w.message).count(" at ") for w in told if issubclass(w.category, HeldJointsWarning)]
+    held = [len(w.message.joints) for w in told if isinstance(w.message, HeldJointsWarning)]
     closure = float(np.abs(robot.closure_residual(robot.q0)).max(initial=0.0))
     numbers = robot.nv, len(robot.closure_labels), robot.nc, robot.nu, sum(held)
     found = (folder.name, "yes", *map(str, numbers), f"{closure:.0e}")

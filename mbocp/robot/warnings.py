@@ -16,7 +16,11 @@ class InitialPoseWarning(UserWarning):
 
 
 class HeldJointsWarning(UserWarning):
-    """Joints were locked, since no motor drives what they let move, and it hardly matters to the rest."""
+    """Joints were locked, since no motor drives what they let move; `joints` has their names."""
+
+    def __init__(self, message: str, joints: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.joints = joints
 
 
 class IgnoredKeysWarning(UserWarning):

@@ -103,12 +103,12 @@ def _with_held(found: Description, robot: Robot, held: Held) -> Description:
     """The description of a robot with joints locked where its loops are closed, and its pose there."""
     at = {name: robot.q0[robot.configuration_indices(name)].tolist() for name in robot.joint_names}
     values = ", ".join(f"{name!r} at {at[name][0]:.4g}" for name in held.joints)
-    warn_caller(
+    words = (
         f"robot {robot.name!r}: no motor drives what turns with {values}: held there, which adds at most "
         f'{100 * held.change:.2g} % to the inertia that motors feel (undriven "free" in '
-        f"{found.file.name} lets it turn)",
-        HeldJointsWarning,
+        f"{found.file.name} lets it turn)"
     )
+    warn_caller(HeldJointsWarning(words, held.joints))
     posed = pose_by_joint(found.model, found.pose, {n: q for n, q in at.items() if q}, found.name)
     locks = by_joint(found.table.lock) | {name: at[name] for name in held.joints}
     table = found.table.model_copy(update={"lock": locks, "initial": None, "undriven": "free"})
