@@ -11,7 +11,7 @@ _INNER = (
 )  # packages of frames that are no user's; generated `__init__` have mbocp's globals
 
 
-def warn_caller(message: str, category: type[Warning] = UserWarning) -> None:
+def warn_caller(message: str | Warning, category: type[Warning] = UserWarning) -> None:
     """Warn at the innermost line outside mbocp; where there is none, at the outermost."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in _INNER:

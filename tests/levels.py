@@ -28,7 +28,8 @@ _PLACES = {
         problem/causes problem/clear_goal problem/default_cost problem/effort_rms problem/frame_goals
         problem/goal_sets problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances
         problem/place_causes problem/file/gait problem/file/ground problem/via programme/c_files
-        programme/keys programme/later receding/horizon robot/large_robots ros
+        programme/keys programme/later receding/horizon robot/large_robots
+        robot/loops/undriven ros
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/energy
         terms/hulls terms/kept terms/motor terms/whole_path view/replay

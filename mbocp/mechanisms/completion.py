@@ -19,6 +19,8 @@ from mbocp.robot.loops.projection import follow, violations
 from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 
 _MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
+_STRETCHED = 1e-2  # smallest singular value by its largest, of joints that follow, where they are in line
+_SHARE = 0.5  # of the largest part from which loops and joints are named
 _STRIDE = 0.1  # [rad, m]
 
 
@@ -112,6 +114,14 @@ def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: by
         return reached
     bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
     short, written = _short(robot, reached, q, active), quote_all(robot.joints_with(active))
+    stretched, stuck = _dead_end(robot, reached, active)
+    if bad and stretched:
+        raise InconsistentStart(
+            f"goal.q: no configuration of robot {robot.name!r} has it with closed loops: on the way from the "
+            f"start {quote_all(stretched)} {'is' if len(stretched) == 1 else 'are'} stretched out or folded, "
+            f"and {quote_all(stuck)} can go no farther (nearest: {short}); give a nearer position of "
+            f"{quote_all(stuck)}"
+        )
     if bad:
         row, value, unit = bad[0]
         raise InconsistentStart(
@@ -125,6 +135,24 @@ def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: by
             f"closed it comes as near as {short}; give another position of {written}, or another start"
         )
     return found
+
+
+def _dead_end(robot: Robot, q: Array, active: BoolArray) -> tuple[list[str], list[str]]:
+    """Loops that are stretched out or folded at q, and the written joints that they stop; empty elsewhere.
+
+    There the joints that follow cannot close the loops any more, along the left singular vector of their part
+    of the Jacobian; what moves the rows along it is stopped.
+    """
+    G = robot.constraint_jacobian(q)
+    left, sizes, _ = np.linalg.svd(G[:, ~active], full_matrices=False)
+    if not sizes.size or sizes[-1] > _STRETCHED * sizes[0]:
+        return [], []
+    rows, pull = np.abs(left[:, -1]), np.where(active, np.abs(left[:, -1] @ G), 0.0)
+    owners = [one.name for one in robot.constraints for _ in one.rows]
+    owner = [owners[row] for row in robot.kept_rows]
+    named = list(dict.fromkeys(owner[i] for i in np.flatnonzero(rows > _SHARE * rows.max())))
+    stops = pull > _SHARE * pull.max(initial=0.0)
+    return named, [n for n in robot.joint_names if stops[robot.velocity_indices(n)].any()]
 
 
 def _closed_anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:

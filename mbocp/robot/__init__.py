@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from mbocp.robot.stored import RobotFiles
     from mbocp.robot.warnings import (
         EstimatedInertiaWarning,
+        HeldJointsWarning,
         IgnoredKeysWarning,
         ImpossibleInertiaWarning,
         InitialPoseWarning,
@@ -68,6 +69,7 @@ __all__ = [
     "EstimatedInertiaWarning",
     "FrameActuator",
     "FrameTarget",
+    "HeldJointsWarning",
     "Hinge",
     "IgnoredKeysWarning",
     "ImpossibleInertiaWarning",

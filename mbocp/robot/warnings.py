@@ -15,6 +15,14 @@ class InitialPoseWarning(UserWarning):
     """The initial pose that was written violates a holonomic constraint, and has been moved."""
 
 
+class HeldJointsWarning(UserWarning):
+    """Joints were locked, since no motor drives what they let move; `joints` has their names."""
+
+    def __init__(self, message: str, joints: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.joints = joints
+
+
 class IgnoredKeysWarning(UserWarning):
     """A robot.yaml has keys that mbocp does not know; they are left out."""
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
@@ -24,11 +25,13 @@ from mbocp.robot.loading.elements import (
 from mbocp.robot.loading.initial_pose import close_loops
 from mbocp.robot.loading.joint_frames import with_joint_frames
 from mbocp.robot.loading.limits import limits_of
-from mbocp.robot.loading.locking import lock_joints
+from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
 from mbocp.robot.loading.motors import with_motors
 from mbocp.robot.loading.resistances import joint_resistances
 from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loops.undriven import Held, joints_to_hold
 from mbocp.robot.robot import Robot
+from mbocp.robot.warnings import HeldJointsWarning
 from mbocp.symbolic import placements_of_followers
 
 
@@ -91,11 +94,30 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     )
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
+    held = joints_to_hold(robot) if table.undriven == "hold" else Held()
+    if held.joints:
+        return assemble_robot(_with_held(found, robot, held), actuated, spec)
     robot = robot.with_payload(*found.carried) if found.carried else robot
     robot = replace(robot, q0=robot.balanced(robot.q0)) if elastic else robot
     check_drives(robot)
     check_mechanics(robot)
     return robot
+
+
+def _with_held(found: Description, robot: Robot, held: Held) -> Description:
+    """The description of a robot with joints locked where its loops are closed, and its pose there."""
+    at = {name: robot.q0[robot.configuration_indices(name)].tolist() for name in robot.joint_names}
+    values = ", ".join(f"{name!r} at {at[name][0]:.4g}" for name in held.joints)
+    words = (
+        f"robot {robot.name!r}: no motor drives what turns with {values}: held there, which adds at most "
+        f'{100 * held.change:.2g} % to the inertia that motors feel (undriven "free" in '
+        f"{found.file.name} lets it turn)"
+    )
+    warn_caller(HeldJointsWarning(words, held.joints))
+    posed = pose_by_joint(found.model, found.pose, {n: q for n, q in at.items() if q}, found.name)
+    locks = by_joint(found.table.lock) | {name: at[name] for name in held.joints}
+    table = found.table.model_copy(update={"lock": locks, "initial": None, "undriven": "free"})
+    return replace(found, q0=posed, table=table)
 
 
 def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) -> None:

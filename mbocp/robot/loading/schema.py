@@ -209,6 +209,7 @@ class RobotTable(Table):
     friction_speed: PositiveNumber | None = None
     spherical: list[str] = Field(default=[])
     rotations: Literal["quaternion", "dcm"] | None = None
+    undriven: Literal["free", "hold"] = "free"
     trace: list[str] | None = None
     actuation: ActuationTable = ActuationTable.model_construct()
     actuators: list[Actuator] = Field(default=[], alias="actuator")

@@ -98,6 +98,8 @@ def combined_table(parts: Sequence[Part], settled: Collection[str]) -> RobotTabl
     changes: dict[str, Any] = {key: [row for part in parts for row in _rows(part, key)] for key in _LISTS}
     changes |= _names_in_tables(parts)
     changes |= {key: _common_value(parts, key, usual) for key, usual in _SHARED.items() if key not in settled}
+    holds = any(part.description.table.undriven == "hold" for part in parts)
+    changes["undriven"] = "hold" if holds else "free"
     changes["description"] = "; ".join(f"{part.placed.name}: {part.placed.robot}" for part in parts)
     return RobotTable.model_construct().model_copy(update=changes)
 
@@ -168,6 +170,8 @@ def with_own_tables(description: Description, own: RobotTable) -> Description:
     for key in ("trace", "gravity", "rotations"):
         if getattr(own, key) is not None:
             changes[key] = getattr(own, key)
+    if own.undriven == "hold":
+        changes["undriven"] = "hold"
     if own.description:
         changes["description"] = own.description
     return replace(description, table=table.model_copy(update=changes))

@@ -5,6 +5,7 @@
     name_mot: ['joint', ...]                    # joints with motors; default all
     joint_name: ['joint', ...]                  # joints that are of another type than in the URDF
     joint_type: ['SPHERICAL', 'FIXED', 'UJOINT_XY', ...]
+    undriven: 'hold' or 'free'                  # rods that turn about themselves; default hold
 
 It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other joint types.
 """
@@ -52,6 +53,7 @@ class RobotYaml(BaseModel):
     name_mot: list[str] | None = None
     joint_name: list[str] = []
     joint_type: list[str] = []
+    undriven: Literal["free", "hold"] = "hold"
 
     @field_validator("closed_loop")
     @classmethod
@@ -76,6 +78,7 @@ class RobotYaml(BaseModel):
             actuation=ActuationTable(joints=self.name_mot),
             constraint=loops,
             spherical=balls,
+            undriven=self.undriven,
         )
 
     def with_joints(self, urdf: Urdf, path: Path) -> Urdf:
