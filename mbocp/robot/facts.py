@@ -10,7 +10,8 @@ import numpy as np
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
-from mbocp.robot.loading.formats import format_of
+from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
@@ -63,9 +64,10 @@ def describe(robot: Robot) -> dict[str, Any]:
 def find_oddities(robot: Robot) -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
     found = list[str]()
+    folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
-            found += format_of(path).reader().oddities(path)
+            found += reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
         except MbocpError:  # the file has changed, or is no longer there
             continue
     return tuple(found)

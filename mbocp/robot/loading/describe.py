@@ -19,7 +19,7 @@ from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
-from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.payload_table import payloads_of
@@ -71,7 +71,7 @@ def describe_source(
             source.name, source.example, free_flyer=free_flyer, mimic=bool(mimic), folders=folders
         )
     else:
-        reader = FORMATS[source.kind].reader()
+        reader = reader_of(source.path, folders, keys.arguments)
         found = reader.read(source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders)
     given = found.table.payloads if keys.payload is None else keys.payload
     losses = (_losses(found.table, keys),)
@@ -83,7 +83,8 @@ def describe_source(
 def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: Sequence[Path]) -> Description:
     """The model that a robot.toml names, with its tables."""
     path, folders = model_file(source.path, table, folders)
-    name, reader = table.name or source.name, format_of(path).reader()
+    arguments = {**(table.arguments or {}), **(keys.arguments or {})}
+    name, reader = table.name or source.name, reader_of(path, folders, arguments)
     free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
     mimic = table.mimic if keys.mimic is None else keys.mimic
     found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders)

@@ -5,13 +5,18 @@ A new format is a module in `readers/` with the functions of `Reader`, an entry 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mbocp._text import show
+from mbocp.exceptions import RobotFileError
+from mbocp.robot.loading.unpacked import unpacked_root
 
 if TYPE_CHECKING:
     from mbocp.robot.loading.description import Description
+    from mbocp.robot.loading.readers.xacro import XacroReader
 
 
 class Reader(Protocol):
@@ -63,6 +68,8 @@ class Format:
         Name of the file in a folder of the robot's name; empty if any will do.
     about : str
         What lists of robots say of such a folder.
+    expander : callable, optional
+        Imports what reads its files with arguments and makes URDFs of them, which results keep.
     """
 
     kind: str
@@ -71,6 +78,7 @@ class Format:
     reader: Callable[[], Reader]
     file: str = ""
     about: str = ""
+    expander: Callable[[], type[XacroReader]] | None = None
 
 
 def _urdf() -> Reader:
@@ -85,12 +93,44 @@ def _robot_yaml() -> Reader:
     return robot_yaml
 
 
-_URDF = Format("urdf", "URDF", (".urdf", ".xml", ".xacro"), _urdf)
+def _xacro() -> type[XacroReader]:
+    from mbocp.robot.loading.readers.xacro import XacroReader
+
+    return XacroReader
+
+
+_URDF = Format("urdf", "URDF", (".urdf", ".xml"), _urdf)
+_XACRO = Format("xacro", "xacro", (".xacro",), lambda: _xacro()(), expander=_xacro)
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
-FORMATS = {each.kind: each for each in (_YAML, _URDF)}
+FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO)}
 OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.sources`
 
 
 def format_of(path: Path) -> Format:
     """Find the format of a file by its ending; a URDF may have any."""
     return next((each for each in FORMATS.values() if path.suffix in each.endings), _URDF)
+
+
+def reader_of(path: Path, folders: Sequence[Path] = (), arguments: Mapping[str, Any] | None = None) -> Reader:
+    """Find the reader of a file.
+
+    Parameters
+    ----------
+    path : Path
+    folders : sequence of Path
+        That hold packages which the file names.
+    arguments : mapping, optional
+        Values of the arguments of the file; what a result keeps has them already.
+
+    Raises
+    ------
+    RobotFileError
+        For arguments of a file that takes none.
+    """
+    found = format_of(path)
+    if found.expander is not None:
+        return found.expander()(folders, arguments or {})
+    if arguments and unpacked_root(path.parent) is None:
+        words = f"got {show(dict(arguments))}, but only xacro files take arguments"
+        raise RobotFileError(path, words, "arguments")
+    return found.reader()

@@ -2,7 +2,7 @@
 
 Look-up order of `find_source`:
 
-1. a `Path`, or a text with a path separator or the ending .urdf, .xml, .toml or .yaml: that file or folder;
+1. a `Path`, or a text with a path separator or the ending of a file of a robot: that file or folder;
 2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
    under mbocp's robots/;
 3. "chain_N": a chain of N links, see `mbocp.robot.loading.readers.chain`;
@@ -171,13 +171,14 @@ def _file_in(folder: Path) -> Path:
         if (folder / file).is_file():
             return folder / file
     usual = {each.name: each.endings[0] for each in FORMATS.values() if not each.file}
-    held = sorted(file for ending in usual.values() for file in folder.glob(f"*{ending}"))
-    if len(held) == 1:
-        return held[0]
+    held = {name: sorted(folder.glob(f"*{ending}")) for name, ending in usual.items()}
+    alone = next((files[0] for files in held.values() if len(files) == 1), None)  # a URDF beside its xacro
+    if alone is not None:
+        return alone
     raise RobotFileError(
         folder,
         f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {' or '.join(usual)} (it "
-        f"has: {', '.join(file.name for file in held) or 'none'})",
+        f"has: {', '.join(file.name for files in held.values() for file in files) or 'none'})",
     )
 
 

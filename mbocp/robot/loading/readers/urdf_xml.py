@@ -45,25 +45,50 @@ def parse_urdf(path: Path) -> Urdf:
     RobotFileError
         If it is missing, malformed, or something else.
     """
+    text, root = read_xml(path)
+    if has_macros(root):
+        raise RobotFileError(path, "has xacro macros in it: let its name end in .xacro")
+    return urdf_of(path, text, root)
+
+
+def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
+    """Read an XML file of a robot, within bounds: its text and its root element.
+
+    Raises
+    ------
+    RobotFileError
+        If it is missing or malformed.
+    """
     if not os.path.lexists(path):
         raise RobotFileError(path, "no such URDF file")
     try:
         text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
+    return parse_xml(path, text)
+
+
+def parse_xml(path: Path, text: str) -> tuple[str, ElementTree.Element]:
+    """Parse the text of a file; the text that is returned has its declaration first."""
     text = _declared_first(text)
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotFileError(path, f"malformed XML: {error}") from error
     _check_depth(path, root)
+    return text, root
+
+
+def has_macros(root: ElementTree.Element) -> bool:
+    """Whether there are macros of xacro in a file."""
+    return any("xacro" in element.tag for element in root.iter())
+
+
+def urdf_of(path: Path, text: str, root: ElementTree.Element) -> Urdf:
+    """A URDF of what was parsed; refuse another format."""
     if root.tag != "robot":
         what = _FOREIGN_ROOTS.get(root.tag, f"XML with the root element <{root.tag}>")
         raise RobotFileError(path, f"not a URDF: it is {what}, expected the root element <robot>")
-    if any("xacro" in element.tag for element in root.iter()):
-        raise RobotFileError(
-            path, "has xacro macros in it: expand them first (`xacro in.urdf.xacro > out.urdf`)"
-        )
     return Urdf(path, text, root)
 
 
