@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from mbocp._files import root_tag
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.unpacked import unpacked_root
@@ -70,6 +71,8 @@ class Format:
         What lists of robots say of such a folder.
     expander : callable, optional
         Imports what reads its files with arguments and makes URDFs of them, which results keep.
+    root : str
+        Root element by which a file that ends in .xml is known.
     """
 
     kind: str
@@ -79,6 +82,7 @@ class Format:
     file: str = ""
     about: str = ""
     expander: Callable[[], type[XacroReader]] | None = None
+    root: str = ""
 
 
 def _urdf() -> Reader:
@@ -93,6 +97,12 @@ def _robot_yaml() -> Reader:
     return robot_yaml
 
 
+def _mjcf() -> Reader:
+    from mbocp.robot.loading.readers import mjcf
+
+    return mjcf
+
+
 def _xacro() -> type[XacroReader]:
     from mbocp.robot.loading.readers.xacro import XacroReader
 
@@ -102,12 +112,15 @@ def _xacro() -> type[XacroReader]:
 _URDF = Format("urdf", "URDF", (".urdf", ".xml"), _urdf)
 _XACRO = Format("xacro", "xacro", (".xacro",), lambda: _xacro()(), expander=_xacro)
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
-FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO)}
+_MJCF = Format("mjcf", "MJCF", (".mjcf",), _mjcf, root="mujoco")
+FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF)}
 OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.sources`
 
 
 def format_of(path: Path) -> Format:
-    """Find the format of a file by its ending; a URDF may have any."""
+    """Find the format of a file by its ending, that of an XML by its root element; a URDF may have any."""
+    if path.suffix == ".xml":
+        return next((each for each in FORMATS.values() if each.root and each.root == root_tag(path)), _URDF)
     return next((each for each in FORMATS.values() if path.suffix in each.endings), _URDF)
 
 

@@ -30,6 +30,7 @@ from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".toml", *(ending for each in FORMATS.values() for ending in each.endings))
+_DESCRIBED_BY = ("URDF_PATH", "MJCF_PATH")  # in modules of robot_descriptions
 # The first of them in a folder of the robot's name.
 _FILES = {"toml": "robot.toml", **{each.kind: each.file for each in FORMATS.values() if each.file}}
 
@@ -177,9 +178,14 @@ def _file_in(folder: Path) -> Path:
         return alone
     raise RobotFileError(
         folder,
-        f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {' or '.join(usual)} (it "
+        f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {_either(usual)} (it "
         f"has: {', '.join(file.name for files in held.values() for file in files) or 'none'})",
     )
+
+
+def _either(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} or {last}"
 
 
 def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
@@ -194,7 +200,7 @@ def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
 
 
 def _from_robot_descriptions(name: str) -> Source | None:
-    """URDF that the package robot_descriptions knows by this name; None if it or the name is not there."""
+    """File that the package robot_descriptions knows by this name; None if it or the name is not there."""
     if not name.isidentifier() or importlib.util.find_spec("robot_descriptions") is None:
         return None
     try:
@@ -203,13 +209,14 @@ def _from_robot_descriptions(name: str) -> Source | None:
         module: Any = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:  # it clones repositories on import: anything may go wrong, the network first
         raise RobotFileError(f"robot_descriptions.{name}", f"could not be fetched: {error}") from error
-    path = getattr(module, "URDF_PATH", None)
+    path = next((getattr(module, key) for key in _DESCRIBED_BY if hasattr(module, key)), None)
     if path is None:
-        raise RobotFileError(f"robot_descriptions.{name}", "has no URDF (only MJCF?), and mbocp reads URDF")
+        raise RobotFileError(f"robot_descriptions.{name}", "has no URDF and no MJCF")
     packages = [
         Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
     ]
-    return Source("urdf", name, name, Path(path), tuple(_with_parents(packages)))
+    path = Path(path)
+    return Source(format_of(path).kind, name, name, path, tuple(_with_parents(packages)))
 
 
 def _with_parents(folders: Iterable[Path]) -> list[Path]:

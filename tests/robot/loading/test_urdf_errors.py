@@ -20,7 +20,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_folder_without_a_robot(tmp_path: Path) -> None:
     with pytest.raises(
         RobotFileError,
-        match=r"has no robot\.toml or robot\.yaml, and not exactly one URDF or xacro \(it has: none",
+        match=r"has no robot\.toml or robot\.yaml, and not exactly one URDF, xacro or MJCF \(it has",
     ):
         load_robot(tmp_path)
 

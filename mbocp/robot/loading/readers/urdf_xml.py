@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._files import MEGABYTE, read_text
+from mbocp._files import XML_LIMIT, read_text
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable
 
@@ -19,7 +19,7 @@ LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers
 # Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
-_MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
+
 _MAX_LEVELS = 100  # of elements within each other; a URDF needs six
 
 
@@ -60,9 +60,9 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
         If it is missing or malformed.
     """
     if not os.path.lexists(path):
-        raise RobotFileError(path, "no such URDF file")
+        raise RobotFileError(path, "no such file")
     try:
-        text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
+        text = read_text(path, expected="a URDF", limit=XML_LIMIT)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
     return parse_xml(path, text)

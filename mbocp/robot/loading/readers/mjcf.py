@@ -1,0 +1,85 @@
+"""Reading an MJCF, MuJoCo's format: bodies, joints, motors, loops and a pose; what is left out is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+
+from mbocp._warn import warn_caller
+from mbocp.robot.collision.source import ShapeSource
+from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
+from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
+from mbocp.robot.loading.readers.mjcf_tables import disabled_pairs, read_tables
+from mbocp.robot.loading.readers.mjcf_xml import Mjcf, parse_mjcf
+from mbocp.robot.loading.readers.tree import (
+    TreeJoint,
+    build_tree,
+    draw_tree,
+    place_at_references,
+    solid_shapes,
+    tell_impossible,
+    tell_left_out,
+)
+from mbocp.robot.warnings import MissingMeshWarning
+
+
+def read(
+    path: Path, name: str, *, free_flyer: bool | None, mimic: bool | None, folders: Sequence[Path]
+) -> Description:
+    """Read a robot from an MJCF; it has no mimic joints, but couplings, whatever `mimic` is."""
+    mjcf = parse_mjcf(path)
+    found = read_bodies(mjcf, folders)
+    table = read_tables(mjcf, found, free_flyer)
+    model = build_tree(path, mjcf.name, found.bodies, free_flyer)
+    tell_left_out(path, found.left_out)
+    tell_impossible(path, model)
+    _tell_missing(path, found)
+    return Description(
+        name=mjcf.name,
+        file=path,
+        model=model,
+        visuals=draw_tree(model, found.bodies),
+        q0=place_at_references(model, found.bodies),
+        table=table,
+        source=path,
+        shapes=(
+            ShapeSource(
+                path,
+                partial(solid_shapes, found.bodies),
+                partial(disabled_pairs, mjcf),
+                frozenset(body.name for body in found.bodies if any(s.is_drawn for s in body.shapes)),
+            ),
+        ),
+    )
+
+
+def companions(path: Path) -> tuple[Path, ...]:
+    """The files that it includes."""
+    return parse_mjcf(path).includes
+
+
+def addresses(path: Path) -> tuple[str, ...]:
+    """Addresses of its meshes."""
+    return tuple(dict.fromkeys(mesh.address for mesh in mesh_assets(parse_mjcf(path)).values()))
+
+
+def oddities(path: Path) -> Iterator[str]:
+    """Joints that cannot move: MuJoCo refuses most of what else is odd."""
+    for joint in _joints(parse_mjcf(path)):
+        if joint.lower >= joint.upper:
+            yield f"joint {joint.name!r}: its limits {joint.lower:g} ... {joint.upper:g} leave it no range"
+
+
+def _joints(mjcf: Mjcf) -> Iterator[TreeJoint]:
+    for body in read_bodies(mjcf, ()).bodies:
+        yield from body.joints
+
+
+def _tell_missing(path: Path, found: Bodies) -> None:
+    if found.missing:
+        more = f", and {len(found.missing) - 1} more" if len(found.missing) > 1 else ""
+        warn_caller(
+            f"{path}: shown without its missing meshes ({found.missing[0]}{more})", MissingMeshWarning
+        )
