@@ -103,6 +103,12 @@ def _mjcf() -> Reader:
     return mjcf
 
 
+def _sdf() -> Reader:
+    from mbocp.robot.loading.readers import sdf
+
+    return sdf
+
+
 def _xacro() -> type[XacroReader]:
     from mbocp.robot.loading.readers.xacro import XacroReader
 
@@ -113,7 +119,8 @@ _URDF = Format("urdf", "URDF", (".urdf", ".xml"), _urdf)
 _XACRO = Format("xacro", "xacro", (".xacro",), lambda: _xacro()(), expander=_xacro)
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
 _MJCF = Format("mjcf", "MJCF", (".mjcf",), _mjcf, root="mujoco")
-FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF)}
+_SDF = Format("sdf", "SDF", (".sdf", ".world"), _sdf, root="sdf")
+FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF, _SDF)}
 OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.sources`
 
 

@@ -20,7 +20,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_folder_without_a_robot(tmp_path: Path) -> None:
     with pytest.raises(
         RobotFileError,
-        match=r"has no robot\.toml or robot\.yaml, and not exactly one URDF, xacro or MJCF \(it has",
+        match=r"has no robot\.toml or robot\.yaml, and not exactly one URDF, xacro, MJCF or SDF",
     ):
         load_robot(tmp_path)
 

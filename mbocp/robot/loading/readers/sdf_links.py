@@ -1,0 +1,122 @@
+"""Links of an SDF: inertias, shapes, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import show
+from mbocp.exceptions import UnsupportedRobot
+from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.loading.addresses import resolve
+from mbocp.robot.loading.readers.sdf_xml import Sdf
+from mbocp.robot.loading.readers.tree import LeftOut, TreeBody, TreeShape
+from mbocp.robot.loading.readers.urdf_xml import finite_numbers
+
+_MOMENTS = ("ixx", "iyy", "izz")
+_PRODUCTS = ("ixy", "ixz", "iyz")
+_NO = ("false", "0")
+
+
+def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> tuple[dict[str, TreeBody], list[str]]:
+    """Links as bodies placed in the model, by name, and meshes that are missing."""
+    bodies: dict[str, TreeBody] = {}
+    missing: list[str] = []
+    for element in sdf.element.iterfind("link"):
+        name = element.get("name", "")
+        body = TreeBody(name, None, sdf.place(name), inertia=_inertia(sdf, element, name))
+        bodies[name] = body
+        if element.findtext("gravity", "true").strip() in _NO:
+            left_out.add("gravity turned off for the links", name)
+        if element.find("inertial/fluid_added_mass") is not None:
+            left_out.add("the fluid that moves with the links", name)
+        for kind in ("visual", "collision"):
+            for number, inner in enumerate(element.iterfind(kind)):
+                try:
+                    shape = _shape(sdf, inner, name, number, folders)
+                except FileNotFoundError as error:
+                    missing.append(f"link {show(name)}: {error}")
+                    continue
+                if shape is not None:
+                    body.shapes.append(
+                        TreeShape(shape, _color(sdf, inner), kind == "visual", kind == "collision")
+                    )
+    for element in sdf.element.iterfind("frame"):
+        name = element.get("name", "")
+        link = sdf.link_of(name)
+        if link in bodies:
+            bodies[link].frames.append((name, bodies[link].placement.actInv(sdf.place(name))))
+    return bodies, missing
+
+
+def mesh_uris(sdf: Sdf) -> tuple[str, ...]:
+    """Addresses of all meshes, each once."""
+    uris = (mesh.findtext("uri") or "" for mesh in sdf.element.iter("mesh"))
+    return tuple(dict.fromkeys(uri.strip() for uri in uris))
+
+
+def _inertia(sdf: Sdf, link: ElementTree.Element, name: str) -> pin.Inertia:
+    """What <inertial> says; the format gives 1 kg and 1 kg m^2 to what says nothing."""
+    where = f"link {show(name)}"
+    written = link.find("inertial")
+    if written is None:
+        return pin.Inertia(1.0, np.zeros(3), np.eye(3))
+    if written.get("auto") == "true":
+        raise UnsupportedRobot(
+            f"{sdf.path}: {where}: <inertial auto> is not supported; write mass and inertia"
+        )
+    mass = sdf.number(written, "mass", where, 1.0)
+    inertia = written.find("inertia")
+    inside = ElementTree.Element("inertia") if inertia is None else inertia
+    xx, yy, zz = (sdf.number(inside, key, where, 1.0) for key in _MOMENTS)
+    xy, xz, yz = (sdf.number(inside, key, where, 0.0) for key in _PRODUCTS)
+    if mass < 0.0 or min(xx, yy, zz) < 0.0:
+        least = f"mass {mass:g} kg, moments {xx:g}, {yy:g}, {zz:g} kg m^2"
+        raise UnsupportedRobot(f"{sdf.path}: {where}: none of its {least} can be negative")
+    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return sdf.pose(written, f"{where}: inertial").act(pin.Inertia(mass, np.zeros(3), moments))
+
+
+def _shape(
+    sdf: Sdf, element: ElementTree.Element, link: str, number: int, folders: Sequence[Path]
+) -> LinkShape | None:
+    """Shape of a <visual> or <collision>; None for planes, height maps and what else is no body."""
+    where = f"{element.tag} {show(element.get('name', ''))} of link {show(link)}"
+    form = element.find("geometry/*")
+    if form is None:
+        return None
+    placement, unscaled = sdf.pose(element, where), np.ones(3)
+    if form.tag == "mesh":
+        path = resolve((form.findtext("uri") or "").strip(), sdf.path.parent, folders)
+        scale = sdf.numbers(form, "scale", where, (1.0, 1.0, 1.0))
+        return LinkShape(link, number, where, coal.BVHModelOBBRSS(), str(path), scale, placement)
+    made = _primitive(sdf, form, where)
+    return None if made is None else LinkShape(link, number, where, made, "", unscaled, placement)
+
+
+def _primitive(sdf: Sdf, form: ElementTree.Element, where: str) -> coal.CollisionGeometry | None:
+    if form.tag == "box":
+        return coal.Box(*map(float, sdf.numbers(form, "size", where, (1.0, 1.0, 1.0))))
+    if form.tag == "ellipsoid":
+        return coal.Ellipsoid(*map(float, sdf.numbers(form, "radii", where, (1.0, 1.0, 1.0))))
+    radius, length = (sdf.number(form, key, where, 1.0) for key in ("radius", "length"))
+    if form.tag == "sphere":
+        return coal.Sphere(radius)
+    if form.tag in ("cylinder", "capsule"):
+        return {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[form.tag](radius, length)
+    return None
+
+
+def _color(sdf: Sdf, element: ElementTree.Element) -> Array | None:
+    text = element.findtext("material/diffuse")
+    if text is None:
+        return None
+    words = text.split()
+    filled = " ".join([*words, "1"]) if len(words) == 3 else text
+    return finite_numbers(sdf.path, "material diffuse", filled, (0.7, 0.7, 0.7, 1.0))
