@@ -88,7 +88,14 @@ def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, folders: S
     free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
     mimic = table.mimic if keys.mimic is None else keys.mimic
     found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders)
-    return replace(found, name=name, table=table, file=source.path)
+    return replace(found, name=name, table=_added(found.table, table), file=source.path)
+
+
+def _added(own: RobotTable, table: RobotTable) -> RobotTable:
+    """What a robot.toml says, on what its file says; loops are those of both."""
+    said = {key: getattr(table, key) for key in table.model_fields_set}
+    loops = [*own.constraints, *table.constraints]
+    return own.model_copy(update={**said, "constraints": loops})
 
 
 def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[Path, tuple[Path, ...]]:

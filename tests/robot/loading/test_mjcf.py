@@ -43,7 +43,7 @@ ARM = """<?xml version="1.0"?>
           <joint name="twist" class="main" pos="0 0 0.1" axis="0 0 1"/>
           <inertial mass="1.2" pos="0.01 0.02 0.1" fullinertia="0.02 0.03 0.025 0.001 0.002 -0.003"/>
           <site name="tool" pos="0 0 0.3" zaxis="1 0 0"/>
-          <geom type="ellipsoid" size="0.05 0.06 0.07" contype="0" conaffinity="0"/>
+          <geom type="sphere" size="0.05" contype="0" conaffinity="0"/>
         </body>
       </body>
     </body>
@@ -208,8 +208,13 @@ def test_equalities_close_loops_and_couple_joints(tmp_path: Path) -> None:
     held = load(tmp_path, weld).constraints[0]
     assert held.kind == "weld"
     np.testing.assert_allclose(robot.q0, load(tmp_path, weld).q0, atol=1e-9)
-    held = load(tmp_path, FOUR_BAR.replace('joint2="c" polycoef="0 -2 0 0 0"', 'polycoef="0.1 0 0 0 0"'))
-    assert held.joint_names == ("a", "b", "c")
+    text = FOUR_BAR.replace('joint2="c" polycoef="0 -2 0 0 0"', 'polycoef="0.1 0 0 0 0"')
+    held = load(tmp_path, text)
+    assert held.joint_names == ("a", "b", "c")  # rigid at 0.6 rad, 0.1 beyond the wheel as it is written
+    at, data = held.frame_id("rim"), held.model.createData()
+    pin.framesForwardKinematics(held.model, data, np.zeros(3))
+    turned = np.array([1.2, 0.0, 0.0]) + 0.1 * np.array([np.cos(0.1), 0.0, np.sin(0.1)])
+    np.testing.assert_allclose(data.oMf[at].translation, turned, atol=1e-12)
     with pytest.warns(NotModelledWarning, match="equality of joints that is not linear 'gear'"):
         assert len(load(tmp_path, FOUR_BAR.replace("0 -2 0 0 0", "0 -2 1 0 0")).constraints) == 1
     with pytest.raises(RobotFileError, match=r"<connect> 'pin': there is no body 'rockr': did you mean"):
@@ -286,7 +291,7 @@ BROKEN = {
     r"<joint> 'shoulder': unknown type 'screw'": ('name="shoulder"', 'name="shoulder" type="screw"'),
     r"<joint>: there is no class 'wrst'": ('name="shoulder"', 'name="shoulder" class="wrst"'),
     r"<geom>: size is '0.1', expected 2 positive": ('size="0.1 0.05"', 'size="0.1"'),
-    r"<geom>: unknown type 'cone'": ('type="ellipsoid"', 'type="cone"'),
+    r"<geom>: unknown type 'cone'": ('type="sphere" size="0.05"', 'type="cone"'),
     r"<key> 'home': qpos has 3 numbers, but the joints have 4": ("0.3 0.1 0.4 -0.2", "0.3 0.1 0.4"),
     r"body 'base' is defined more than once": ('name="upper"', 'name="base"'),
     r"<replicate> 'r' is not supported": ('<site name="tool"', '<replicate name="r"/><site name="tool"'),
@@ -323,3 +328,43 @@ def _cube(half: float) -> bytes:
     faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
     rows = b"".join(struct.pack("<12fH", 0, 0, 0, *signs[list(face)].ravel().tolist(), 0) for face in faces)
     return b"\0" * 80 + struct.pack("<I", len(faces)) + rows
+
+
+def test_ellipsoids_have_a_mass_and_are_told(tmp_path: Path) -> None:
+    text = BALL.replace(' range="0 1"', "").replace(
+        'type="sphere" size="0.1"', 'type="ellipsoid" size="1 2 3"'
+    )
+    with pytest.warns(NotModelledWarning, match="ellipsoids, neither drawn nor solid, of 'pod'"):
+        robot = load(tmp_path, text)
+    assert robot.model.inertias[2].mass == pytest.approx(1000 * 4 / 3 * np.pi * 6)
+
+
+def test_a_missing_mesh_that_may_collide_is_no_hole(tmp_path: Path) -> None:
+    text = BALL.replace(' range="0 1"', "").replace(
+        "<worldbody>", '<asset><mesh file="a.stl"/></asset><worldbody>'
+    )
+    solid = text.replace("<site", "").replace("</body>", '<geom type="mesh" mesh="a" mass="0"/></body>', 1)
+    with pytest.warns(MissingMeshWarning):
+        robot = load(tmp_path, solid)
+    with pytest.raises(RobotFileError, match=r"body 'pod': its mesh is missing: .*a\.stl does not exist"):
+        list(robot.shapes[0].solid())
+
+
+def test_a_robot_toml_adds_to_it(tmp_path: Path) -> None:
+    (tmp_path / "robot.xml").write_text(FOUR_BAR)
+    (tmp_path / "robot.toml").write_text(
+        'urdf = "robot.xml"\n[[constraint]]\nname = "more"\ntype = "point"\nframes = ["crank", "world"]\n'
+    )
+    with pytest.raises(UnsupportedRobot, match="more"):  # it holds nothing that moves
+        load_robot(tmp_path / "robot.toml")
+    (tmp_path / "robot.toml").write_text('urdf = "robot.xml"\nname = "bar"\n[actuation]\njoints = ["c"]\n')
+    robot = load_robot(tmp_path / "robot.toml")
+    assert [c.name for c in robot.constraints] == ["pin", "gear"]
+    assert [label.name for label in robot.u_labels] == ["c"]
+
+
+def test_a_site_with_the_name_of_a_body_is_another_frame(tmp_path: Path) -> None:
+    text = ARM.replace('<site name="tool"', '<site name="upper"')
+    robot = load(tmp_path, text)
+    assert robot.model.frames[robot.frame_id("upper")].type == pin.FrameType.BODY
+    assert robot.model.frames[robot.frame_id("upper_site")].type == pin.FrameType.OP_FRAME

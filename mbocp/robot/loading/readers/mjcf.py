@@ -6,10 +6,8 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from mbocp._warn import warn_caller
-from mbocp.robot.collision.source import ShapeSource
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
+from mbocp.robot.loading.readers.mjcf_bodies import read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_tables import disabled_pairs, read_tables
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, parse_mjcf
@@ -18,11 +16,11 @@ from mbocp.robot.loading.readers.tree import (
     build_tree,
     draw_tree,
     place_at_references,
-    solid_shapes,
+    shapes_of_tree,
     tell_impossible,
     tell_left_out,
+    tell_missing,
 )
-from mbocp.robot.warnings import MissingMeshWarning
 
 
 def read(
@@ -35,7 +33,7 @@ def read(
     model = build_tree(path, mjcf.name, found.bodies, free_flyer)
     tell_left_out(path, found.left_out)
     tell_impossible(path, model)
-    _tell_missing(path, found)
+    tell_missing(path, found.bodies)
     return Description(
         name=mjcf.name,
         file=path,
@@ -44,14 +42,7 @@ def read(
         q0=place_at_references(model, found.bodies),
         table=table,
         source=path,
-        shapes=(
-            ShapeSource(
-                path,
-                partial(solid_shapes, found.bodies),
-                partial(disabled_pairs, mjcf),
-                frozenset(body.name for body in found.bodies if any(s.is_drawn for s in body.shapes)),
-            ),
-        ),
+        shapes=(shapes_of_tree(path, found.bodies, partial(disabled_pairs, mjcf)),),
     )
 
 
@@ -75,11 +66,3 @@ def oddities(path: Path) -> Iterator[str]:
 def _joints(mjcf: Mjcf) -> Iterator[TreeJoint]:
     for body in read_bodies(mjcf, ()).bodies:
         yield from body.joints
-
-
-def _tell_missing(path: Path, found: Bodies) -> None:
-    if found.missing:
-        more = f", and {len(found.missing) - 1} more" if len(found.missing) > 1 else ""
-        warn_caller(
-            f"{path}: shown without its missing meshes ({found.missing[0]}{more})", MissingMeshWarning
-        )

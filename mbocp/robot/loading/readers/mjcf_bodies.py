@@ -24,7 +24,7 @@ from mbocp.robot.loading.readers.mjcf_geoms import (
     shape_of,
 )
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node
-from mbocp.robot.loading.readers.tree import LeftOut, TreeBody, TreeJoint
+from mbocp.robot.loading.readers.tree import ELLIPSOIDS, LeftOut, MissingMesh, TreeBody, TreeJoint
 
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
 _MAKES_BODIES = ("composite", "flexcomp", "replicate", "attach", "plugin")
@@ -44,14 +44,15 @@ class Bodies:
         In the order of MuJoCo's qpos.
     left_out : LeftOut
         What is not modelled.
-    missing : list of str
-        Meshes that are missing.
     """
 
     bodies: list[TreeBody] = field(default_factory=list)
     joints: list[TreeJoint] = field(default_factory=list)
     left_out: LeftOut = field(default_factory=LeftOut)
-    missing: list[str] = field(default_factory=list)
+
+    def frame_of(self, site: str) -> str:
+        """The frame of a site: a body of its name would win."""
+        return f"{site}_site" if any(body.name == site for body in self.bodies) else site
 
 
 @dataclass
@@ -125,10 +126,13 @@ class _Reader:
             body.frames.append((node.text("name"), frame * node.placement))
 
     def _shape(self, geom: Geom, body: TreeBody) -> None:
+        if geom.kind == "ellipsoid":
+            self.found.left_out.add(ELLIPSOIDS, body.name)
+            return
         try:
             body.shapes.append(shape_of(geom, body.name, len(body.shapes), self.colors, self.folders))
         except FileNotFoundError as error:
-            self.found.missing.append(f"body {show(body.name)}: {error}")
+            body.missing.append(MissingMesh(f"body {show(body.name)}", str(error), geom.is_solid))
 
     def _joint(self, node: Node, body: TreeBody, frame: pin.SE3) -> None:
         word = "free" if node.tag == "freejoint" else node.text("type", "hinge")
@@ -192,6 +196,8 @@ def read_bodies(mjcf: Mjcf, folders: Sequence[Path]) -> Bodies:
     total = compiler.number("settotalmass", -1.0)
     if total > 0.0:
         _scale_masses(reader.found.bodies, total)
+    for body in reader.found.bodies:
+        body.frames = [(reader.found.frame_of(name), place) for name, place in body.frames]
     for key, default in _OF_MASSES.items():
         if mjcf.compiler.get(key, default) not in (default, f"{default}.0"):
             reader.found.left_out.add("settings of <compiler>", key)

@@ -48,6 +48,11 @@ class Geom:
     placement: pin.SE3
     mesh: MeshAsset | None
 
+    @property
+    def is_solid(self) -> bool:
+        """Whether it may collide."""
+        return bool(self.node.number("contype", 1.0) or self.node.number("conaffinity", 1.0))
+
 
 def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
     """Meshes of an MJCF by name."""
@@ -118,6 +123,8 @@ def inertia_of(geom: Geom, folders: Sequence[Path]) -> pin.Inertia:
     mass, density = (
         node.number(key, default) for key, default in (("mass", math.nan), ("density", _DENSITY))
     )
+    if mass < 0.0 or density < 0.0:
+        raise RobotFileError(node.path, f"{node.where}: its mass or density is negative")
     if mass == 0.0 or (math.isnan(mass) and density == 0.0):
         return pin.Inertia.Zero()
     if node.text("shellinertia", "false") == "true":
@@ -150,8 +157,7 @@ def shape_of(
         made = _SHAPES[geom.kind](geom.sizes)
     shape = LinkShape(body, number, where, made, mesh, scale, geom.placement)
     color = node.vector("rgba", None, 4) if "rgba" in node.said else colors.get(node.text("material"))
-    is_solid = bool(node.number("contype", 1.0) or node.number("conaffinity", 1.0))
-    return TreeShape(shape, color, node.number("group", 0.0) <= _LAST_DRAWN, is_solid)
+    return TreeShape(shape, color, node.number("group", 0.0) <= _LAST_DRAWN, geom.is_solid)
 
 
 def materials_of(mjcf: Mjcf) -> dict[str, Array]:
@@ -165,7 +171,6 @@ _SHAPES: Mapping[str, Callable[[Array], coal.CollisionGeometry]] = {
     "capsule": lambda s: coal.Capsule(float(s[0]), 2.0 * float(s[1])),
     "cylinder": lambda s: coal.Cylinder(float(s[0]), 2.0 * float(s[1])),
     "box": lambda s: coal.Box(*(2.0 * s)),
-    "ellipsoid": lambda s: coal.Ellipsoid(*map(float, s)),
 }
 _UNIT: Mapping[str, Callable[[Array], tuple[float, pin.Inertia]]] = {
     "sphere": lambda s: (4.0 / 3.0 * math.pi * s[0] ** 3, pin.Inertia.FromSphere(1.0, s[0])),

@@ -35,9 +35,9 @@ def read_tables(mjcf: Mjcf, found: Bodies, free_flyer: bool | None) -> RobotTabl
         For names that there are not.
     """
     reader = _Tables(mjcf, found, {joint.name: joint for joint in found.joints})
-    told: dict[str, Any] = {"constraint": [], "lock": {}}
-    reader.motors(told)
+    told: dict[str, Any] = {"constraint": []}
     reader.equalities(told)
+    reader.motors(told)
     reader.pose(told, free_flyer)
     reader.options(told)
     for tag in _TENDONS:
@@ -69,7 +69,12 @@ class _Tables:
         for element in elements:
             node = self.mjcf.node(element)
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
-            if joint is not None and joint.kind in _SINGLE and element.tag in ACTUATORS:
+            if (
+                joint is not None
+                and joint.held is None
+                and joint.kind in _SINGLE
+                and element.tag in ACTUATORS
+            ):
                 gear = abs(node.vector("gear", (1.0,))[0])
                 limit = _force_limit(node) * gear
                 joint.effort = min(joint.effort, limit) if joint.name not in driven else joint.effort + limit
@@ -101,7 +106,7 @@ class _Tables:
         limit = _force_limit(node) * size
         return {
             "type": "thruster",
-            "frame": site,
+            "frame": self.found.frame_of(site),
             "name": node.text("name", site),
             "axis": (force / size).tolist(),
             "torque_ratio": float(force @ moment) / size**2,
@@ -122,11 +127,11 @@ class _Tables:
             if element.tag in made:
                 told["constraint"].append(made[element.tag](node, name))
             elif element.tag == "joint":
-                self._couple(node, name, told)
+                self._couple(node, name, told["constraint"])
             else:
                 self.found.left_out.add(f"equality of {element.tag}s", name)
 
-    def _couple(self, node: Node, name: str, told: dict[str, Any]) -> None:
+    def _couple(self, node: Node, name: str, rows: list[dict[str, Any]]) -> None:
         """Joint 1 as a polynomial of joint 2, both from their references; what is linear is a coupling."""
         first, second = node.text("joint1"), node.text("joint2")
         for joint in filter(None, (first, second)):
@@ -136,17 +141,17 @@ class _Tables:
         c = node.vector("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         start = self.joints[first].reference + c[0]
         if not second or not np.any(c[1:]):
-            told["lock"][first] = float(start)
+            self.joints[first].held = float(start)
         elif np.any(c[2:]) or any(self.joints[j].kind not in _SINGLE for j in (first, second)):
             self.found.left_out.add("equality of joints that is not linear", name)
         else:
             offset = float(start - c[1] * self.joints[second].reference)
             row = {"type": "coupling", "name": name, "joints": (first, second)}
-            told["constraint"].append({**row, "ratio": float(c[1]), "offset": offset})
+            rows.append({**row, "ratio": float(c[1]), "offset": offset})
 
     def _connect(self, node: Node, name: str) -> dict[str, Any]:
         if "site1" in node.said:
-            return {"type": "point", "name": name, "frames": (node.text("site1"), node.text("site2"))}
+            return {"type": "point", "name": name, "frames": self._sites(node)}
         a, b, relative = self._pair(node)
         anchor = node.three("anchor")
         return {
@@ -159,7 +164,7 @@ class _Tables:
 
     def _weld(self, node: Node, name: str) -> dict[str, Any]:
         if "site1" in node.said:
-            return {"type": "weld", "name": name, "frames": (node.text("site1"), node.text("site2"))}
+            return {"type": "weld", "name": name, "frames": self._sites(node)}
         a, b, relative = self._pair(node)
         pose = node.vector("relpose", (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         if np.any(pose[3:]):
@@ -168,6 +173,9 @@ class _Tables:
         turn = pin.Quaternion(relative.rotation).coeffs().tolist()
         row = {"type": "weld", "name": name, "frames": (a, b)}
         return {**row, "position": relative.translation.tolist(), "orientation": turn}
+
+    def _sites(self, node: Node) -> tuple[str, str]:
+        return self.found.frame_of(node.text("site1")), self.found.frame_of(node.text("site2"))
 
     def _pair(self, node: Node) -> tuple[str, str, pin.SE3]:
         """Names of two bodies, and where the second is in the first as the file places them."""
@@ -195,6 +203,8 @@ class _Tables:
             own, values = np.split(values, [_NUMBERS.get(joint.kind, 1)])
             if joint.kind in _NUMBERS:
                 own = np.concatenate([own[:-4], np.roll(own[-4:], -1)])  # quaternions: w is the first in qpos
+            if joint.held is not None:
+                continue
             if joint.kind != "free":
                 pose[joint.name] = own.tolist() if len(own) > 1 else float(own[0])
             elif free_flyer is not False:

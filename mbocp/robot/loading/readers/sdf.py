@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbocp._warn import warn_caller
-from mbocp.robot.collision.source import ShapeSource
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.readers.sdf_joints import read_joints
 from mbocp.robot.loading.readers.sdf_links import mesh_uris, read_links
@@ -18,12 +15,12 @@ from mbocp.robot.loading.readers.tree import (
     build_tree,
     draw_tree,
     place_at_references,
-    solid_shapes,
+    shapes_of_tree,
     tell_impossible,
     tell_left_out,
+    tell_missing,
 )
 from mbocp.robot.loading.schema import tables_from
-from mbocp.robot.warnings import MissingMeshWarning
 
 
 def read(
@@ -31,7 +28,7 @@ def read(
 ) -> Description:
     """Read a robot from an SDF; joints that mimic others are coupled to them unless `mimic` is False."""
     sdf, left_out = parse_sdf(path), LeftOut()
-    links, missing = read_links(sdf, folders, left_out)
+    links = read_links(sdf, folders, left_out)
     found = read_joints(sdf, links, left_out)
     table: dict[str, Any] = {"constraint": [*found.loops, *(found.couplings if mimic is not False else ())]}
     if sdf.gravity is not None:
@@ -39,9 +36,7 @@ def read(
     model = build_tree(path, sdf.name, found.bodies, free_flyer)
     tell_left_out(path, left_out)
     tell_impossible(path, model)
-    if missing:
-        more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
-        warn_caller(f"{path}: shown without its missing meshes ({missing[0]}{more})", MissingMeshWarning)
+    tell_missing(path, found.bodies)
     return Description(
         name=sdf.name,
         file=path,
@@ -50,13 +45,7 @@ def read(
         q0=place_at_references(model, found.bodies),
         table=tables_from(table),
         source=path,
-        shapes=(
-            ShapeSource(
-                path,
-                partial(solid_shapes, found.bodies),
-                drawn=frozenset(b.name for b in found.bodies if any(s.is_drawn for s in b.shapes)),
-            ),
-        ),
+        shapes=(shapes_of_tree(path, found.bodies),),
     )
 
 
@@ -76,7 +65,7 @@ def oddities(path: Path) -> Iterator[str]:
     for link in sdf.element.iterfind("link"):
         if link.find("inertial") is None:
             yield f"link {link.get('name')!r}: no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
-    links, _ = read_links(sdf, (), left_out)
+    links = read_links(sdf, (), left_out)
     for joint in (joint for body in read_joints(sdf, links, left_out).bodies for joint in body.joints):
         if joint.lower >= joint.upper:
             yield f"joint {joint.name!r}: its limits {joint.lower:g} ... {joint.upper:g} leave it no range"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import coal
@@ -12,22 +13,28 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._text import show
-from mbocp.exceptions import UnsupportedRobot
+from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.readers.sdf_xml import Sdf
-from mbocp.robot.loading.readers.tree import LeftOut, TreeBody, TreeShape
+from mbocp.robot.loading.readers.tree import ELLIPSOIDS, LeftOut, MissingMesh, TreeBody, TreeShape
 from mbocp.robot.loading.readers.urdf_xml import finite_numbers
 
 _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")
 _NO = ("false", "0")
+# What makes them of which numbers.
+_SHAPES: Mapping[str, tuple[Any, Mapping[str, int]]] = {
+    "box": (coal.Box, {"size": 3}),
+    "sphere": (coal.Sphere, {"radius": 1}),
+    "cylinder": (coal.Cylinder, {"radius": 1, "length": 1}),
+    "capsule": (coal.Capsule, {"radius": 1, "length": 1}),
+}
 
 
-def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> tuple[dict[str, TreeBody], list[str]]:
-    """Links as bodies placed in the model, by name, and meshes that are missing."""
+def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> dict[str, TreeBody]:
+    """Links as bodies placed in the model, by name."""
     bodies: dict[str, TreeBody] = {}
-    missing: list[str] = []
     for element in sdf.element.iterfind("link"):
         name = element.get("name", "")
         body = TreeBody(name, None, sdf.place(name), inertia=_inertia(sdf, element, name))
@@ -36,23 +43,30 @@ def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> tuple[di
             left_out.add("gravity turned off for the links", name)
         if element.find("inertial/fluid_added_mass") is not None:
             left_out.add("the fluid that moves with the links", name)
-        for kind in ("visual", "collision"):
-            for number, inner in enumerate(element.iterfind(kind)):
-                try:
-                    shape = _shape(sdf, inner, name, number, folders)
-                except FileNotFoundError as error:
-                    missing.append(f"link {show(name)}: {error}")
-                    continue
-                if shape is not None:
-                    body.shapes.append(
-                        TreeShape(shape, _color(sdf, inner), kind == "visual", kind == "collision")
-                    )
+        _add_shapes(sdf, element, body, folders, left_out)
     for element in sdf.element.iterfind("frame"):
         name = element.get("name", "")
         link = sdf.link_of(name)
         if link in bodies:
             bodies[link].frames.append((name, bodies[link].placement.actInv(sdf.place(name))))
-    return bodies, missing
+    return bodies
+
+
+def _add_shapes(
+    sdf: Sdf, link: ElementTree.Element, body: TreeBody, folders: Sequence[Path], left_out: LeftOut
+) -> None:
+    """Shapes of a link, those whose mesh is missing as such."""
+    elements = [(inner.tag, inner) for inner in link if inner.tag in ("visual", "collision")]
+    for number, (kind, inner) in enumerate(elements):
+        try:
+            shape = _shape(sdf, inner, body.name, number, folders)
+        except FileNotFoundError as error:
+            body.missing.append(MissingMesh(f"link {show(body.name)}", str(error), kind == "collision"))
+            continue
+        if inner.find("geometry/ellipsoid") is not None:
+            left_out.add(ELLIPSOIDS, body.name)
+        if shape is not None:
+            body.shapes.append(TreeShape(shape, _color(sdf, inner), kind == "visual", kind == "collision"))
 
 
 def mesh_uris(sdf: Sdf) -> tuple[str, ...]:
@@ -101,16 +115,15 @@ def _shape(
 
 
 def _primitive(sdf: Sdf, form: ElementTree.Element, where: str) -> coal.CollisionGeometry | None:
-    if form.tag == "box":
-        return coal.Box(*map(float, sdf.numbers(form, "size", where, (1.0, 1.0, 1.0))))
-    if form.tag == "ellipsoid":
-        return coal.Ellipsoid(*map(float, sdf.numbers(form, "radii", where, (1.0, 1.0, 1.0))))
-    radius, length = (sdf.number(form, key, where, 1.0) for key in ("radius", "length"))
-    if form.tag == "sphere":
-        return coal.Sphere(radius)
-    if form.tag in ("cylinder", "capsule"):
-        return {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[form.tag](radius, length)
-    return None
+    if form.tag not in _SHAPES:
+        return None
+    made, keys = _SHAPES[form.tag]
+    sizes = [
+        size for key, count in keys.items() for size in sdf.numbers(form, key, where, (1.0,) * count).tolist()
+    ]
+    if not all(size > 0.0 for size in sizes):
+        raise RobotFileError(sdf.path, f"{where}: its sizes are {sizes}, expected positive ones")
+    return made(*sizes)
 
 
 def _color(sdf: Sdf, element: ElementTree.Element) -> Array | None:

@@ -19,6 +19,7 @@ from mbocp.robot.loading.readers.urdf_xml import finite_numbers, read_xml
 
 MODEL = "__model__"  # the frame of the model itself
 _MAX_NAMES = 5
+_MAX_ROW = 400  # frames that are placed in one another; Python's stack has 1000 levels
 _YES = ("true", "1")
 _IN_MODEL_AXES = (1, 4)  # up to this version axes of joints are those of the model
 _NO_LIMIT = 1e16
@@ -122,6 +123,8 @@ class Sdf:
             raise RobotFileError(
                 self.path, f"frames are placed in a circle: {list_names(passed, _MAX_NAMES)}"
             )
+        if len(passed) > _MAX_ROW:
+            raise UnsupportedRobot(f"{self.path}: more than {_MAX_ROW} frames are placed in a row")
         element = self.placed[name]
         where = f"{element.tag} {show(name)}"
         return self.place(self._relative_to(element), (*passed, name)) * self.pose(element, where)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,15 @@ from mbocp._text import has_control_characters, list_names, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
-from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.description import ROOT_JOINT
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
 from mbocp.robot.loading.readers.urdf_inertia import faults_of
 from mbocp.robot.loading.readers.urdf_shapes import object_of
-from mbocp.robot.warnings import ImpossibleInertiaWarning, NotModelledWarning
+from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
 
+ELLIPSOIDS = "ellipsoids, neither drawn nor solid, of"  # coal's obstacles and pages have no such shape
 _MAX_NAMES = 5
 _MAX_NAME_LENGTH = 255
 _MODELS: dict[str, Callable[[Array], Any]] = {
@@ -60,6 +62,8 @@ class TreeJoint:
         [rad/s, m/s; N m, N].
     damping, friction, armature : float
         [N m s/rad, N s/m; N m, N; kg m^2, kg].
+    held : float, optional
+        Displacement at which it is rigid [rad, m]; then the model has no such joint.
     """
 
     name: str
@@ -74,14 +78,15 @@ class TreeJoint:
     damping: float = 0.0
     friction: float = 0.0
     armature: float = 0.0
+    held: float | None = None
 
-    @property
-    def offset(self) -> pin.SE3:
-        """Motion of the joint from the reference to zero."""
+    def motion(self, displacement: float) -> pin.SE3:
+        """What the joint does from the reference to a displacement, of one without an axis nothing."""
+        change = displacement - self.reference
         if self.kind == "prismatic":
-            return pin.SE3(np.eye(3), -self.reference * self.axis)
+            return pin.SE3(np.eye(3), change * self.axis)
         if self.kind in ("revolute", "continuous"):
-            return pin.SE3(pin.exp3(-self.reference * self.axis), np.zeros(3))
+            return pin.SE3(pin.exp3(change * self.axis), np.zeros(3))
         return pin.SE3.Identity()
 
 
@@ -93,6 +98,15 @@ class TreeShape:
     color: Array | None
     is_drawn: bool = True
     is_solid: bool = True
+
+
+@dataclass(frozen=True)
+class MissingMesh:
+    """A mesh that is not there: whose it is, why, and whether it may collide."""
+
+    where: str
+    reason: str
+    is_solid: bool
 
 
 @dataclass
@@ -113,6 +127,7 @@ class TreeBody:
     shapes : list of TreeShape
     frames : list of (str, pin.SE3)
         Named places on the body.
+    missing : list of MissingMesh
     """
 
     name: str
@@ -122,6 +137,7 @@ class TreeBody:
     inertia: pin.Inertia = field(default_factory=pin.Inertia.Zero)
     shapes: list[TreeShape] = field(default_factory=list)
     frames: list[tuple[str, pin.SE3]] = field(default_factory=list)
+    missing: list[MissingMesh] = field(default_factory=list)
 
 
 @dataclass
@@ -240,9 +256,37 @@ def draw_tree(model: pin.Model, bodies: Sequence[TreeBody]) -> pin.GeometryModel
     return visuals
 
 
-def solid_shapes(bodies: Sequence[TreeBody]) -> Iterator[LinkShape]:
+def shapes_of_tree(
+    path: Path,
+    bodies: Sequence[TreeBody],
+    disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
+) -> ShapeSource:
+    """Say what a file has to say of the shapes of its bodies."""
+    drawn = frozenset(body.name for body in bodies if any(shape.is_drawn for shape in body.shapes))
+    return ShapeSource(path, partial(_solid, path, bodies), disabled, drawn)
+
+
+def tell_missing(path: Path, bodies: Sequence[TreeBody]) -> None:
+    """Warn of meshes that are not there.
+
+    Warns
+    -----
+    MissingMeshWarning
+        Once for the robot, naming the first.
+    """
+    missing = [mesh for body in bodies for mesh in body.missing]
+    if missing:
+        more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+        first = f"{missing[0].where}: {missing[0].reason}"
+        warn_caller(f"{path}: shown without its missing meshes ({first}{more})", MissingMeshWarning)
+
+
+def _solid(path: Path, bodies: Sequence[TreeBody]) -> Iterator[LinkShape]:
     """Shapes that bodies collide with."""
     for body in bodies:
+        for mesh in body.missing:
+            if mesh.is_solid:
+                raise RobotFileError(path, f"{mesh.where}: its mesh is missing: {mesh.reason}")
         yield from (each.shape for each in body.shapes if each.is_solid)
 
 
@@ -269,7 +313,10 @@ def _add(model: pin.Model, body: TreeBody, parent: _Place) -> _Place:
     is_free = bool(body.joints) and body.joints[0].kind == "free"
     placement = pin.SE3.Identity() if is_free else parent.placement * body.placement
     for each in body.joints:
-        placement = placement * each.anchor * each.offset
+        placement = placement * each.anchor * each.motion(0.0 if each.held is None else each.held)
+        if each.held is not None:
+            placement = placement * each.anchor.inverse()
+            continue
         joint = model.addJoint(joint, _joint_model(each), placement, each.name)
         frame = model.addJointFrame(joint, frame)
         _say_numbers(model, joint, each)

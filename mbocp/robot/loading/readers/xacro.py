@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ExpatError
 
+from mbocp._files import is_file
 from mbocp._text import list_names, shorten, show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.loading.addresses import package_folders
@@ -158,7 +159,9 @@ def _run(
     except Exception as error:  # expressions of the file may raise anything
         where = "" if not xacro.filestack or xacro.filestack[-1] == str(path) else f" {xacro.filestack[-1]}:"
         raise RobotFileError(path, f"xacro cannot expand it:{where} {_reason(error)}") from error
-    return document.toxml(), tuple(dict.fromkeys(Path(file) for file in xacro.all_includes))
+    return document.toxml(), tuple(
+        dict.fromkeys(file for file in map(Path, xacro.all_includes) if is_file(file))
+    )
 
 
 def _reason(error: Exception) -> str:
