@@ -61,6 +61,8 @@ def describe_source(
     table = read_robot_toml(source.path) if source.kind == "toml" else None
     if table is not None and table.parts:
         return _describe_parts(source, table, keys, folders, within)
+    if keys.arguments and not source.is_file:
+        raise RobotError(f"arguments: robot {source.name!r} takes none; only xacro files do")
     free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
     if table is not None:
         found = _with_table(source, table, keys, folders)

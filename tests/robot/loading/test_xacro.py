@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.exceptions import RobotFileError
+from mbocp.exceptions import RobotError, RobotFileError
 from mbocp.problem.file.load import load_problem
 from mbocp.robot import gather, load_parts, load_robot, load_stored
 from mbocp.robot.facts import find_oddities
@@ -162,6 +162,8 @@ def test_what_is_wrong_is_told_by_name(arm: Path, monkeypatch: pytest.MonkeyPatc
     plain.write_text('<robot name="plain"><link name="a"/></robot>')
     with pytest.raises(RobotFileError, match=r"arguments: got {'a': 1}, but only xacro files take arguments"):
         load(plain, a=1)
+    with pytest.raises(RobotError, match=r"arguments: robot 'chain_2' takes none; only xacro files do"):
+        load_robot("chain_2", arguments={"a": 1})
     _without_xacro(monkeypatch)
     with pytest.raises(RobotFileError, match=r"pip install 'mbocp\[xacro\]'"):
         load(arm, mass=1.0)
