@@ -25,6 +25,7 @@ else:  # pragma: no cover
 MEGABYTE = 2**20
 RESULT_SUFFIXES = (".h5", ".hdf5")  # of results of a solve
 TEXT_LIMIT = 4 * MEGABYTE  # of problem, study and robot files [bytes]; the largest that we know has 50 kB
+XML_LIMIT = 16 * MEGABYTE  # of files of robots in XML [bytes]; the largest that we know has 0.4 MB
 MAX_LEVELS = 64  # of tables and lists within each other
 _TOO_DEEP = f"lists or tables are nested more than {MAX_LEVELS} deep"
 _INTEGERS = range(-(2**63), 2**63)  # what TOML lets an integer be
@@ -108,6 +109,18 @@ def read_text(path: str | Path, *, expected: str = "a text file", limit: int = T
     except UnicodeDecodeError as error:
         raise Unreadable(f"is not a text file in UTF-8, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+_BEFORE_ROOT = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", re.DOTALL)
+
+
+def root_tag(path: str | Path, *, limit: int = XML_LIMIT) -> str:
+    """The tag of the root element of an XML file; empty if it cannot be read or has none."""
+    try:
+        found = _BEFORE_ROOT.match(read_text(path, limit=limit).removeprefix("\ufeff"))
+    except Unreadable:  # whoever reads the file says why
+        return ""
+    return "" if found is None else found[1]
 
 
 def read_toml(path: str | Path, *, expected: str = "a TOML file", limit: int = TEXT_LIMIT) -> dict[str, Any]:

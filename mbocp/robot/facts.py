@@ -12,7 +12,8 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.elastic import ElasticJoint
-from mbocp.robot.loading.formats import format_of
+from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.robot import Robot
@@ -72,9 +73,10 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
     mended = tuple(
         f"link {show(one.link.removeprefix(part))}: " for one in robot.link_inertias for part in parts
     )
+    folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
-            lines = format_of(path).reader().oddities(path)
+            lines = reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
             found += [line for line in lines if not line.startswith(mended)]
         except MbocpError:  # the file has changed, or is no longer there
             continue

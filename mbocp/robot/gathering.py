@@ -16,7 +16,7 @@ from mbocp.meshes.parts import MESH_LIMIT
 from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
 from mbocp.robot.loading.addresses import absolute, resolve
 from mbocp.robot.loading.describe import model_file
-from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.formats import FORMATS, Reader, format_of, reader_of
 from mbocp.robot.loading.load import robot_from_spec
 from mbocp.robot.loading.readers.examples import ExampleFacts, example_facts
 from mbocp.robot.loading.robot_keys import read_part
@@ -50,7 +50,7 @@ def gather(spec: Mapping[str, Any]) -> RobotFiles:
             _of_part(found, entry, number, None, ())
     else:
         folders = [absolute(folder, None) for folder in spec.get("package_dirs", ())]
-        _of_name(found, str(spec["name"]), None, folders)
+        _of_name(found, str(spec["name"]), None, folders, spec.get("arguments"))
     return found.files(spec)
 
 
@@ -117,28 +117,37 @@ class _Gathering:
 def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:
     table = read_part(entry, number)
     if table.robot is not None:
-        _of_name(found, table.robot, base, (*table.folders(base), *dirs))
+        _of_name(found, table.robot, base, (*table.folders(base), *dirs), table.arguments)
 
 
-def _of_name(found: _Gathering, name: str, base: Path | None, dirs: Sequence[Path]) -> None:
+def _of_name(
+    found: _Gathering,
+    name: str,
+    base: Path | None,
+    dirs: Sequence[Path],
+    arguments: Mapping[str, Any] | None,
+) -> None:
     """Follow what a name or a path leads to, as `mbocp.robot.loading.describe` does."""
     source = find_source(name, base)
     facts = example_facts(source.name) if source.kind == "example" else None
     row = (name, base, source, facts)
     if any(seen[:2] == row[:2] for seen in found.sources):
         return
+    if source.kind in FORMATS:
+        path = _of_model(found, source.path, (*dirs, *source.package_dirs), arguments)
+        row = (name, base, replace(source, path=path, kind=format_of(path).kind), facts)
     found.sources.append(row)
     if facts is not None:
         if facts.srdf is not None:
             found.add(facts.srdf)
         _of_model(found, facts.path, (*dirs, *facts.packages))
     elif source.kind == "toml":
-        _of_tables(found, source.path, dirs)
-    elif source.kind in FORMATS:
-        _of_model(found, source.path, (*dirs, *source.package_dirs))
+        _of_tables(found, source.path, dirs, arguments)
 
 
-def _of_tables(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
+def _of_tables(
+    found: _Gathering, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
+) -> None:
     """A robot.toml, its parts, or the model that it names."""
     found.add(path)
     folder, table = path.parent, read_robot_toml(path)
@@ -146,15 +155,18 @@ def _of_tables(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
         _of_part(found, part, number, folder, dirs)
     if not table.parts:
         model, dirs = model_file(path, table, dirs)
-        found.addresses.append((table.urdf, folder, model))
-        _of_model(found, model, dirs)
+        kept = _of_model(found, model, dirs, {**(table.arguments or {}), **(arguments or {})})
+        found.addresses.append((table.urdf, folder, kept))
 
 
-def _of_model(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
-    """A file that describes a robot, those that belong to it, and its meshes."""
-    reader = format_of(path).reader()
+def _of_model(
+    found: _Gathering, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None = None
+) -> Path:
+    """A file that describes a robot, those that belong to it, and its meshes; the one to read it from."""
+    reader = reader_of(path, dirs, arguments)
     for file in (path, *reader.companions(path)):
         found.add(file)
+    kept = _expanded(found, path, reader)
     _add_package(found, path)
     for address in reader.addresses(path):
         try:
@@ -164,6 +176,17 @@ def _of_model(found: _Gathering, path: Path, dirs: Sequence[Path]) -> None:
         if mesh.suffix.lower() in _MESHES:
             found.addresses.append((address, path.parent, mesh))
             _of_mesh(found, mesh, path)
+    return kept
+
+
+def _expanded(found: _Gathering, path: Path, reader: Reader) -> Path:
+    """The file itself, or the URDF that it is the source of, which needs no other file and no arguments."""
+    expander = format_of(path).expander
+    if expander is None or not isinstance(reader, expander()):
+        return path
+    made = path.with_name(f"{path.name}.urdf")
+    found.contents[_plain(made)] = reader.expanded(path).urdf.text.encode()
+    return made
 
 
 def _of_mesh(found: _Gathering, mesh: Path, robot: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from mbocp.exceptions import MbocpError
 from mbocp.robot import Robot, load_robot
 
-_ROBOTS = (".urdf", ".xacro", ".sdf", ".xml")
+_ROBOTS = (".urdf", ".xacro", ".mjcf", ".sdf", ".xml")
 _MAX_JOINTS = 12  # that are written out; the others may end anywhere
 _DISPLACEMENT = 0.5  # [rad, m]
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from mbocp._files import is_file, is_folder, path_of
+from mbocp._files import MEGABYTE, is_file, is_folder, path_of, read_text
 from mbocp._text import shorten, show
+from mbocp.exceptions import Unreadable
 from mbocp.robot.loading.unpacked import unpacked_file, unpacked_root
 
+MANIFEST = "package.xml"  # in the folder of a ROS package
+_MANIFEST_LIMIT = MEGABYTE
+_PACKAGE_NAME = re.compile(r"<name>\s*([^\s<]+)\s*</name>")
 NO_PACKAGE = ": no package folder "  # in the message about an address without one
 _SCHEMES = ("package://", "model://")
 
@@ -40,9 +45,7 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
 
 
 def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
-    folders = [*package_dirs, *_environment_packages(), base, *base.parents]
-    roots = [folder / package for folder in folders if is_folder(folder / package)]
-    roots += [folder for folder in folders if folder.name == package]
+    roots = package_folders(package, base, package_dirs)
     if not roots:
         raise FileNotFoundError(
             f"{shorten(uri)}{NO_PACKAGE}{show(package)} found, name its parent in package_dirs or "
@@ -54,10 +57,41 @@ def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Ite
     raise FileNotFoundError(f"{shorten(uri)}: {shorten(str(roots[0] / rest))} does not exist")
 
 
+def package_folders(package: str, base: Path, package_dirs: Iterable[Path]) -> list[Path]:
+    """Folders that may be the package, the likeliest first.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package.
+    base : Path
+        Folder of the file that names it.
+    package_dirs : iterable of Path
+        Folders to look in first.
+    """
+    folders = [*package_dirs, *_environment_packages(), base, *base.parents]
+    roots = [folder / package for folder in folders if is_folder(folder / package)]
+    return roots + [folder for folder in folders if _is_package(folder, package)]
+
+
+def _is_package(folder: Path, package: str) -> bool:
+    """Whether a folder is called so, or its package.xml says so: folders of repositories have other names."""
+    if folder.name == package:
+        return True
+    try:
+        manifest = read_text(folder / MANIFEST, limit=_MANIFEST_LIMIT)
+    except Unreadable:
+        return False
+    named = _PACKAGE_NAME.search(manifest)
+    return named is not None and named[1] == package
+
+
 def _environment_packages() -> list[Path]:
+    """Folders of packages: of a ROS 1 workspace, those of its repositories, too."""
     ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    inner = [folder for path in ros if path.is_dir() for folder in sorted(path.iterdir()) if folder.is_dir()]
     ament = [Path(p) / "share" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    return ros + ament
+    return [*ros, *inner, *ament]
 
 
 def absolute(path: str | Path, base: Path | None) -> Path:

@@ -20,7 +20,7 @@ from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import trace_frames
-from mbocp.robot.loading.formats import FORMATS, format_of
+from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
@@ -63,6 +63,8 @@ def describe_source(
     table = read_robot_toml(source.path) if source.kind == "toml" else None
     if table is not None and table.parts:
         return _describe_parts(source, table, keys, folders, within)
+    if keys.arguments and not source.is_file:
+        raise RobotError(f"arguments: robot {source.name!r} takes none; only xacro files do")
     free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
     has_dynamics, inertias = _masses(table, keys)
     if table is not None:
@@ -81,7 +83,7 @@ def describe_source(
             inertias=inertias,
         )
     else:
-        reader = FORMATS[source.kind].reader()
+        reader = reader_of(source.path, folders, keys.arguments)
         found = reader.read(
             source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias
         )
@@ -110,11 +112,19 @@ def _with_table(
 ) -> Description:
     """The model that a robot.toml names, with its tables."""
     path, folders = model_file(source.path, table, folders)
-    name, reader = table.name or source.name, format_of(path).reader()
+    arguments = {**(table.arguments or {}), **(keys.arguments or {})}
+    name, reader = table.name or source.name, reader_of(path, folders, arguments)
     free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
     mimic = table.mimic if keys.mimic is None else keys.mimic
     found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias)
-    return replace(found, name=name, table=table, file=source.path)
+    return replace(found, name=name, table=_added(found.table, table), file=source.path)
+
+
+def _added(own: RobotTable, table: RobotTable) -> RobotTable:
+    """What a robot.toml says, on what its file says; loops are those of both."""
+    said = {key: getattr(table, key) for key in table.model_fields_set}
+    loops = [*own.constraints, *table.constraints]
+    return own.model_copy(update={**said, "constraints": loops})
 
 
 def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[Path, tuple[Path, ...]]:

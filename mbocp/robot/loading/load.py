@@ -43,6 +43,7 @@ def load_robot(
     damping: bool | None = None,
     friction: str | None = None,
     friction_speed: float | None = None,
+    arguments: Mapping[str, Any] | None = None,
     name: str | None = None,
     package_dirs: Sequence[str | Path] = (),
     rotations: str | None = None,
@@ -55,9 +56,9 @@ def load_robot(
     Parameters
     ----------
     spec : str or Path
-        A path (to a URDF, a robot.toml or robot.yaml, or a folder that holds one), or a name. A text counts
-        as a path if it has a path separator or ends in .urdf, .xml, .toml or .yaml. Names are looked up under
-        the folders of MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in
+        A path (to a robot.toml, a URDF or a file of another format, or a folder that holds one), or a name. A
+        text counts as a path if it has a path separator or the ending of such a file. Names are looked up
+        under the folders of MBOCP_ROBOT_PATH, in mbocp's own robots/, in example-robot-data, and in
         robot_descriptions, in this order.
     free_flyer : bool, optional
         Whether the root link floats (joint "root_joint") or is fixed to the world. Default: what robot.toml
@@ -89,6 +90,8 @@ def load_robot(
     friction_speed : float, optional
         Speed over which friction is smoothed, F tanh(v / friction_speed) [rad/s, m/s]. Default: what
         robot.toml says, else 0.1.
+    arguments : mapping, optional
+        Values of the arguments of a xacro file, beside those that robot.toml gives.
     name : str, optional
         What to call the robot. Default: the name that was given, or that robot.toml or the URDF gives.
     package_dirs : sequence of str or Path, optional
@@ -139,6 +142,7 @@ def load_robot(
             damping=damping,
             friction=friction,
             friction_speed=friction_speed,
+            arguments=plain(arguments),
             label=name,
             package_dirs=[str(folder) for folder in package_dirs],
             rotations=rotations,
@@ -171,8 +175,8 @@ def load_parts(
         Tables with ``robot`` (name or path), ``name`` (joints and frames of the part are called
         ``name/...``), ``position`` [m] and ``orientation`` (quaternion xyzw, or roll, pitch, yaw [rad]) of
         its base in the frame ``parent`` ("world" by default), and the options of `load_robot` free_flyer,
-        lock, actuated, mimic, dynamics, inertias, damping, friction, friction_speed, package_dirs and
-        payload. In place of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``,
+        lock, actuated, mimic, dynamics, inertias, damping, friction, friction_speed, arguments, package_dirs
+        and payload. In place of ``robot`` a simple body has ``mass`` [kg], ``com``, ``inertia`` and ``box``,
         ``sphere`` or ``cylinder`` [m], as a `Payload`; it floats unless free_flyer is False.
     lock : mapping or sequence of str, optional
         More joints to make rigid, by their names in the whole.
@@ -232,8 +236,8 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     ----------
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
-        dynamics, inertias, damping, friction, friction_speed, package_dirs, rotations, payload, elastic, and
-        ``label``: what to call it. Or ``part`` and the options of `load_parts`.
+        dynamics, inertias, damping, friction, friction_speed, arguments, package_dirs, rotations, payload,
+        elastic, and ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 

@@ -46,9 +46,17 @@ def _lock(value: Any) -> Any:
     raise ValueError(f"got {show(value)}, expected a list of joint names or a table with a position for each")
 
 
+def _arguments(value: Any) -> Any:
+    allowed = (str, bool, int, float)
+    if isinstance(value, Mapping) and all(isinstance(one, allowed) for one in value.values()):
+        return dict(value)
+    raise ValueError(f"got {show(value)}, expected a table with a text, number or boolean for each argument")
+
+
 _OWN = "what the robot says"
 Number = Annotated[float, Kind("number", finite_number, float)]
 Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
+Arguments = Annotated[Any, Kind("table", _arguments, dict[str, str | bool | int | float])]
 
 _OF_OBJECTS = ("mass", "com", "inertia", *SHAPES)
 OF_FILES = (
@@ -59,6 +67,7 @@ OF_FILES = (
     "damping",
     "friction",
     "friction_speed",
+    "arguments",
 )  # how one file is read
 _OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
@@ -106,6 +115,9 @@ class ReadingKeys(Declared):
     ] = None
     friction_speed: Annotated[
         Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
+    ] = None
+    arguments: Annotated[
+        Arguments | None, Key("values of the `<xacro:arg>` of a [xacro file](robots.md#xacro)", "", _OWN)
     ] = None
     package_dirs: Annotated[
         list[str],

@@ -207,6 +207,7 @@ class RobotTable(Table):
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
     friction_speed: PositiveNumber | None = None
+    arguments: dict[str, str | bool | int | float] | None = None
     spherical: list[str] = Field(default=[])
     rotations: Literal["quaternion", "dcm"] | None = None
     undriven: Literal["free", "hold"] = "free"

@@ -2,7 +2,7 @@
 
 Look-up order of `find_source`:
 
-1. a `Path`, or a text with a path separator or the ending .urdf, .xml, .toml or .yaml: that file or folder;
+1. a `Path`, or a text with a path separator or the ending of a file of a robot: that file or folder;
 2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
    under mbocp's robots/;
 3. "chain_N": a chain of N links, see `mbocp.robot.loading.readers.chain`;
@@ -15,6 +15,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".toml", *(ending for each in FORMATS.values() for ending in each.endings))
+_DESCRIBED_BY = ("URDF_PATH", "MJCF_PATH")  # in modules of robot_descriptions
 # The first of them in a folder of the robot's name.
 _FILES = {"toml": "robot.toml", **{each.kind: each.file for each in FORMATS.values() if each.file}}
 
@@ -170,14 +172,20 @@ def _file_in(folder: Path) -> Path:
         if (folder / file).is_file():
             return folder / file
     usual = {each.name: each.endings[0] for each in FORMATS.values() if not each.file}
-    held = sorted(file for ending in usual.values() for file in folder.glob(f"*{ending}"))
-    if len(held) == 1:
-        return held[0]
+    held = {name: sorted(folder.glob(f"*{ending}")) for name, ending in usual.items()}
+    alone = next((files[0] for files in held.values() if len(files) == 1), None)  # a URDF beside its xacro
+    if alone is not None:
+        return alone
     raise RobotFileError(
         folder,
-        f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {' or '.join(usual)} (it "
-        f"has: {', '.join(file.name for file in held) or 'none'})",
+        f"this folder has no {' or '.join(_FILES.values())}, and not exactly one {_either(usual)} (it "
+        f"has: {', '.join(file.name for files in held.values() for file in files) or 'none'})",
     )
+
+
+def _either(names: Iterable[str]) -> str:
+    *first, last = names
+    return f"{', '.join(first)} or {last}"
 
 
 def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
@@ -192,7 +200,7 @@ def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
 
 
 def _from_robot_descriptions(name: str) -> Source | None:
-    """URDF that the package robot_descriptions knows by this name; None if it or the name is not there."""
+    """File that the package robot_descriptions knows by this name; None if it or the name is not there."""
     if not name.isidentifier() or importlib.util.find_spec("robot_descriptions") is None:
         return None
     try:
@@ -201,11 +209,15 @@ def _from_robot_descriptions(name: str) -> Source | None:
         module: Any = importlib.import_module(f"robot_descriptions.{name}")
     except Exception as error:  # it clones repositories on import: anything may go wrong, the network first
         raise RobotFileError(f"robot_descriptions.{name}", f"could not be fetched: {error}") from error
-    path = getattr(module, "URDF_PATH", None)
+    path = next((getattr(module, key) for key in _DESCRIBED_BY if hasattr(module, key)), None)
     if path is None:
-        raise RobotFileError(f"robot_descriptions.{name}", "has no URDF (only MJCF?), and mbocp reads URDF")
+        raise RobotFileError(f"robot_descriptions.{name}", "has no URDF and no MJCF")
     packages = [
         Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
     ]
-    folders = (folder for package in packages for folder in (package, package.parent))
-    return Source("urdf", name, name, Path(path), tuple(folders))
+    path = Path(path)
+    return Source(format_of(path).kind, name, name, path, tuple(_with_parents(packages)))
+
+
+def _with_parents(folders: Iterable[Path]) -> list[Path]:
+    return [f for folder in folders for f in (folder, folder.parent)]

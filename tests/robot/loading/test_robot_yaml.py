@@ -149,5 +149,5 @@ def test_names_that_there_are_not(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / "two" / f"{name}.urdf").write_text(urdfs.chain("revolute"))
     (tmp_path / "two" / "robot.yaml").write_text(LOOP)
-    with pytest.raises(RobotFileError, match=r"no such URDF file"):
+    with pytest.raises(RobotFileError, match=r"no such file"):
         load_robot(tmp_path / "two")

@@ -152,12 +152,21 @@ def test_robot_descriptions(descriptions: Path) -> None:
             f"{key} = {str(path)!r}\n" for key, path in [("URDF_PATH", urdf), ("PACKAGE_PATH", urdf.parent)]
         )
     )
-    (descriptions / "mjcf_description.py").write_text("MJCF_PATH = 'x.xml'\n")
+    (descriptions / "empty_description.py").write_text("REPOSITORY_PATH = 'x'\n")
+    ball = descriptions / "data" / "ball.xml"
+    ball.write_text(
+        '<mujoco model="ball"><worldbody><body name="b"><joint name="hinge"/>'
+        '<geom size="0.1" pos="1 0 0"/></body></worldbody></mujoco>'
+    )
+    (descriptions / "ball_description.py").write_text(f"MJCF_PATH = {str(ball)!r}\n")
     (descriptions / "offline_description.py").write_text("raise OSError('no network')\n")
     robot = load_robot("arm_description")
     assert (robot.nv, robot.spec) == (2, {"name": "arm_description"})
-    with pytest.raises(RobotFileError, match=r"robot_descriptions.mjcf_description: has no URDF"):
-        load_robot("mjcf_description")
+    assert load_robot("ball_description").joint_names == ("hinge",)
+    with pytest.raises(
+        RobotFileError, match=r"robot_descriptions.empty_description: has no URDF and no MJCF"
+    ):
+        load_robot("empty_description")
     with pytest.raises(RobotFileError, match=r"could not be fetched: no network"):
         load_robot("offline_description")
     with pytest.raises(UnknownRobot):

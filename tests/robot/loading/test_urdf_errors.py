@@ -20,7 +20,7 @@ def test_missing_file(tmp_path: Path) -> None:
 def test_folder_without_a_robot(tmp_path: Path) -> None:
     with pytest.raises(
         RobotFileError,
-        match=r"this folder has no robot\.toml or robot\.yaml, and not exactly one URDF \(it has: none",
+        match=r"has no robot\.toml or robot\.yaml, and not exactly one URDF, xacro, MJCF or SDF",
     ):
         load_robot(tmp_path)
 
@@ -29,7 +29,7 @@ BROKEN = {
     "malformed XML: .*line 1": "<robot name='r'><link></robot>",
     r"not a URDF: it is an SDF file": "<sdf version='1.6'/>",
     r"expected the root element <robot>": "<machine/>",
-    r"xacro macros in it: expand them first": (
+    r"xacro macros in it: let its name end in": (
         '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>'
     ),
     r"has no link": robot(),

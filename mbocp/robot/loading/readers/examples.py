@@ -76,7 +76,7 @@ def description(name: str) -> str:
     """One line about a robot, without loading it."""
     loader = _loaders()[name]
     if not loader.urdf_filename:
-        return f"{loader.sdf_filename}: an SDF file, which mbocp does not read"
+        return f"{loader.sdf_filename}: an SDF file, to be loaded by its path"
     return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
 
 
@@ -141,7 +141,7 @@ def _readable_facts(name: str) -> ExampleFacts:
     loader = _loaders()[name]
     if not loader.urdf_filename:
         raise UnsupportedRobot(
-            f"robot {name!r} is described by {loader.sdf_filename}, an SDF file: mbocp reads URDF"
+            f"robot {name!r} is described by {loader.sdf_filename}, an SDF file: load it by its path"
         )
     root = Path(
         loader.model_path or _model_path(f"{loader.path}/{loader.urdf_subpath}/{loader.urdf_filename}")

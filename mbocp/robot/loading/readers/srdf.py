@@ -13,7 +13,10 @@ _MAX_BYTES = 4 * MEGABYTE
 
 def find_srdf(urdf: Path) -> Path | None:
     """The SRDF of a URDF's name beside it, or in the folder srdf next to its own; None if there is none."""
-    name = urdf.with_suffix(".srdf").name
+    stem = urdf.stem
+    while stem.endswith((".urdf", ".xacro")):  # panda.urdf.xacro
+        stem = Path(stem).stem
+    name = f"{stem}.srdf"
     places = (urdf.parent / name, urdf.parent.parent / "srdf" / name)
     return next((place for place in places if is_file(place)), None)
 

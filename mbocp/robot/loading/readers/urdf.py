@@ -74,10 +74,14 @@ def read_urdf(path: Path) -> Urdf:
         If it has a joint type that is not supported, a negative or NaN mass, moment of inertia, damping or
         friction.
     """
-    urdf = parse_urdf(path)
-    check_tree(path, urdf.root)
-    read_inertials(path, urdf.root)
-    check_losses(path, urdf.root)
+    return check_urdf(parse_urdf(path))
+
+
+def check_urdf(urdf: Urdf) -> Urdf:
+    """Check links, joints and numbers, as `read_urdf` does."""
+    check_tree(urdf.path, urdf.root)
+    read_inertials(urdf.path, urdf.root)
+    check_losses(urdf.path, urdf.root)
     return urdf
 
 

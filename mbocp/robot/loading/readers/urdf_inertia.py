@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -87,6 +88,13 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
             "as they stand. Check units (kg m^2) and axes",
             ImpossibleInertiaWarning,
         )
+
+
+def faults_of(model: pin.Model) -> Iterator[tuple[int, str]]:
+    """Joints that move what no body can be, and what is wrong with it."""
+    for joint in range(1, model.njoints):
+        if words := _fault(_inertial(model, joint)):
+            yield joint, words
 
 
 def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> list[str]:

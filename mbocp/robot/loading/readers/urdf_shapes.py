@@ -51,7 +51,7 @@ def build_visuals(urdf: Urdf, model: pin.Model, folders: Sequence[Path]) -> pin.
             continue
         if shape is not None:
             color = _color(urdf, shape.where, visual.find("material"), materials)
-            visuals.addGeometryObject(_object(model, shape, color))
+            visuals.addGeometryObject(object_of(model, shape, color))
     if missing:
         path = urdf.path if unpacked_root(urdf.path.parent) is None else urdf.path.name  # that of a result
         warn_caller(
@@ -172,7 +172,8 @@ def _sizes(urdf: Urdf, what: str, text: str | None, count: int) -> Array:
     return sizes
 
 
-def _object(model: pin.Model, shape: LinkShape, color: Array | None) -> pin.GeometryObject:
+def object_of(model: pin.Model, shape: LinkShape, color: Array | None) -> pin.GeometryObject:
+    """What draws a shape; a mesh is an empty placeholder with its path."""
     frame = model.getFrameId(shape.link, pin.FrameType.BODY)
     at, name = model.frames[frame], f"{shape.link}_{shape.number}"
     rgba = np.array(_GREY if color is None else color)

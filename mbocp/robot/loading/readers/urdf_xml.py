@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._files import MEGABYTE, read_text
+from mbocp._files import XML_LIMIT, read_text
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable
 
@@ -19,7 +19,7 @@ LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers
 # Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
-_MAX_BYTES = 16 * MEGABYTE  # of a URDF [bytes]; the largest that we know has 0.4 MB
+
 _MAX_LEVELS = 100  # of elements within each other; a URDF needs six
 
 
@@ -45,25 +45,50 @@ def parse_urdf(path: Path) -> Urdf:
     RobotFileError
         If it is missing, malformed, or something else.
     """
+    text, root = read_xml(path)
+    if has_macros(root):
+        raise RobotFileError(path, "has xacro macros in it: let its name end in .xacro")
+    return urdf_of(path, text, root)
+
+
+def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
+    """Read an XML file of a robot, within bounds: its text and its root element.
+
+    Raises
+    ------
+    RobotFileError
+        If it is missing or malformed.
+    """
     if not os.path.lexists(path):
-        raise RobotFileError(path, "no such URDF file")
+        raise RobotFileError(path, "no such file")
     try:
-        text = read_text(path, expected="a URDF", limit=_MAX_BYTES)
+        text = read_text(path, expected="a URDF", limit=XML_LIMIT)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
+    return parse_xml(path, text)
+
+
+def parse_xml(path: Path, text: str) -> tuple[str, ElementTree.Element]:
+    """Parse the text of a file; the text that is returned has its declaration first."""
     text = _declared_first(text)
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotFileError(path, f"malformed XML: {error}") from error
     _check_depth(path, root)
+    return text, root
+
+
+def has_macros(root: ElementTree.Element) -> bool:
+    """Whether there are macros of xacro in a file."""
+    return any("xacro" in element.tag for element in root.iter())
+
+
+def urdf_of(path: Path, text: str, root: ElementTree.Element) -> Urdf:
+    """A URDF of what was parsed; refuse another format."""
     if root.tag != "robot":
         what = _FOREIGN_ROOTS.get(root.tag, f"XML with the root element <{root.tag}>")
         raise RobotFileError(path, f"not a URDF: it is {what}, expected the root element <robot>")
-    if any("xacro" in element.tag for element in root.iter()):
-        raise RobotFileError(
-            path, "has xacro macros in it: expand them first (`xacro in.urdf.xacro > out.urdf`)"
-        )
     return Urdf(path, text, root)
 
 

@@ -1,0 +1,221 @@
+"""Geoms of an MJCF: shapes, and the inertias that follow from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import show
+from mbocp.exceptions import RobotFileError
+from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.loading.addresses import resolve
+from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
+from mbocp.robot.loading.readers.tree import TreeShape
+
+_DENSITY = 1000.0  # [kg/m^3]
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+_WITHOUT_BODY = ("plane", "hfield", "sdf")
+_LAST_DRAWN = 2  # group that MuJoCo's viewers show
+_MESH_INERTIAS = ("legacy", "exact")
+_NO_VOLUME = 1e-15  # [m^3]
+_TWO_POINTS = ("capsule", "cylinder", "ellipsoid", "box")
+
+
+@dataclass(frozen=True)
+class MeshAsset:
+    """A mesh by its address, as a file names it, its scale, and how its inertia is worked out."""
+
+    address: str
+    scale: Array
+    inertia: str
+
+
+@dataclass(frozen=True)
+class Geom:
+    """A geom: its type, its sizes (half lengths) [m], its placement in the body."""
+
+    node: Node
+    kind: str
+    sizes: Array
+    placement: pin.SE3
+    mesh: MeshAsset | None
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether it may collide."""
+        return bool(self.node.number("contype", 1.0) or self.node.number("conaffinity", 1.0))
+
+
+def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
+    """Meshes of an MJCF by name."""
+    folder = mjcf.compiler.get("meshdir", mjcf.compiler.get("assetdir", ""))
+    found: dict[str, MeshAsset] = {}
+    for element in mjcf.each("asset"):
+        if element.tag != "mesh" or "file" not in element.attrib:
+            continue
+        node = mjcf.node(element)
+        file = node.text("file")
+        name = node.text("name", Path(file).stem)
+        if mjcf.compiler.get("strippath", "false") == "true":
+            file = Path(file).name
+        address = file if Path(file).is_absolute() or not folder else f"{folder.rstrip('/')}/{file}"
+        inertia = node.text("inertia", "legacy")
+        found[name] = MeshAsset(address, node.three("scale", (1.0, 1.0, 1.0)), inertia)
+    return found
+
+
+def read_geom(node: Node, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Geom | None:
+    """Read a geom; None if it has no body: planes, height fields.
+
+    Raises
+    ------
+    RobotFileError
+        For an unknown type or mesh, and for sizes that are missing.
+    """
+    kind = node.text("type", "sphere")
+    if "mesh" in node.said and kind != "mesh":  # a primitive that MuJoCo fits around a mesh
+        raise RobotFileError(node.path, f"{node.where}: type {kind!r} fitted to a mesh is not supported")
+    if kind in _WITHOUT_BODY:
+        return None
+    if kind == "mesh":
+        name = node.text("mesh")
+        if name not in meshes:
+            raise RobotFileError(node.path, f"{node.where}: there is no mesh file {show(name)}")
+        return Geom(node, kind, np.zeros(0), frame * node.placement, meshes[name])
+    if kind not in _SIZES:
+        raise RobotFileError(node.path, f"{node.where}: unknown type {show(kind)}")
+    size, placement = node.vector("size", None), node.placement
+    if "fromto" in node.said and kind in _TWO_POINTS:
+        ends = node.vector("fromto", None, 6)
+        across = ends[3:6] - ends[:3]
+        half = float(np.linalg.norm(across)) / 2.0
+        if not half:
+            raise RobotFileError(node.path, f"{node.where}: fromto has twice the same point")
+        placement = pin.SE3(turn_to(across / (2.0 * half)), (ends[:3] + ends[3:6]) / 2.0)
+        size = (
+            np.array([size[0], half] if _SIZES[kind] == 2 else [size[0], size[0], half])
+            if len(size)
+            else size
+        )
+    if len(size) < _SIZES[kind] or not np.all(size[: _SIZES[kind]] > 0.0):
+        words = f"size is {show(node.text('size'))}, expected {_SIZES[kind]} positive numbers"
+        raise RobotFileError(node.path, f"{node.where}: {words}")
+    return Geom(node, kind, size[: _SIZES[kind]], frame * placement, None)
+
+
+def inertia_of(geom: Geom, folders: Sequence[Path]) -> pin.Inertia:
+    """Inertia in the body, from mass or density.
+
+    Raises
+    ------
+    RobotFileError
+        For a mesh that is missing or encloses no volume.
+    """
+    node = geom.node
+    mass, density = (
+        node.number(key, default) for key, default in (("mass", math.nan), ("density", _DENSITY))
+    )
+    if mass < 0.0 or density < 0.0:
+        raise RobotFileError(node.path, f"{node.where}: its mass or density is negative")
+    if mass == 0.0 or (math.isnan(mass) and density == 0.0):
+        return pin.Inertia.Zero()
+    if node.text("shellinertia", "false") == "true":
+        raise RobotFileError(node.path, f"{node.where}: shellinertia is not supported; write <inertial>")
+    if geom.mesh is not None:
+        volume, unit = _of_mesh(geom, geom.mesh, folders)
+    else:
+        volume, unit = _UNIT[geom.kind](geom.sizes)
+    mass = density * volume if math.isnan(mass) else mass
+    return geom.placement.act(pin.Inertia(mass, unit.lever, mass * unit.inertia))
+
+
+def shape_of(
+    geom: Geom, body: str, number: int, colors: Mapping[str, Array], folders: Sequence[Path]
+) -> TreeShape:
+    """What is drawn, and what may collide.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a mesh is missing.
+    """
+    node, unscaled = geom.node, np.ones(3)
+    where = f"{node.where} of body {show(body)}"
+    mesh, scale = "", unscaled
+    if geom.mesh is not None:
+        made: coal.CollisionGeometry = coal.BVHModelOBBRSS()
+        mesh, scale = str(resolve(geom.mesh.address, node.path.parent, folders)), geom.mesh.scale
+    else:
+        made = _SHAPES[geom.kind](geom.sizes)
+    shape = LinkShape(body, number, where, made, mesh, scale, geom.placement)
+    color = node.vector("rgba", None, 4) if "rgba" in node.said else colors.get(node.text("material"))
+    return TreeShape(shape, color, node.number("group", 0.0) <= _LAST_DRAWN, geom.is_solid)
+
+
+def materials_of(mjcf: Mjcf) -> dict[str, Array]:
+    """Colours of materials by name."""
+    nodes = [mjcf.node(element) for element in mjcf.each("asset") if element.tag == "material"]
+    return {node.text("name"): node.vector("rgba", (1.0, 1.0, 1.0, 1.0)) for node in nodes}
+
+
+_SHAPES: Mapping[str, Callable[[Array], coal.CollisionGeometry]] = {
+    "sphere": lambda s: coal.Sphere(float(s[0])),
+    "capsule": lambda s: coal.Capsule(float(s[0]), 2.0 * float(s[1])),
+    "cylinder": lambda s: coal.Cylinder(float(s[0]), 2.0 * float(s[1])),
+    "box": lambda s: coal.Box(*(2.0 * s)),
+}
+_UNIT: Mapping[str, Callable[[Array], tuple[float, pin.Inertia]]] = {
+    "sphere": lambda s: (4.0 / 3.0 * math.pi * s[0] ** 3, pin.Inertia.FromSphere(1.0, s[0])),
+    "capsule": lambda s: (
+        math.pi * s[0] ** 2 * (2.0 * s[1] + 4.0 / 3.0 * s[0]),
+        pin.Inertia.FromCapsule(1.0, s[0], 2.0 * s[1]),
+    ),
+    "cylinder": lambda s: (2.0 * math.pi * s[0] ** 2 * s[1], pin.Inertia.FromCylinder(1.0, s[0], 2.0 * s[1])),
+    "box": lambda s: (8.0 * s.prod(), pin.Inertia.FromBox(1.0, *(2.0 * s))),
+    "ellipsoid": lambda s: (4.0 / 3.0 * math.pi * s.prod(), pin.Inertia.FromEllipsoid(1.0, *s)),
+}
+
+
+def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> tuple[float, pin.Inertia]:
+    """Volume, and inertia of 1 kg in it, from the signed tetrahedra between triangles and the origin."""
+    node = geom.node
+    if mesh.inertia not in _MESH_INERTIAS:
+        words = f"its mesh has inertia {show(mesh.inertia)}, expected one of {', '.join(_MESH_INERTIAS)}"
+        raise RobotFileError(node.path, f"{node.where}: {words}; or write <inertial>")
+    try:
+        points, triangles = read_triangles(resolve(mesh.address, node.path.parent, folders))
+    except UNREADABLE as error:
+        words = "its body has no <inertial>, and the mesh that its mass follows from cannot be read"
+        raise RobotFileError(node.path, f"{node.where}: {words}: {error}") from error
+    corners = (np.asarray(points) * mesh.scale)[np.asarray(triangles)]
+    # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed.
+    apex, sign = _middle(corners), np.abs if mesh.inertia == "legacy" else np.positive
+    volumes = sign(np.linalg.det(corners - apex) / 6.0)
+    volume = float(volumes.sum())
+    if abs(volume) <= _NO_VOLUME:
+        raise RobotFileError(node.path, f"{node.where}: its mesh encloses no volume; write <inertial>")
+    center = apex + volumes @ (corners - apex).sum(axis=1) / (4.0 * volume)
+    corners = corners - center
+    volumes, sums = sign(np.linalg.det(corners) / 6.0), corners.sum(axis=1)
+    # Second moments of a tetrahedron: V/20 (sum of c c' + (sum of c) (sum of c)'), c its corners.
+    second = np.einsum("n,nij,nik->jk", volumes, corners, corners)
+    second = (second + np.einsum("n,ni,nj->ij", volumes, sums, sums)) / (20.0 * volume)
+    second = (second + second.T) / 2.0
+    return abs(volume), pin.Inertia(1.0, center, np.trace(second) * np.eye(3) - second)
+
+
+def _middle(corners: Array) -> Array:
+    """Centre of the surface."""
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    if not areas.sum():
+        return np.zeros(3)
+    middle: Array = areas @ corners.mean(axis=1) / areas.sum()
+    return middle

@@ -1,0 +1,223 @@
+"""The text of an SDF: the model in it, numbers, and poses relative to links, joints and frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import list_names, show
+from mbocp.exceptions import RobotFileError, UnsupportedRobot, suggest
+from mbocp.robot.kinematics import WORLD
+from mbocp.robot.loading.readers.urdf_xml import finite_numbers, read_xml
+
+MODEL = "__model__"  # the frame of the model itself
+_MAX_NAMES = 5
+_MAX_ROW = 400  # frames that are placed in one another; Python's stack has 1000 levels
+_YES = ("true", "1")
+_IN_MODEL_AXES = (1, 4)  # up to this version axes of joints are those of the model
+_NO_LIMIT = 1e16
+_PLACED = ("link", "joint", "frame")
+_SUBMODELS = ("model", "include")
+
+
+@dataclass(frozen=True)
+class Sdf:
+    """The model of an SDF.
+
+    Attributes
+    ----------
+    path : Path
+    element : Element
+        <model>.
+    version : (int, int)
+    gravity : ndarray, shape (3,), or None
+        Of the world that the model is in.
+    """
+
+    path: Path
+    element: ElementTree.Element
+    version: tuple[int, int]
+    gravity: Array | None
+
+    @property
+    def name(self) -> str:
+        """Of the model."""
+        return self.element.get("name") or self.path.stem
+
+    def numbers(
+        self, element: ElementTree.Element, tag: str, where: str, default: tuple[float, ...]
+    ) -> Array:
+        """Numbers in a child; `default` if there is none.
+
+        Raises
+        ------
+        RobotFileError
+            For what is no number, and for another count.
+        """
+        return finite_numbers(self.path, f"{where}: {tag}", element.findtext(tag), default)
+
+    def number(self, element: ElementTree.Element, tag: str, where: str, default: float) -> float:
+        """The number in a child."""
+        return float(self.numbers(element, tag, where, (default,))[0])
+
+    def limit(self, element: ElementTree.Element, tag: str, where: str, default: float) -> float:
+        """A limit: infinite from 1e16 on, as the format says, and for inf, as some files do."""
+        try:
+            value = float(element.findtext(tag) or default)
+        except ValueError:
+            value = math.nan
+        if abs(value) >= _NO_LIMIT:
+            return math.copysign(math.inf, value)
+        return self.number(element, tag, where, default)
+
+    def pose(self, element: ElementTree.Element, where: str) -> pin.SE3:
+        """The <pose> of an element, in whichever frame it is given."""
+        found = element.find("pose")
+        if found is None or not (found.text or "").strip():
+            return pin.SE3.Identity()
+        if found.get("rotation_format") == "quat_xyzw":
+            values = finite_numbers(self.path, f"{where}: pose", found.text, (0.0,) * 7)
+            if not np.any(values[3:]):
+                raise RobotFileError(
+                    self.path, f"{where}: pose is {show(found.text)}: its quaternion is zero"
+                )
+            return pin.SE3(pin.Quaternion(values[3:] / np.linalg.norm(values[3:])).matrix(), values[:3])
+        values = finite_numbers(self.path, f"{where}: pose", found.text, (0.0,) * 6)
+        angles = np.radians(values[3:]) if found.get("degrees") in _YES else values[3:]
+        return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
+
+    @cached_property
+    def placed(self) -> dict[str, ElementTree.Element]:
+        """Links, joints and frames by name."""
+        found: dict[str, ElementTree.Element] = {}
+        for element in (e for tag in _PLACED for e in self.element.iterfind(tag)):
+            name = element.get("name", "")
+            if name in found or not name:
+                raise RobotFileError(
+                    self.path, f"the name {show(name)} is given to more than one link, joint or frame"
+                )
+            found[name] = element
+        return found
+
+    def place(self, name: str, passed: tuple[str, ...] = ()) -> pin.SE3:
+        """Where a link, joint or frame is in the model.
+
+        Raises
+        ------
+        RobotFileError
+            For a name that there is not, and for frames that are placed in a circle.
+        """
+        if name == MODEL:
+            return pin.SE3.Identity()
+        if name not in self.placed:
+            words = f"there is no link, joint or frame {show(name)}: {suggest(name, self.placed)}"
+            raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
+        if name in passed:
+            raise RobotFileError(
+                self.path, f"frames are placed in a circle: {list_names(passed, _MAX_NAMES)}"
+            )
+        if len(passed) > _MAX_ROW:
+            raise UnsupportedRobot(f"{self.path}: more than {_MAX_ROW} frames are placed in a row")
+        element = self.placed[name]
+        where = f"{element.tag} {show(name)}"
+        return self.place(self._relative_to(element), (*passed, name)) * self.pose(element, where)
+
+    def _relative_to(self, element: ElementTree.Element) -> str:
+        """What the pose of a link, joint or frame is relative to."""
+        pose = element.find("pose")
+        said = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
+        if said:
+            return said
+        if element.tag == "joint":
+            return (element.findtext("child") or "").strip()
+        return element.get("attached_to") or MODEL
+
+    def link_of(self, name: str) -> str:
+        """The link that a link, joint or frame moves with; the world by its name."""
+        passed: list[str] = []
+        name = self._canonical if name == MODEL else name
+        while name != WORLD and self.placed.get(name) is not None and self.placed[name].tag != "link":
+            element = self.placed[name]
+            passed.append(name)
+            name = (
+                (element.findtext("child") or "").strip()
+                if element.tag == "joint"
+                else element.get("attached_to") or MODEL
+            )
+            name = self._canonical if name == MODEL else name
+            if name in passed:
+                raise RobotFileError(self.path, f"frames move in a circle: {list_names(passed, _MAX_NAMES)}")
+        if name != WORLD and name not in self.placed:
+            words = f"there is no link or frame {show(name)}: {suggest(name, self.placed)}"
+            raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
+        return name
+
+    @property
+    def _canonical(self) -> str:
+        first = self.element.find("link")
+        named = "" if first is None else first.get("name", "")
+        return self.element.get("canonical_link", named)
+
+    def axis(self, joint: ElementTree.Element, tag: str, where: str) -> Array:
+        """Unit vector of an <axis> in the axes of the joint."""
+        element = joint.find(tag)
+        xyz = None if element is None else element.find("xyz")
+        text = None if xyz is None else xyz.text
+        axis = finite_numbers(self.path, f"{where}: {tag} xyz", text, (0.0, 0.0, 1.0))
+        norm = float(np.linalg.norm(axis))
+        if norm == 0.0:
+            raise RobotFileError(self.path, f"{where}: {tag} xyz is zero, expected a direction")
+        frame = "" if xyz is None else xyz.get("expressed_in", "")
+        in_model = element is not None and element.findtext("use_parent_model_frame", "").strip() in _YES
+        if not frame and (self.version <= _IN_MODEL_AXES or in_model):
+            frame = MODEL
+        if frame:
+            turn = self.place(joint.get("name", "")).rotation.T @ self.place(frame).rotation
+            axis = turn @ axis
+        unit: Array = axis / norm
+        return unit
+
+
+def parse_sdf(path: Path) -> Sdf:
+    """Read the model of an SDF: its only one, or the only one of its world that is not static.
+
+    Raises
+    ------
+    RobotFileError, UnsupportedRobot
+        For a file that is missing, malformed or something else, and for no model or several.
+    """
+    _, root = read_xml(path)
+    if root.tag != "sdf":
+        words = f"it is XML with the root element <{root.tag}>, expected <sdf>"
+        raise RobotFileError(path, f"not an SDF: {words}")
+    world = root.find("world")
+    inside = root if world is None else world
+    models = inside.findall("model")
+    if len(models) > 1:
+        models = [model for model in models if model.findtext("static", "").strip() not in _YES]
+    if len(models) != 1:
+        names = list_names([model.get("name", "") for model in models], _MAX_NAMES) or "none"
+        raise RobotFileError(path, f"expected one model that is not static, got {names}")
+    for tag in _SUBMODELS:
+        inner = models[0].find(tag)
+        if inner is not None:
+            what = inner.get("name") or inner.findtext("uri", "").strip()
+            raise UnsupportedRobot(f"{path}: <{tag}> {show(what)} within a model is not supported; put it in")
+    gravity = None
+    if world is not None and world.find("gravity") is not None:
+        gravity = finite_numbers(path, "gravity", world.findtext("gravity"), (0.0, 0.0, -9.8))
+    return Sdf(path, models[0], _version(path, root.get("version", "1.7")), gravity)
+
+
+def _version(path: Path, text: str) -> tuple[int, int]:
+    parts = text.split(".")[:2]
+    if len(parts) != 2 or not all(part.isdecimal() for part in parts):
+        raise RobotFileError(path, f"its version is {show(text)}, expected two numbers: 1.7")
+    return int(parts[0]), int(parts[1])

@@ -1,0 +1,394 @@
+"""From a tree of bodies to the model of a robot, for formats whose files Pinocchio does not read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import has_control_characters, list_names, show
+from mbocp._warn import warn_caller
+from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot import joints
+from mbocp.robot.collision.source import LinkShape, ShapeSource
+from mbocp.robot.kinematics import WORLD
+from mbocp.robot.loading.description import ROOT_JOINT
+from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
+from mbocp.robot.loading.readers.urdf_inertia import faults_of
+from mbocp.robot.loading.readers.urdf_shapes import object_of
+from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
+
+ELLIPSOIDS = "ellipsoids, neither drawn nor solid, of"  # coal's obstacles and pages have no such shape
+_MAX_NAMES = 5
+_MAX_NAME_LENGTH = 255
+_MODELS: dict[str, Callable[[Array], Any]] = {
+    "revolute": lambda axis: pin.JointModelRevoluteUnaligned(axis),
+    "continuous": lambda axis: pin.JointModelRevoluteUnboundedUnaligned(axis),
+    "prismatic": lambda axis: pin.JointModelPrismaticUnaligned(axis),
+    "ball": lambda _: pin.JointModelSpherical(),
+    "free": lambda _: pin.JointModelFreeFlyer(),
+}
+_ALIGNED = {
+    "revolute": (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
+    "continuous": (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ),
+    "prismatic": (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
+}
+
+
+@dataclass
+class TreeJoint:
+    """A joint between a body and its parent.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"revolute", "continuous", "prismatic", "ball", "free"}
+    axis : ndarray, shape (3,)
+        Unit vector in the axes of the body.
+    anchor : pin.SE3
+        Where the joint is in the body.
+    reference : float
+        Displacement with which the body is placed as it is written [rad, m].
+    lower, upper : float
+        Of the displacement [rad, m].
+    velocity, effort : float
+        [rad/s, m/s; N m, N].
+    damping, friction, armature : float
+        [N m s/rad, N s/m; N m, N; kg m^2, kg].
+    held : float, optional
+        Displacement at which it is rigid [rad, m]; then the model has no such joint.
+    """
+
+    name: str
+    kind: str
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    anchor: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    reference: float = 0.0
+    lower: float = -math.inf
+    upper: float = math.inf
+    velocity: float = math.inf
+    effort: float = math.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    armature: float = 0.0
+    held: float | None = None
+
+    def motion(self, displacement: float) -> pin.SE3:
+        """What the joint does from the reference to a displacement, of one without an axis nothing."""
+        change = displacement - self.reference
+        if self.kind == "prismatic":
+            return pin.SE3(np.eye(3), change * self.axis)
+        if self.kind in ("revolute", "continuous"):
+            return pin.SE3(pin.exp3(change * self.axis), np.zeros(3))
+        return pin.SE3.Identity()
+
+
+@dataclass
+class TreeShape:
+    """A shape of a body, drawn or solid or both."""
+
+    shape: LinkShape
+    color: Array | None
+    is_drawn: bool = True
+    is_solid: bool = True
+
+
+@dataclass(frozen=True)
+class MissingMesh:
+    """A mesh that is not there: whose it is, why, and whether it may collide."""
+
+    where: str
+    reason: str
+    is_solid: bool
+
+
+@dataclass
+class TreeBody:
+    """A body.
+
+    Attributes
+    ----------
+    name : str
+    parent : str or None
+        Body that it hangs on; None: the world.
+    placement : pin.SE3
+        In the parent, where the joints are at their references.
+    joints : list of TreeJoint
+        From the parent to the body; none: it is fixed.
+    inertia : pin.Inertia
+        In the body.
+    shapes : list of TreeShape
+    frames : list of (str, pin.SE3)
+        Named places on the body.
+    missing : list of MissingMesh
+    """
+
+    name: str
+    parent: str | None
+    placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    joints: list[TreeJoint] = field(default_factory=list)
+    inertia: pin.Inertia = field(default_factory=pin.Inertia.Zero)
+    shapes: list[TreeShape] = field(default_factory=list)
+    frames: list[tuple[str, pin.SE3]] = field(default_factory=list)
+    missing: list[MissingMesh] = field(default_factory=list)
+
+
+@dataclass
+class LeftOut:
+    """What a file says and the model does not have: names by kind."""
+
+    names: dict[str, list[str]] = field(default_factory=dict)
+
+    def add(self, kind: str, name: str) -> None:
+        """Note something."""
+        self.names.setdefault(kind, []).append(name)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a body is in the model: its joint, its placement there, its frame."""
+
+    joint: int
+    placement: pin.SE3
+    frame: int
+
+
+def build_tree(path: Path, name: str, bodies: Sequence[TreeBody], free_flyer: bool | None) -> pin.Model:
+    """Make the model of a tree of bodies, parents before children; q has the order of the bodies.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    name : str
+        Of the robot.
+    bodies : sequence of TreeBody
+    free_flyer : bool, optional
+        False: bodies that float in the world are fixed to it. True: what is fixed to it floats as a whole.
+
+    Raises
+    ------
+    RobotFileError, UnsupportedRobot
+        For names that occur twice, and for more joints than there may be.
+    """
+    bodies = _rooted(path, bodies, free_flyer)
+    _check_names(path, bodies)
+    model = pin.Model()
+    model.name = name
+    root = 0
+    if free_flyer and not any(joint.kind == "free" for body in bodies for joint in body.joints):
+        root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), ROOT_JOINT)
+        model.addJointFrame(root, 0)
+    places: dict[str | None, _Place] = {None: _Place(root, pin.SE3.Identity(), 0)}
+    for body in bodies:
+        places[body.name] = _add(model, body, places[body.parent])
+    return model
+
+
+def place_at_references(model: pin.Model, bodies: Sequence[TreeBody]) -> Array:
+    """The configuration in which bodies are placed as they are written, shape (nq,)."""
+    q: Array = pin.neutral(model)
+    for body in bodies:
+        for joint in body.joints:
+            if not model.existJointName(joint.name):
+                continue
+            where = joints.configuration_slice(model, model.getJointId(joint.name))
+            if joint.kind == "free":
+                q[where] = pin.SE3ToXYZQUAT(body.placement)
+            elif joint.kind == "continuous":
+                q[where] = math.cos(joint.reference), math.sin(joint.reference)
+            elif joint.kind != "ball":
+                q[where] = joint.reference
+    return q
+
+
+def placements_of(bodies: Sequence[TreeBody]) -> dict[str, pin.SE3]:
+    """Where bodies are in the world as they are written."""
+    placed = {WORLD: pin.SE3.Identity()}
+    for body in bodies:
+        placed[body.name] = placed[body.parent or WORLD] * body.placement
+    return placed
+
+
+def tell_left_out(path: Path, left_out: LeftOut) -> None:
+    """Warn of what is not modelled.
+
+    Warns
+    -----
+    NotModelledWarning
+        Once for the robot, naming each.
+    """
+    if left_out.names:
+        told = (f"{kind} {list_names(names, _MAX_NAMES)}" for kind, names in left_out.names.items())
+        warn_caller(f"{path}: not modelled, and left out: {'; '.join(told)}", NotModelledWarning)
+
+
+def tell_impossible(path: Path, model: pin.Model) -> None:
+    """Warn of bodies with inertias that none has.
+
+    Warns
+    -----
+    ImpossibleInertiaWarning
+        Once for the robot, naming them.
+    """
+    told = [f"what joint {show(model.names[j])} moves: {words}" for j, words in faults_of(model)]
+    if told:
+        more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
+        warn_caller(
+            f"{path}: physically impossible inertias ({'; '.join(told[:_MAX_NAMES])}{more}); they are used "
+            "as they stand. Check units (kg m^2) and axes",
+            ImpossibleInertiaWarning,
+        )
+
+
+def draw_tree(model: pin.Model, bodies: Sequence[TreeBody]) -> pin.GeometryModel:
+    """Shapes to draw."""
+    visuals = pin.GeometryModel()
+    for drawn in (shape for body in bodies for shape in body.shapes if shape.is_drawn):
+        visuals.addGeometryObject(object_of(model, drawn.shape, drawn.color))
+    return visuals
+
+
+def shapes_of_tree(
+    path: Path,
+    bodies: Sequence[TreeBody],
+    disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
+) -> ShapeSource:
+    """Say what a file has to say of the shapes of its bodies."""
+    drawn = frozenset(body.name for body in bodies if any(shape.is_drawn for shape in body.shapes))
+    return ShapeSource(path, partial(_solid, path, bodies), disabled, drawn)
+
+
+def refuse_inertias(path: Path, inertias: InertiasTable | None) -> None:
+    """Refuse estimates of masses: the format gives every body one, by numbers or by its shapes.
+
+    Raises
+    ------
+    RobotFileError
+    """
+    if inertias is not None:
+        raise RobotFileError(path, "estimates are for URDF and xacro; write the numbers here", "inertias")
+
+
+def tell_missing(path: Path, bodies: Sequence[TreeBody]) -> None:
+    """Warn of meshes that are not there.
+
+    Warns
+    -----
+    MissingMeshWarning
+        Once for the robot, naming the first.
+    """
+    missing = [mesh for body in bodies for mesh in body.missing]
+    if missing:
+        more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+        first = f"{missing[0].where}: {missing[0].reason}"
+        warn_caller(f"{path}: shown without its missing meshes ({first}{more})", MissingMeshWarning)
+
+
+def _solid(path: Path, bodies: Sequence[TreeBody]) -> Iterator[LinkShape]:
+    """Shapes that bodies collide with."""
+    for body in bodies:
+        for mesh in body.missing:
+            if mesh.is_solid:
+                raise RobotFileError(path, f"{mesh.where}: its mesh is missing: {mesh.reason}")
+        yield from (each.shape for each in body.shapes if each.is_solid)
+
+
+def _rooted(path: Path, bodies: Sequence[TreeBody], free_flyer: bool | None) -> list[TreeBody]:
+    """The bodies with free joints where they may be; the only one is called as that of a URDF."""
+    floating = [body for body in bodies if any(joint.kind == "free" for joint in body.joints)]
+    for body in floating:
+        if body.parent is not None or len(body.joints) > 1:
+            raise UnsupportedRobot(
+                f"{path}: body {show(body.name)} has a free joint, but it hangs on {show(body.parent)}"
+                if body.parent is not None
+                else f"{path}: body {show(body.name)} has other joints beside its free joint"
+            )
+        if free_flyer is False:
+            body.joints.clear()
+        elif len(floating) == 1:
+            body.joints[0].name = ROOT_JOINT
+    return list(bodies)
+
+
+def _add(model: pin.Model, body: TreeBody, parent: _Place) -> _Place:
+    """A body and its joints, from the outermost to the innermost."""
+    joint, frame = parent.joint, parent.frame
+    is_free = bool(body.joints) and body.joints[0].kind == "free"
+    placement = pin.SE3.Identity() if is_free else parent.placement * body.placement
+    for each in body.joints:
+        placement = placement * each.anchor * each.motion(0.0 if each.held is None else each.held)
+        if each.held is not None:
+            placement = placement * each.anchor.inverse()
+            continue
+        joint = model.addJoint(joint, _joint_model(each), placement, each.name)
+        frame = model.addJointFrame(joint, frame)
+        _say_numbers(model, joint, each)
+        placement = each.anchor.inverse()
+    if joint:
+        model.appendBodyToJoint(joint, body.inertia, placement)
+    frame = model.addFrame(
+        pin.Frame(body.name, joint, frame, placement, pin.FrameType.BODY, pin.Inertia.Zero()), False
+    )
+    for name, at in body.frames:
+        model.addFrame(
+            pin.Frame(name, joint, frame, placement * at, pin.FrameType.OP_FRAME, pin.Inertia.Zero()), False
+        )
+    return _Place(joint, placement, frame)
+
+
+def _joint_model(joint: TreeJoint) -> Any:
+    """Pinocchio's joint, by its own type for an axis of the frame."""
+    if joint.kind in _ALIGNED:
+        for axis, kind in zip(np.eye(3), _ALIGNED[joint.kind], strict=True):
+            if np.array_equal(joint.axis, axis):
+                return kind()
+    return _MODELS[joint.kind](joint.axis)
+
+
+def _say_numbers(model: pin.Model, joint: int, said: TreeJoint) -> None:
+    q, v = joints.configuration_slice(model, joint), joints.velocity_slice(model, joint)
+    if said.kind in ("revolute", "prismatic"):
+        lower, upper = (_written(x) for x in (said.lower, said.upper))
+        model.lowerPositionLimit[q], model.upperPositionLimit[q] = lower, upper
+    for key in ("armature", "damping"):
+        getattr(model, key)[v] = getattr(said, key)
+    model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = said.friction, -said.friction
+    model.upperVelocityLimit[v], model.upperEffortLimit[v] = _written(said.velocity), _written(said.effort)
+    model.lowerVelocityLimit[v], model.lowerEffortLimit[v] = -_written(said.velocity), -_written(said.effort)
+
+
+def _written(limit: float) -> float:
+    """A limit as Pinocchio writes it: the largest double for none."""
+    return float(np.clip(limit, -np.finfo(float).max, np.finfo(float).max))
+
+
+def _check_names(path: Path, bodies: Sequence[TreeBody]) -> None:
+    moving = [joint.name for body in bodies for joint in body.joints]
+    for what, names in (("body", [body.name for body in bodies]), ("joint", moving)):
+        for name in names:
+            if not name or len(name) > _MAX_NAME_LENGTH or has_control_characters(name):
+                words = f"expected 1 to {_MAX_NAME_LENGTH} characters that print"
+                raise RobotFileError(path, f"a {what} is called {show(name)}, {words}")
+        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        if twice:
+            raise RobotFileError(path, f"{what} {list_names(twice, _MAX_NAMES)} is defined more than once")
+    if not bodies:
+        raise RobotFileError(path, "has no body")
+    if len(moving) > MAX_MOVING_JOINTS:
+        raise UnsupportedRobot(
+            f"{path}: has {len(moving):,} joints that move; supported are at most {MAX_MOVING_JOINTS:,}"
+        )
+    depths: dict[str | None, int] = {None: 0}
+    for body in bodies:
+        depths[body.name] = depths[body.parent] + 1
+    if max(depths.values()) > MAX_CHAIN_LENGTH:
+        raise UnsupportedRobot(f"{path}: has more than {MAX_CHAIN_LENGTH:,} bodies one behind the other")
