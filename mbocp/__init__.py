@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from mbocp.receding import RecedingHorizon as RecedingHorizon
     from mbocp.robot import Robot as Robot
     from mbocp.robot import load_robot as load_robot
+    from mbocp.sensitivity import Sensitivities as Sensitivities
+    from mbocp.sensitivity import sensitivities as sensitivities
     from mbocp.solution import Solution as Solution
     from mbocp.solving import solve as solve
     from mbocp.stopping import stop as stop
@@ -37,6 +39,7 @@ __all__ = [
     "Problem",
     "RecedingHorizon",
     "Robot",
+    "Sensitivities",
     "Solution",
     "__version__",
     "live",
@@ -44,6 +47,7 @@ __all__ = [
     "load_robot",
     "plot_solution",
     "replay_solution",
+    "sensitivities",
     "solve",
     "solve_many",
     "stop",
