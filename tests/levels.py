@@ -29,7 +29,7 @@ _PLACES = {
         problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances problem/place_causes
         problem/file/ground problem/via programme/c_files programme/keys programme/later receding/horizon
         robot/large_robots ros
-        solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
+        sensitivity solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/hulls
         terms/kept terms/motor view/replay
     """,

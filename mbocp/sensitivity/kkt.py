@@ -363,11 +363,11 @@ def call(
     """
     function = functions.function(name)
     sizes = [function.size1_in(i) for i in range(function.n_in())]
-    rows = [
+    blocks = [
         value.reshape(-1, size) if size else np.zeros((1, 0))
         for value, size in zip(inputs, sizes, strict=True)
     ]
-    given = [np.broadcast_to(row, (count, row.shape[1])).ravel() for row in rows]
+    given = [np.broadcast_to(block, (count, block.shape[1])).ravel() for block in blocks]
     try:
         found = functions.stage_function(name).evaluate(given, count, True)
     except RuntimeError as error:  # the kernel: a function has failed

@@ -18,7 +18,7 @@ from mbocp.solution import Solution
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _ROUNDS = 8  # in which the active limits are found
-_WEAK, _NEAR = 1e-6, 1e-6  # of the largest multiplier; of a value's size: below it a limit is degenerate
+_WEAK, _NEAR = 1e-8, 1e-6  # of the largest multiplier; of a value's size: below it a limit is degenerate
 _STEPS = 8  # of Newton's method from the end of a solve; one or two are typical
 _STILL = 1e-10  # a step of it, by the size of what it moves
 _FAR = 1e-2  # the first one, likewise: the solution is one of other conditions
@@ -111,7 +111,8 @@ def _degenerate(optimum: Optimum) -> tuple[str, ...]:
     """Limits that are active with next to no multiplier, or nearly active."""
     lower, upper, is_equation, values = _limits(optimum)
     room = np.minimum(upper - values, values - lower)
-    has_none = np.abs(optimum.ws) <= _WEAK * np.abs(optimum.ws).max(initial=0.0)
+    largest = max(np.abs(optimum.ws).max(initial=0.0), np.abs(optimum.ms).max(initial=0.0))
+    has_none = np.abs(optimum.ws) <= _WEAK * largest
     is_near = room <= _NEAR * np.maximum(1.0, np.abs(values))
     chosen = np.where(optimum.held, has_none, is_near) & ~is_equation
     programme = optimum.programme

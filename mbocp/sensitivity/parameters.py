@@ -27,6 +27,7 @@ from mbocp.sensitivity.numbers import Change, change_along
 from mbocp.terms import FrameEnd, FrameGoal, RunningTerm, Tracking, Weighted
 
 _SIDES = ("lower", "upper")
+_SAME = 1e-9  # [rad, m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +108,14 @@ class Start(Parameter):
 
     @classmethod
     def words(cls, formulation: Formulation) -> Iterator[str]:
-        """Both, unless the start is found with the motion."""
+        """Both, unless the start is found with the motion; drives leave no free choice of velocities."""
         problem = formulation.problem
-        if problem.start_free is None and problem.goal.periodic is None:
-            yield from ("start.q", "start.v")
+        if problem.start_free is not None or problem.goal.periodic is not None:
+            return
+        if not (problem.robot.drives and problem.v_start.any()):
+            yield "start.q"
+        if not problem.robot.drives:
+            yield "start.v"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,7 +133,7 @@ class Start(Parameter):
         if not is_q:
             found.start[:, at.ds] = moves
         elif at.is_flat and isinstance(space, ConfigurationSpace):
-            found.start[:, : at.nw] = _rates(space, formulation.programme.x_start[at.z])
+            found.start[:, : at.nw] = moves @ _rates(space, formulation.programme.x_start[at.z])
         else:
             found.start[:, : at.nw] = moves
         return found
@@ -191,8 +196,11 @@ class GoalOfJoints(Parameter):
 
 def _tracks_goal(problem: Problem) -> bool:
     """Whether the running cost draws the motion to the goal, which it then moves with."""
-    cost = problem.cost
-    return cost.tracking > 0.0 and bool(np.all(np.atleast_2d(cost.target_q) == problem.goal.q))
+    cost, goal, robot = problem.cost, problem.goal, problem.robot
+    weighed = goal.q_active & (np.asarray(cost.tracking_weights)[: robot.nv] > 0.0)
+    if cost.tracking == 0.0 or not weighed.any() or cost.target_q.ndim == 2:
+        return False
+    return bool(np.abs(robot.difference(cost.target_q, goal.q))[weighed].max() < _SAME)
 
 
 @dataclass(frozen=True, eq=False)
