@@ -531,10 +531,10 @@ def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[Paramete
         If the problem has none of a word, or derivatives in it are not supported.
     """
     kinds = {word: kind for kind in PARAMETERS for word in kind.words(formulation)}
-    for word in wrt:
+    for word in wrt or ("",):
         if word not in kinds:
             raise ProblemError(
                 f"wrt: {word!r} is no parameter of this problem that derivatives are known in; it has "
                 f"{', '.join(kinds)}"
             )
-    return [kinds[word](formulation, word) for word in wrt]
+    return [kinds[word](formulation, word) for word in dict.fromkeys(wrt)]

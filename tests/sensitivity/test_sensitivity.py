@@ -197,6 +197,8 @@ def test_what_has_no_derivatives_is_refused():
     solution = solved(problem)
     with pytest.raises(ProblemError, match=r"'goal\.x'.*it has start\.q, .*robot\.payload\.crate\.mass"):
         mbocp.sensitivities(solution, ["goal.x"])
+    with pytest.raises(ProblemError, match=r"'' is no parameter.*it has start\.q"):
+        mbocp.sensitivities(solution, [])
     with pytest.raises(SolverError, match="only an optimum has derivatives"):
         mbocp.sensitivities(mbocp.solve(problem.with_(solver={"max_iterations": 1})), ["start.q"])
     with pytest.raises(InvalidValue, match=r"solution\.iterate"):
