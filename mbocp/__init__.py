@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem, load_problem
     from mbocp.receding import RecedingHorizon
     from mbocp.robot import Robot, load_robot
+    from mbocp.sensitivity import Sensitivities, sensitivities
     from mbocp.solution import Solution
     from mbocp.solving import solve
     from mbocp.stopping import stop
@@ -33,6 +34,7 @@ __all__ = [
     "Problem",
     "RecedingHorizon",
     "Robot",
+    "Sensitivities",
     "Solution",
     "__version__",
     "live",
@@ -40,6 +42,7 @@ __all__ = [
     "load_robot",
     "plot_solution",
     "replay_solution",
+    "sensitivities",
     "solve",
     "solve_many",
     "stop",

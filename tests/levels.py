@@ -29,7 +29,7 @@ _PLACES = {
         problem/goal_sets problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances
         problem/place_causes problem/file/gait problem/file/ground problem/via programme/c_files
         programme/keys programme/later receding/horizon robot/large_robots
-        robot/loops/undriven ros
+        robot/loops/undriven ros sensitivity
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/energy
         terms/hulls terms/kept terms/motor terms/whole_path view/replay

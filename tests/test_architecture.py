@@ -45,6 +45,7 @@ LAYERS = (
     "problem",
     "formulation",
     "solution",
+    "sensitivity",
     "job",
     "accuracy",
     "view",

@@ -1,0 +1,14 @@
+"""Derivatives of an optimal motion in the numbers of its problem."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.sensitivity.of_solution import DegenerateLimitWarning, Sensitivities, sensitivities
+
+__all__ = ["DegenerateLimitWarning", "Sensitivities", "sensitivities"]
+
+__getattr__ = names_of(__name__, __file__)

@@ -1,0 +1,249 @@
+"""Derivatives of an optimal motion in the numbers of its problem."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mbocp._arrays import Array
+from mbocp._warn import warn_caller
+from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.formulation import Formulation
+from mbocp.programme import Iterate
+from mbocp.sensitivity.kkt import Kkt, Optimum, Parts
+from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
+from mbocp.sensitivity.parameters import OfRobot, Parameter, parameters_of
+from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, pull_back, read_along, readings_of
+from mbocp.sensitivity.slopes import ParameterFunctions, gradient_of
+from mbocp.solution import Solution
+
+_LISTED = 4  # degenerate limits in a message
+
+
+class DegenerateLimitWarning(UserWarning):
+    """A limit is active with no multiplier, or all but active: derivatives are those of one side."""
+
+
+def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
+    """Derivatives of an optimal motion in numbers of its problem.
+
+    Parameters
+    ----------
+    solution : Solution
+        One that converged.
+    wrt : sequence of str
+        Words of parameters, as a problem file has them: ``start.q``, ``goal.v``, ``cost.effort``,
+        ``goal.frame.tool0.position``, ``limits.effort.upper``, ``horizon.duration``,
+        ``robot.payload.crate.mass``, ...
+
+    Returns
+    -------
+    Sensitivities
+        What it works out when asked for.
+
+    Raises
+    ------
+    SolverError
+        If the solution did not converge.
+    ProblemError
+        If the problem has no such parameter; the message has those that it has.
+    InvalidValue
+        If the solution does not hold the solver's last iterate, or is one of several goals.
+    """
+    words = (wrt,) if isinstance(wrt, str) else tuple(wrt)
+    formulation, iterate = formulate_again(solution)
+    return Sensitivities(formulation, iterate, tuple(parameters_of(formulation, words)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities:
+    r"""Derivatives of an optimum, by the implicit-function theorem on its optimality conditions.
+
+    Derivatives in configurations, and of these, are in the tangent space of the robot's joints: nv numbers,
+    body-frame rotations for free-flyers and ball joints, angles for continuous ones. Where loops tie joints,
+    moves of configurations and velocities are projected onto what the loops allow.
+
+    Attributes
+    ----------
+    formulation : Formulation
+    iterate : Iterate
+        Of the solution.
+    parameters : tuple of Parameter
+    """
+
+    formulation: Formulation
+    iterate: Iterate
+    parameters: tuple[Parameter, ...]
+
+    def __repr__(self) -> str:
+        return f"<Sensitivities of {self.formulation.problem.name} in {', '.join(self.names)}>"
+
+    @cached_property
+    def names(self) -> dict[str, tuple[str, ...]]:
+        """By the words of the parameters what each of their numbers is."""
+        return {parameter.word: parameter.names for parameter in self.parameters}
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """What `of` knows: the cost and arrays of a `Solution`, and the lengths of the steps, `dts`."""
+        return ("cost", *readings_of(self.formulation))
+
+    @property
+    def degenerate(self) -> tuple[str, ...]:
+        """Limits that are active with next to no multiplier, or nearly active."""
+        return self._found.degenerate
+
+    @cached_property
+    def cost(self) -> dict[str, Array]:
+        """Gradient of the cost by parameter, by the envelope theorem: no system is solved.
+
+        It is as exact as the multipliers of the solve: beside limits to about 1e-7 of the largest entry.
+        ``of("cost", word)`` takes those to round-off first.
+        """
+        return self._by_word(self._cost_at(with_active_limits(self.formulation.programme, self.iterate)))
+
+    def _cost_at(self, optimum: Optimum) -> Array:
+        slopes = self._functions.slopes(optimum)
+        return gradient_of(self._change, slopes, optimum.ws, optimum.ws)
+
+    def of(self, quantity: str, word: str) -> Array:
+        """Derivative of a quantity of the solution in a parameter.
+
+        Parameters
+        ----------
+        quantity : str
+            One of `quantities`.
+        word : str
+            One of the parameters.
+
+        Returns
+        -------
+        ndarray, shape (..., k)
+            The shape of the quantity, of configurations (N + 1, nv), and one for each of the numbers.
+
+        Raises
+        ------
+        InvalidValue
+            If there is no such quantity or parameter, or the two have no derivative here.
+        SingularSystem
+            If the optimum is not the only one near.
+
+        Warns
+        -----
+        DegenerateLimitWarning
+            Once, if there are degenerate limits.
+        """
+        _check_known("quantity", quantity, self.quantities)
+        _check_known("word", word, self.names)
+        parameter = next(p for p in self.parameters if p.word == word)
+        if quantity in OF_MODEL and isinstance(parameter, OfRobot):
+            raise InvalidValue("quantity", quantity, f"one that depends on {word} by the motion alone")
+        optimum = self._found.kkt.optimum
+        if quantity == "cost":
+            found: Array = self._by_word(self._cost_at(optimum))[word]
+            return found
+        columns = [read_along(self.formulation, optimum, move, quantity) for move in self._moves[word]]
+        return np.stack(columns, axis=-1)
+
+    def gradient(self, **bars: ArrayLike) -> dict[str, Array]:
+        """Gradient of a scalar function of the motion by parameter, with one solve for all parameters.
+
+        Parameters
+        ----------
+        **bars : array_like
+            Derivatives of the scalar in `qs` (N + 1, nv), in the tangent space, `vs`, `us`, `u_values` and
+            `dts`; those left out are zero.
+
+        Raises
+        ------
+        InvalidValue, DimensionMismatch
+            If a quantity is none of these, or of another shape.
+        SingularSystem
+            If the optimum is not the only one near.
+        """
+        given = {name: np.asarray(bar, dtype=np.float64) for name, bar in bars.items()}
+        kkt, formulation = self._found.kkt, self.formulation
+        motion = formulation.motion_of(self.iterate)
+        shapes = {"vs": motion.vs, "us": motion.us, "u_values": motion.values, "dts": motion.dts}
+        expected = {name: array.shape for name, array in shapes.items()} | {"qs": motion.vs.shape}
+        for name, bar in given.items():
+            _check_known("quantity", name, OF_MOTION)
+            if bar.shape != expected[name]:
+                raise DimensionMismatch(name, bar.shape, expected[name])
+        xs, us, stretch = pull_back(formulation, kkt.optimum, given)
+        right = kkt.places.join(_alone(kkt, xs[1:], us))
+        adjoint = kkt.places.split(-kkt.solve(right))
+        found = self._functions.pull(kkt, adjoint)
+        found.start[:] += xs[0]
+        whole = gradient_of(self._change, found, adjoint.ws[0], kkt.optimum.ws)
+        by_word = self._by_word(whole)
+        for parameter in self.parameters:
+            if parameter.scales_time:
+                by_word[parameter.word] += stretch / formulation.problem.duration
+        return by_word
+
+    @cached_property
+    def _found(self) -> Found:
+        found = find_optimum(self.formulation, self.iterate)
+        if found.degenerate:
+            more = ", ..." if len(found.degenerate) > _LISTED else ""
+            warn_caller(
+                f"{len(found.degenerate)} limits are active with next to no multiplier, or nearly active: "
+                f"{', '.join(found.degenerate[:_LISTED])}{more}; derivatives hold on one side alone",
+                DegenerateLimitWarning,
+            )
+        return found
+
+    @cached_property
+    def _functions(self) -> ParameterFunctions:
+        return ParameterFunctions.of(self.formulation)
+
+    @cached_property
+    def _change(self) -> Change:
+        return Change.joined([parameter.change() for parameter in self.parameters])
+
+    @cached_property
+    def _moves(self) -> dict[str, list[Move]]:
+        """Of each parameter a move of the optimum for each of its numbers."""
+        kkt, change = self._found.kkt, self._change
+        solved = kkt.places.split(kkt.solve(-self._functions.push(kkt, change)))
+        stretches = np.concatenate(
+            [
+                np.full(len(p.names), p.scales_time / self.formulation.problem.duration)
+                for p in self.parameters
+            ]
+        )
+        moves = [
+            Move(
+                xs=np.vstack([change.start[k], solved.xs[k]]),
+                rest=Parts(*(part[k] for part in solved)),
+                theta=change.theta[k],
+                rho=change.rho[k],
+                rho_terminal=change.rho_terminal[k],
+                stretch=float(stretches[k]),
+            )
+            for k in range(len(stretches))
+        ]
+        return self._by_word(moves)
+
+    def _by_word(self, whole: Any) -> dict[str, Any]:
+        """Parts of what belongs to all parameters, one after the other."""
+        ends = np.cumsum([0, *(len(p.names) for p in self.parameters)])
+        return {p.word: whole[ends[i] : ends[i + 1]] for i, p in enumerate(self.parameters)}
+
+
+def _alone(kkt: Kkt, xs: Array, us: Array) -> Parts:
+    """Parts that are zero but for states and controls."""
+    zeros = kkt.places.split(np.zeros((kkt.places.size, 1)))
+    return zeros._replace(xs=xs[None], us=us[None])
+
+
+def _check_known(name: str, value: str, known: Collection[str]) -> None:
+    if value not in known:
+        raise InvalidValue(name, value, f"one of {', '.join(known)}")

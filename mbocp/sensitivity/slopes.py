@@ -1,0 +1,135 @@
+"""Derivatives of the Lagrangian and of the optimality conditions in the numbers of a programme."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation import Formulation
+from mbocp.programme.compilation import CompiledFunctions
+from mbocp.sensitivity.functions import load_end_functions, load_stage_functions
+from mbocp.sensitivity.kkt import Kkt, Optimum, Parts, call
+from mbocp.sensitivity.numbers import Change
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Derivatives of a scalar in a programme's numbers.
+
+    Attributes
+    ----------
+    start : ndarray, shape (ndx,)
+        In the tangent of the given state.
+    theta, rho, rho_terminal : ndarray
+    """
+
+    start: Array
+    theta: Array
+    rho: Array
+    rho_terminal: Array
+
+
+def gradient_of(change: Change, slopes: Slopes, pulls: Array, ws: Array) -> Array:
+    """Derivatives of a scalar in parameters, shape (k,).
+
+    Parameters
+    ----------
+    change : Change
+        What the parameters make of the programme's numbers.
+    slopes : Slopes
+        Derivatives in these.
+    pulls : ndarray, shape (N, nx + nu + nh)
+        The negative of those in the bounds of active limits.
+    ws : ndarray, shape (N, nx + nu + nh)
+        Multipliers, whose signs say which bounds these are.
+    """
+    sides = np.where(ws > 0.0, change.upper, change.lower)
+    found: Array = (
+        change.start @ slopes.start
+        + change.theta @ slopes.theta
+        + change.rho @ slopes.rho
+        + change.rho_terminal @ slopes.rho_terminal
+        - np.einsum("knj,nj->k", sides, pulls)
+    )
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterFunctions:
+    """The functions of `mbocp.sensitivity.functions` along a horizon."""
+
+    of_stage: CompiledFunctions
+    of_end: CompiledFunctions
+
+    @classmethod
+    def of(cls, formulation: Formulation) -> ParameterFunctions:
+        """Those of a formulation."""
+        return cls(load_stage_functions(formulation), load_end_functions(formulation))
+
+    def slopes(self, optimum: Optimum) -> Slopes:
+        """Derivatives of the Lagrangian: of the optimal cost, by the envelope theorem."""
+        theta, rho, start = call(self.of_stage, "slope", len(optimum.us), _given(optimum))
+        (end,) = call(self.of_end, "end_slope", 1, _given_at_end(optimum))
+        programme, kind = optimum.programme, optimum.programme.kind
+        return Slopes(
+            start=start.dense(kind.ndx)[0],
+            theta=theta.dense(programme.theta.size).sum(axis=0),
+            rho=rho.dense(kind.nr).ravel(),
+            rho_terminal=end.dense(programme.rho_terminal.size)[0],
+        )
+
+    def push(self, kkt: Kkt, change: Change) -> Array:
+        """Derivatives of the optimality conditions in parameters, shape (size, k)."""
+        optimum, places = kkt.optimum, kkt.places
+        kind, N = optimum.programme.kind, len(optimum.us)
+        count = len(change.start)
+        found = places.split(np.zeros((places.size, count)))
+        sides = np.where(optimum.ws > 0.0, change.upper, change.lower)
+        found.ws[:] -= sides
+        first, before = kind.ndx + kind.ny, 2 * kind.ndx + kind.ny
+        for k in range(count):
+            if change.theta[k].any() or change.rho[k].any():
+                given = [*_given(optimum), change.theta[k], change.rho[k]]
+                slopes, c, h = call(self.of_stage, "push", N, given)
+                z = slopes.dense(before + kind.nu)
+                found.xs[k] += z[:, : kind.ndx]
+                found.xs[k, :-1] += z[1:, first:before]
+                found.ys[k] += z[:, kind.ndx : first]
+                found.us[k] += z[:, before:]
+                found.ms[k] += c.dense(first)
+                found.ws[k, :, kind.nx + kind.nu :] += h.dense(optimum.programme.bounds.nh)
+            if change.rho_terminal[k].any():
+                given = [*_given_at_end(optimum), change.rho_terminal[k]]
+                slopes, g = call(self.of_end, "end_push", 1, given)
+                found.xs[k, -1] += slopes.dense(kind.ndx)[0]
+                found.eta[k] += g.dense(optimum.programme.ng)[0]
+        joined: Array = places.join(found) + kkt.of_start @ change.start.T
+        return joined
+
+    def pull(self, kkt: Kkt, adjoint: Parts) -> Slopes:
+        """From an adjoint of the conditions, the only one of its parts, to derivatives in the numbers."""
+        optimum, programme = kkt.optimum, kkt.optimum.programme
+        kind, N = programme.kind, programme.num_steps
+        xs, ys, us, ms, eta, ws = (part[0] for part in adjoint)
+        before = np.vstack([np.zeros((1, kind.ndx)), xs[:-1]])
+        bars = [np.hstack([xs, ys, before, us]), ms, ws[:, kind.nx + kind.nu :]]
+        theta, rho = call(self.of_stage, "pull", N, [*_given(optimum), *bars])
+        (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
+        return Slopes(
+            start=kkt.of_start.T @ kkt.places.join(adjoint)[:, 0],
+            theta=theta.dense(programme.theta.size).sum(axis=0),
+            rho=rho.dense(kind.nr).ravel(),
+            rho_terminal=end.dense(programme.rho_terminal.size)[0],
+        )
+
+
+def _given(optimum: Optimum) -> list[Array]:
+    """What the functions of a stage take first."""
+    programme = optimum.programme
+    return [*optimum.points, optimum.ms, optimum.path, programme.theta, programme.rho]
+
+
+def _given_at_end(optimum: Optimum) -> list[Array]:
+    return [optimum.xs[-1], optimum.eta, optimum.programme.rho_terminal]

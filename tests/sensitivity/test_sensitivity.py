@@ -1,0 +1,219 @@
+"""Derivatives of optima against differences of optima that are solved again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbocp
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
+from mbocp.sensitivity import DegenerateLimitWarning
+from mbocp.sensitivity.numbers import change_along
+from mbocp.sensitivity.parameters import parameters_of
+from tests.sensitivity.moved import moved
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TOLERANCE = 1e-6  # relative to the largest entry
+QUANTITIES = ("cost", "qs", "vs", "us", "t", "lams", "mus", "lam_us", "lam_vs")
+# With four points, errors of differences are of the fourth order of the step.
+POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+
+
+def example(path, **changes):
+    return mbocp.load_problem(EXAMPLES / path).with_(solver={"tolerance": 1e-12}, **changes)
+
+
+def arm_within_limits():
+    return example("arms/ur5_limits.toml", steps=16)
+
+
+def arm_with_payload():
+    return example("arms/payload.toml", steps=12)
+
+
+def arm_in_least_time():
+    return example("arms/ur5_fastest.toml").with_(solver={"tolerance": 1e-13})
+
+
+def loop():
+    return example("loops/four_bar.toml", steps=60)
+
+
+def loop_of_bodies():
+    return loop().with_(coordinates="natural")
+
+
+def quaternion():
+    return example("free_flyer/drone_flip.toml", steps=24)
+
+
+def explicit_steps():
+    return example("so3/unicycle_pendulum.toml", steps=40)
+
+
+def continuous_joints():
+    reach = example("arms/kinova_reach.toml", steps=24, cost={"velocity": 10.0})
+    assert reach.robot.nq > reach.robot.nv
+    return reach
+
+
+def phases_with_holds():
+    return example("arms/throw_into_bucket.toml")
+
+
+CASES = [
+    (arm_within_limits, "start.q", 1, 2e-4),
+    (arm_within_limits, "start.v", 0, 2e-4),
+    (arm_within_limits, "goal.q", 2, 2e-4),
+    (arm_within_limits, "goal.v", 0, 2e-4),
+    (arm_within_limits, "cost.effort", 2, 1e-3),
+    (arm_within_limits, "limits.velocity.upper", 0, 2e-4),
+    (arm_within_limits, "horizon.duration", 0, 2e-5),
+    (arm_with_payload, "robot.payload.crate.mass", 0, 1e-2),
+    (arm_with_payload, "robot.payload.crate.com", 1, 1e-3),
+    (arm_with_payload, "robot.payload.crate.inertia", 0, 1e-3),
+    (arm_in_least_time, "goal.frame.tool0.position", 0, 2e-4),
+    (arm_in_least_time, "goal.frame.tool0.orientation", 1, 2e-4),
+    (arm_in_least_time, "limits.velocity.upper", 0, 2e-4),
+    (loop, "start.q", 0, 1e-3),
+    (loop, "goal.q", 1, 1e-3),
+    (loop, "goal.v", 0, 1e-3),
+    (loop, "horizon.duration", 0, 1e-3),
+    (loop_of_bodies, "start.q", 0, 1e-3),
+    (loop_of_bodies, "start.v", 0, 1e-3),
+    (loop_of_bodies, "goal.q", 1, 1e-3),
+    (quaternion, "start.q", 3, 1e-3),
+    (quaternion, "goal.q", 4, 1e-3),
+    (quaternion, "horizon.duration", 0, 1e-3),
+    (continuous_joints, "start.q", 0, 1e-3),
+    (continuous_joints, "goal.q", 0, 1e-3),
+    (explicit_steps, "start.q", 3, 1e-4),
+    (explicit_steps, "cost.potential", 0, 1e-4),
+    (phases_with_holds, "start.q", 1, 1e-4),
+]
+
+
+@pytest.mark.parametrize(("make", "word", "k", "step"), CASES, ids=[f"{c[0].__name__}-{c[1]}" for c in CASES])
+def test_agrees_with_differences_of_optima(make, word, k, step):
+    problem = make()
+    solution = solved(problem)
+    derivatives = mbocp.sensitivities(solution, [word])
+    quantities = set(QUANTITIES) & set(derivatives.quantities)
+    if word.startswith("robot."):
+        quantities -= {"mus"}
+    if make is arm_in_least_time:  # of the rest a barrier leaves too much for differences to be so good
+        quantities = {"cost", "t"}
+    again = [solved(moved(problem, word, k, at * step)) for at, _ in POINTS]
+
+    def difference(read):
+        return sum(weight * read(s) for s, (_, weight) in zip(again, POINTS, strict=True)) / step
+
+    for name in sorted(quantities):
+        expected = difference(lambda s, name=name: reading(s, solution, name))
+        agree(derivatives.of(name, word)[..., k], expected, name)
+
+
+def solved(problem):
+    """Solution from the problem's own guess: the barrier ends at the same parameter in all of them."""
+    solution = mbocp.solve(problem)
+    assert solution.converged, solution.advice
+    return solution
+
+
+def reading(solution, before, name):
+    if name != "qs":
+        return getattr(solution, name)
+    robot = solution.problem.robot
+    return np.array([robot.difference(q, moved) for q, moved in zip(before.qs, solution.qs, strict=True)])
+
+
+def agree(found, expected, name):
+    size = max(np.abs(expected).max(initial=0.0), 1e-3)
+    assert np.shape(found) == np.shape(expected), name
+    assert np.abs(found - expected).max(initial=0.0) <= TOLERANCE * size, name
+
+
+@pytest.mark.parametrize("make", [arm_within_limits, arm_in_least_time, loop, loop_of_bodies, quaternion])
+def test_the_cheap_gradient_of_the_cost_solves_nothing(make):
+    solution = solved(make())
+    derivatives = mbocp.sensitivities(solution, ["start.q"])
+    cheap = derivatives.cost["start.q"]
+    assert "_found" not in vars(derivatives)
+    exact = derivatives.of("cost", "start.q")
+    assert np.abs(cheap - exact).max() <= TOLERANCE * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("make", [arm_within_limits, loop, quaternion, explicit_steps])
+def test_adjoints_are_what_derivatives_add_up_to(make):
+    solution, words = solved(make()), ["start.q", "goal.v", "horizon.duration"]
+    derivatives = mbocp.sensitivities(solution, words)
+    rng = np.random.default_rng(0)
+    shapes = {"qs": solution.vs.shape, "vs": solution.vs.shape, "us": solution.us.shape}
+    bars = {name: rng.normal(size=shape) for name, shape in shapes.items()}
+    bars["dts"] = rng.normal(size=solution.num_steps)
+    found = derivatives.gradient(**bars)
+    for word in words:
+        columns = [(bar[..., None] * derivatives.of(name, word)) for name, bar in bars.items()]
+        expected = sum(column.reshape(-1, column.shape[-1]).sum(axis=0) for column in columns)
+        assert found[word] == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+def test_numbers_are_those_of_a_problem_formulated_anew():
+    """What is known of parameters directly is what formulating moved problems says."""
+    problem = arm_within_limits()
+    derivatives = mbocp.sensitivities(solved(problem), ["start.q"])
+    formulation, base = derivatives.formulation, derivatives.formulation.problem
+    words = ["start.q", "start.v", "goal.q", "goal.v", "cost.effort", "cost.velocity"]
+    words += [
+        f"limits.{key}.{side}" for key in ("effort", "velocity", "position") for side in ("lower", "upper")
+    ]
+    for parameter in parameters_of(formulation, words):
+        change = parameter.change()
+        again = change_along(formulation, lambda size, word=parameter.word: moved(base, word, 1, size))
+        for name in ("start", "theta", "rho", "rho_terminal", "lower", "upper"):
+            assert np.allclose(getattr(change, name)[1], getattr(again, name)[0], atol=1e-9), (
+                parameter.word,
+                name,
+            )
+
+
+def test_a_limit_that_is_just_touched_is_told():
+    free = arm_within_limits().with_(limits={"effort": False, "velocity": False, "position": False})
+    fastest = np.abs(solved(free).vs).max(axis=0)
+    joint = int(fastest.argmax())
+    limits = replace(free.limits, v_upper=np.where(np.arange(6) == joint, fastest, np.inf))
+    limits = replace(limits, v_lower=np.where(np.arange(6) == joint, -fastest, -np.inf))
+    derivatives = mbocp.sensitivities(solved(free.with_(limits=limits)), ["start.q"])
+    with pytest.warns(DegenerateLimitWarning, match="velocity limit of"):
+        derivatives.of("us", "start.q")
+    assert "velocity limit of" in derivatives.degenerate[0]
+
+
+def test_what_has_no_derivatives_is_refused():
+    problem = arm_with_payload()
+    solution = solved(problem)
+    with pytest.raises(ProblemError, match=r"'goal\.x'.*it has start\.q, .*robot\.payload\.crate\.mass"):
+        mbocp.sensitivities(solution, ["goal.x"])
+    with pytest.raises(ProblemError, match=r"'' is no parameter.*it has start\.q"):
+        mbocp.sensitivities(solution, [])
+    with pytest.raises(SolverError, match="only an optimum has derivatives"):
+        mbocp.sensitivities(mbocp.solve(problem.with_(solver={"max_iterations": 1})), ["start.q"])
+    with pytest.raises(InvalidValue, match=r"solution\.iterate"):
+        mbocp.sensitivities(replace(solution, iterate=None), ["start.q"])
+    derivatives = mbocp.sensitivities(solution, ["start.q", "robot.payload.crate.mass"])
+    with pytest.raises(InvalidValue, match="one of cost, dts, t, qs"):
+        derivatives.of("velocity", "start.q")
+    with pytest.raises(InvalidValue, match="by the motion alone"):
+        derivatives.of("ps", "robot.payload.crate.mass")
+    with pytest.raises(DimensionMismatch, match="us"):
+        derivatives.gradient(us=np.zeros(3))
+
+
+def test_a_target_that_is_the_goal_has_no_parameter():
+    """It would move along with the goal, or not: nobody can tell."""
+    tracked = loop().with_(cost={"tracking": 1.0})
+    with pytest.raises(ProblemError, match=r"'goal\.q'"):
+        mbocp.sensitivities(solved(tracked), ["goal.q"])
