@@ -11,12 +11,14 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.layout import StateLayout
-from mbocp.problem.coordinates import COORDINATES
+from mbocp.integrators import TABLEAUX
+from mbocp.lie import ConfigurationSpace
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.newton_method.held import hold_active_limits
 
@@ -50,14 +52,15 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
         controls with k values in a step all of them, one block after the other. Active limits stay active:
         the row of a control at its limit is zero. Linear controls have nu more columns, for what the control
         is away from its plan at the begin of the step, of which there is nothing in the first. Shape
-        (0, 0, 0) where states are not (q, v), as in natural coordinates, or where no weight gives the signs
-        of a minimum.
+        (0, 0, 0) where states are not (q, v), as in natural coordinates, where steps leave the manifold of
+        rotations, or where no weight gives the signs of a minimum.
     """
     problem, layout = formulation.problem, formulation.layout
     robot = problem.robot
     is_plain = layout.is_flat and robot.nq != robot.nv
-    has_joint_states = COORDINATES[problem.coordinates].has_joint_states
-    if not has_joint_states or is_plain or layout.ns != robot.nv:
+    leaves_group = is_plain and problem.scheme in TABLEAUX and problem.lie != "munthe_kaas"
+    space = formulation.space
+    if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
     found = hold_active_limits(formulation.programme, iterate)
     if found is None or not _factorise(found[0], formulation.programme):
@@ -68,6 +71,9 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     of_step = partial(_answers, layout, robot.nu, is_continuous)
     blocks = native.gains().reshape(-1, kind.nu, kind.ndx)
     gains = np.array([of_step(block, n) for n, block in enumerate(blocks)])
+    if is_plain:
+        along = gains[:, :, : layout.nz] @ _tangents(space, iterate.xs[:-1, : layout.nz])
+        gains = np.concatenate([along, gains[:, :, layout.nz :]], axis=2)
     gains[held[:, kind.nx : kind.nx + layout.num_own]] = 0.0
     return gains
 
@@ -83,6 +89,15 @@ def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, st
         found[:nu] = 0.0
         found[:nu, -nu:] = np.eye(nu)
     return found
+
+
+def _tangents(space: ConfigurationSpace, zs: Array) -> Array:
+    """Rates of coordinates, shape (n, nz), by those along the tangent, shape (n, nz, nv)."""
+    z, v = ca.SX.sym("z", space.nz), ca.SX.sym("v", space.nv)
+    rates = ca.Function("tangents", [z], [ca.densify(ca.jacobian(space.rate(z, v), v))])
+    found: Array = np.asarray(rates.map(len(zs))(zs.T)).reshape(space.nz, len(zs), space.nv)
+    along: Array = found.transpose(1, 0, 2)
+    return along
 
 
 def _factorise(native: KernelProgramme, programme: StagewiseProgramme) -> bool:

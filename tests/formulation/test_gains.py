@@ -57,6 +57,19 @@ def test_the_first_gain_is_the_derivative_of_the_first_control(make: object, sch
     agrees_with_differences(problem, solution, 2e-4)
 
 
+@pytest.mark.parametrize("scheme", ["se1", "midpoint"])
+def test_gains_of_rotations_within_limits(scheme: str) -> None:
+    """Quaternions are unknowns there; the gains are along the tangent all the same."""
+    free, bound = drone(scheme), drone(scheme).with_(limits={"velocity": 50.0, "effort": 200.0})
+    gains = [solved(problem, gains=True).gains for problem in (free, bound)]
+    np.testing.assert_allclose(gains[1], gains[0], rtol=1e-5, atol=1e-6 * np.abs(gains[0]).max())
+    fastest = np.abs(solved(free).vs[1:, 0]).max()
+    tight = drone(scheme).with_(limits={"velocity": [0.9 * fastest, *[50.0] * 5]})
+    solution = solved(tight, gains=True)
+    assert solution.active_limits
+    agrees_with_differences(tight, solution, 2e-4)
+
+
 @pytest.mark.parametrize(
     "limits",
     [
