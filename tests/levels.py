@@ -31,7 +31,8 @@ _PLACES = {
         programme/keys programme/later receding/horizon robot/large_robots
         robot/loops/undriven ros sensitivity
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
-        terms/acceleration terms/braking terms/contact terms/distances terms/end_acceleration terms/energy
+        terms/acceleration terms/braking terms/contact terms/distances terms/effort_about_gravity
+        terms/end_acceleration terms/energy
         terms/hulls terms/kept terms/motor terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.

@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
-from mbocp.terms import COST_TERMS, Energy, Weighted
+from mbocp.terms import COST_TERMS, EffortAboutGravity, Energy, Weighted
 from mbocp.terms.cost import RunningCost
 
 
@@ -105,7 +105,8 @@ class Cost:
     @property
     def on_squares(self) -> Array:
         """Weights of half the squares of the controls: those of efforts, and losses of motors."""
-        found: Array = self.effort + 2.0 * Energy.losses_of(self)
+        about_gravity = np.asarray(self.weight(EffortAboutGravity.key))
+        found: Array = self.effort + about_gravity + 2.0 * Energy.losses_of(self)
         return found
 
     def with_weights(self, weights: Mapping[str, Any]) -> Cost:

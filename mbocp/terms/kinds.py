@@ -8,7 +8,14 @@ from __future__ import annotations
 
 from mbocp._keys import Table
 from mbocp.terms.cost import COST_TERMS
-from mbocp.terms.running import ControlRate, Effort, Potential, Tracking, Velocity
+from mbocp.terms.running import (
+    ControlRate,
+    Effort,
+    EffortAboutGravity,
+    Potential,
+    Tracking,
+    Velocity,
+)
 from mbocp.terms.energy import Energy
 from mbocp.terms.time import Time
 from mbocp.terms.end import ExactGoal, TerminalCost
@@ -39,6 +46,7 @@ __all__ = [
     "ControlRate",
     "Distance",
     "Effort",
+    "EffortAboutGravity",
     "Energy",
     "ExactGoal",
     "Follow",

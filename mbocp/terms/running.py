@@ -11,6 +11,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
+from mbocp.exceptions import ProblemError
+from mbocp.mechanics import JointMechanics
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import TargetTable, Weights
@@ -230,6 +232,32 @@ class Potential(Weighted):
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """The weighted energy."""
         return p["potential"] * at.mechanics.potential_energy(at.q)
+
+
+@dataclass(frozen=True)
+class EffortAboutGravity(Weighted):
+    """Efforts beyond what gravity asks of each control, u - B(q)' g(q)."""
+
+    key = "effort_about_gravity"
+    over = "u"
+
+    class Keys(Table):
+        """Keys."""
+
+        effort_about_gravity: Annotated[
+            ControlWeights,
+            Key(
+                "weight of squares of the controls less what holds the robot's weight against each; beside "
+                "`effort`, or with `effort = 0` in its place"
+            ),
+        ] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square of the differences."""
+        if not isinstance(at.mechanics, JointMechanics):
+            raise ProblemError(f'cost.{self.key}: is for coordinates = "joint"')
+        held = at.pushes().T @ at.mechanics.gravity(at.q)
+        return half_square(p[self.key], at.control - held)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,81 @@
+"""`cost.effort_about_gravity`: what it costs beyond holding the weight, and where there is none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import mbocp
+from mbocp.exceptions import ProblemError
+from mbocp.problem import Problem, parse_problem, problem_to_toml
+
+pytestmark = pytest.mark.usefixtures("interpreted")
+
+POSE = [0.3, -1.2, 1.4, -1.6, -1.57, 0.0]
+
+
+def arm(cost: dict[str, Any], goal: Any = POSE, **words: Any) -> Problem:
+    given = {"start": {"q": POSE}, "goal": {"q": goal, "v": 0}, "cost": cost, "scheme": "midpoint"}
+    return Problem.create("ur5", 1.0, 20, **{**given, **words})
+
+
+def test_an_arm_that_holds_still_costs_nothing() -> None:
+    still = mbocp.solve(arm({"effort": 0.0, "effort_about_gravity": 1.0}), check=True)
+    robot = mbocp.load_robot("ur5")
+    gravity = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), np.array(POSE))
+    assert still.cost == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(still.us, np.tile(gravity, (20, 1)), atol=1e-6)
+    swinging = mbocp.solve(arm({"effort": 1.0, "velocity": 1.0}), check=True)
+    assert np.abs(swinging.qs - POSE).max() > 1e-2  # it pays to move
+
+
+def test_the_cost_by_hand() -> None:
+    """Of a motion, with a weight for each control, at the middles of the steps."""
+    weights = np.array([1.0, 0.5, 2.0, 1.0, 0.2, 3.0])
+    goal = [0.8, -1.0, 1.0, -1.2, -1.0, 0.4]
+    cost = {"effort": 0.1, "velocity": 0.5, "effort_about_gravity": weights.tolist()}
+    problem = arm(cost, goal)
+    solution = mbocp.solve(problem, check=True)
+    robot, total = problem.robot, 0.0
+    data = robot.model.createData()
+    for n, u in enumerate(solution.us):
+        middle = robot.integrate(solution.qs[n], 0.5 * robot.difference(solution.qs[n], solution.qs[n + 1]))
+        more = u - pin.computeGeneralizedGravity(robot.model, data, middle)
+        v = (solution.vs[n] + solution.vs[n + 1]) / 2
+        total += problem.dt / 2 * (0.1 * u @ u + weights @ more**2 + 0.5 * v @ v)
+    assert solution.cost == pytest.approx(total, rel=1e-10)
+    with_ipopt = mbocp.solve(problem.with_(solver={"method": "ipopt"}), check=True)
+    assert with_ipopt.cost == pytest.approx(solution.cost, rel=1e-8)
+
+
+def test_a_payload_is_weight_too() -> None:
+    load = {"name": "box", "frame": "tool0", "mass": 3.0}
+    robot = {"name": "ur5", "payload": [load]}
+    given: dict[str, Any] = {"start": {"q": POSE}, "goal": {"q": POSE, "v": 0}, "scheme": "se1"}
+    cost = {"effort": 0.0, "effort_about_gravity": 1.0}
+    solution = mbocp.solve(Problem.create(robot, 1.0, 10, cost=cost, **given), check=True)
+    assert solution.cost == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_text_says_it() -> None:
+    problem = arm({"effort": 0.0, "effort_about_gravity": 1.0})
+    text = problem_to_toml(problem)
+    assert "effort_about_gravity = 1" in text
+    assert problem_to_toml(parse_problem(text)) == text
+    assert "effort_about_gravity" not in problem_to_toml(arm({"effort": 1.0}))
+
+
+@pytest.mark.parametrize(
+    ("cost", "words", "message"),
+    [
+        ({"effort_about_gravity": -1.0}, {}, "effort_about_gravity"),
+        ({"effort": 0.0, "effort_about_gravity": [1, 1, 1, 1, 1, 0]}, {}, "cost.effort"),
+        ({"effort_about_gravity": 1.0}, {"coordinates": "natural"}, 'is for coordinates = "joint"'),
+    ],
+)
+def test_what_is_refused(cost: dict[str, Any], words: dict[str, Any], message: str) -> None:
+    with pytest.raises(ProblemError, match=message):
+        mbocp.solve(arm(cost, **words))
