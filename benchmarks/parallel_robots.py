@@ -15,12 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.tables import Table, show
-
-os.environ["MBOCP_FUNCTIONS"] = "tapes"  # no compiler runs, as in first motions of users
-
-import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
 from mbocp.robot import HeldJointsWarning, Robot
@@ -144,6 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--csv", type=Path, help="file to write the table into")
     options = parser.parse_args(arguments)
+    os.environ["MBOCP_FUNCTIONS"] = "tapes"  # no compiler runs, as in first motions of users
     one_core()
     machine = header()
     show(machine)

@@ -87,6 +87,10 @@ class Formulation(Protocol):
         """Whether the rows' multipliers are what a solution stores, so that it can start Newton's method."""
 
     @property
+    def solves_for_lams(self) -> bool:
+        """Whether multipliers of constraints are unknowns, not read off the equations of motion."""
+
+    @property
     def can_drift(self) -> bool:
         """Whether configurations can leave the space that they belong to."""
 

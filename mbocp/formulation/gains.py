@@ -11,7 +11,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
@@ -72,10 +71,28 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     blocks = native.gains().reshape(-1, kind.nu, kind.ndx)
     gains = np.array([of_step(block, n) for n, block in enumerate(blocks)])
     if is_plain:
-        along = gains[:, :, : layout.nz] @ _tangents(space, iterate.xs[:-1, : layout.nz])
+        along = gains[:, :, : layout.nz] @ tangents(formulation, iterate.xs[:-1])
         gains = np.concatenate([along, gains[:, :, layout.nz :]], axis=2)
     gains[held[:, kind.nx : kind.nx + layout.num_own]] = 0.0
     return gains
+
+
+def tangents(formulation: Formulation, xs: Array) -> Array:
+    """Derivatives of the configurations in states by moves of the robot along its tangent.
+
+    Parameters
+    ----------
+    xs : ndarray, shape (n, nx)
+
+    Returns
+    -------
+    ndarray, shape (n, nw, nv)
+        Of natural coordinates, and of states that are taken by their tangent, the identity.
+    """
+    layout, space = formulation.layout, formulation.space
+    if layout.is_flat and isinstance(space, ConfigurationSpace):
+        return space.tangents(xs[:, layout.z])
+    return np.broadcast_to(np.eye(layout.nw), (len(xs), layout.nw, layout.nw))
 
 
 def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, step: int) -> Array:
@@ -89,15 +106,6 @@ def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, st
         found[:nu] = 0.0
         found[:nu, -nu:] = np.eye(nu)
     return found
-
-
-def _tangents(space: ConfigurationSpace, zs: Array) -> Array:
-    """Rates of coordinates, shape (n, nz), by those along the tangent, shape (n, nz, nv)."""
-    z, v = ca.SX.sym("z", space.nz), ca.SX.sym("v", space.nv)
-    rates = ca.Function("tangents", [z], [ca.densify(ca.jacobian(space.rate(z, v), v))])
-    found: Array = np.asarray(rates.map(len(zs))(zs.T)).reshape(space.nz, len(zs), space.nv)
-    along: Array = found.transpose(1, 0, 2)
-    return along
 
 
 def _factorise(native: KernelProgramme, programme: StagewiseProgramme) -> bool:

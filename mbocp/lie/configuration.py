@@ -155,6 +155,13 @@ class ConfigurationSpace:
             qs[:, part.at_q] = _with_quaternions(z) if part.at_matrix >= 0 else _normalise(part.group, z)
         return qs
 
+    def tangents(self, zs: Array) -> Array:
+        """Derivatives of coordinates z along the tangent directions, shape (n, nz, nv) from (n, nz)."""
+        z, v = ca.SX.sym("z", self.nz), ca.SX.sym("v", self.nv)
+        rates = ca.Function("tangents", [z], [ca.densify(ca.jacobian(self.rate(z, v), v))]).map(len(zs))
+        found: Array = np.asarray(rates(zs.T)).reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
+        return found
+
     def affine(self, C: Array, moved: Array) -> tuple[Array, Array]:
         """Return the matrix and vector of the map of coordinates z that is C q + moved of configurations.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import ClassVar
 
 import casadi as ca
@@ -15,10 +15,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
+from mbocp.formulation.gains import tangents
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.integrators import VELOCITY_TAU
-from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.limits import LIMITS
@@ -79,18 +79,6 @@ def _moves(problem: Problem, q: Array) -> Array:
     return found
 
 
-def _rates(space: ConfigurationSpace, z: Array) -> Array:
-    """Derivatives of coordinates along the tangent directions, shape (nv, nz)."""
-    found: Array = np.asarray(_rates_of(space)(z)).T
-    return found
-
-
-@cache
-def _rates_of(space: ConfigurationSpace) -> ca.Function:
-    z, v = ca.SX.sym("z", space.nz), ca.SX.sym("v", space.nv)
-    return ca.Function("rates", [z], [ca.densify(ca.jacobian(space.rate(z, v), v))])
-
-
 def _is_plain(problem: Problem) -> bool:
     """Whether states are (q, v) of joints, all of them unknowns."""
     return COORDINATES[problem.coordinates].has_joint_states and not problem.robot.drives
@@ -129,13 +117,11 @@ class Start(Parameter):
         if _begins_with_a_chord(problem) or not _is_plain(problem):
             changes = [change_along(formulation, partial(self._moved, move)) for move in moves]
             return Change.joined(changes)
-        found, at, space = self._none, formulation.layout, formulation.space
-        if not is_q:
-            found.start[:, at.ds] = moves
-        elif at.is_flat and isinstance(space, ConfigurationSpace):
-            found.start[:, : at.nw] = moves @ _rates(space, formulation.programme.x_start[at.z])
+        found, at = self._none, formulation.layout
+        if is_q:
+            found.start[:, : at.nw] = moves @ tangents(formulation, formulation.programme.x_start[None])[0].T
         else:
-            found.start[:, : at.nw] = moves
+            found.start[:, at.ds] = moves
         return found
 
     def _moved(self, move: Array, size: float) -> Problem:
@@ -180,7 +166,7 @@ class GoalOfJoints(Parameter):
         at = places(formulation.pieces.parameters.terminal)
         if is_q:
             z = space.coordinates(np.asarray(problem.goal.q)[None])[0]
-            found.rho_terminal[:, at["q"]] = _rates(space, z)
+            found.rho_terminal[:, at["q"]] = space.tangents(z[None])[0].T
         else:
             found.rho_terminal[:, at["rate"]] = moves
         return found

@@ -11,7 +11,6 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.inequalities import inequalities
-from mbocp.integrators import TABLEAUX
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.robot.kinematics import momenta_of
 from mbocp.sensitivity.kkt import Optimum, Parts, call
@@ -119,10 +118,9 @@ OF_MODEL = ("ps", "mus")  # what the robot's numbers say, too
 
 def readings_of(formulation: Formulation) -> Iterator[str]:
     """Names of those that are functions of the unknowns."""
-    problem = formulation.problem
-    has_loops = bool(problem.robot.nc)
+    has_loops = bool(formulation.problem.robot.nc)
     # Multipliers of explicit steps are no unknowns; rows of the end condition are any basis of a space.
-    left_out = {"eta": has_loops, "lams": has_loops and problem.scheme in TABLEAUX}
+    left_out = {"eta": has_loops, "lams": has_loops and not formulation.solves_for_lams}
     yield from (name for name in READINGS if not left_out.get(name, False))
 
 

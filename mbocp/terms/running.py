@@ -11,8 +11,6 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
-from mbocp.exceptions import ProblemError
-from mbocp.mechanics import JointMechanics
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.tables import TargetTable, Weights
@@ -254,8 +252,6 @@ class EffortAboutGravity(Weighted):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the differences."""
-        if not isinstance(at.mechanics, JointMechanics):
-            raise ProblemError(f'cost.{self.key}: is for coordinates = "joint"')
         held = at.pushes().T @ at.mechanics.gravity(at.q)
         return half_square(p[self.key], at.control - held)
 

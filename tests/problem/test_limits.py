@@ -114,7 +114,11 @@ def test_true_skips_what_is_not_plain(kinova: Robot) -> None:
         ),
         ("limits.position={elbow_joint=1}", "limits.position", r"got 1 for 'elbow_joint', expected \[lower,"),
         ("limits.position=[[0,1]]", "limits.position", r"got shape \(1,\), expected \(6,\)"),
-        ("limits.torque=1", "limits.torque", r"unknown key \(allowed in \[limits\]: profile, effort, velo"),
+        (
+            "limits.torque=1",
+            "limits.torque",
+            r"unknown key \(allowed in \[limits\]: profile, effort, effo",
+        ),
         ("limits=1", "limits", "got 1, expected a table"),
         (
             "limits.position={wrist_1_joint=[-1, 1]}",

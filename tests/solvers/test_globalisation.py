@@ -181,7 +181,7 @@ def test_what_is_infeasible_from_one_guess_is_not_asked_of_ipopt_from_the_next(
     told = mbocp.solve(problem)
     assert told.status is Status.INFEASIBLE, told.advice
     assert not any(phase.name.startswith("ipopt") for phase in told.phases)
-    monkeypatch.setattr("mbocp.job.why_in_vain", lambda *_: None)
+    monkeypatch.setattr("mbocp.problem.reasons.causes.why_in_vain", lambda *_: None)
     s = mbocp.solve(problem)
     assert s.status is Status.INFEASIBLE, s.advice
     of_ipopt = [phase for phase in s.phases if phase.name.startswith("ipopt")]

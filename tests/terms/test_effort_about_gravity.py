@@ -73,7 +73,7 @@ def test_the_text_says_it() -> None:
     [
         ({"effort_about_gravity": -1.0}, {}, "effort_about_gravity"),
         ({"effort": 0.0, "effort_about_gravity": [1, 1, 1, 1, 1, 0]}, {}, "cost.effort"),
-        ({"effort_about_gravity": 1.0}, {"coordinates": "natural"}, 'is for coordinates = "joint"'),
+        ({"effort_about_gravity": 1.0}, {"coordinates": "natural"}, 'are for coordinates = "joint"'),
     ],
 )
 def test_what_is_refused(cost: dict[str, Any], words: dict[str, Any], message: str) -> None:

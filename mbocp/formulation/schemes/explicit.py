@@ -46,6 +46,7 @@ class ExplicitFormulation(JointFormulation):
 
     end_rows_may_depend = True
     keeps_adjoints = False
+    solves_for_lams = False
     tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
     @classmethod

@@ -47,6 +47,7 @@ class JointFormulation:
     pieces: Pieces
 
     counts_turns = True
+    solves_for_lams = True
 
     @classmethod
     def made_of(cls: type[F], pieces: Pieces, space: ConfigurationSpace, deadline: float) -> F:

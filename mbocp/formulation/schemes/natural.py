@@ -63,6 +63,7 @@ class NaturalFormulation:
     end_rows_may_depend = False
     counts_turns = False
     keeps_adjoints = False
+    solves_for_lams = True
     can_drift = True
 
     @classmethod

@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree
 from mbocp.mechanics.natural_coordinates.joints import JointRow, follower_row, joint_rows
@@ -142,6 +143,15 @@ class NaturalMechanics(NaturalKinematics):
         for element in self.robot.forces:
             total += force_element_force(element, self, q, v)
         return total + self._losses(q, v) if self.robot.resistances else total
+
+    def gravity(self, q: ca.SX) -> ca.SX:
+        """Refuse: forces on the coordinates of bodies are no torques of joints.
+
+        Raises
+        ------
+        ProblemError
+        """
+        raise ProblemError('torques of gravity are for coordinates = "joint": cost.effort_about_gravity')
 
     def potential_energy(self, q: ca.SX) -> ca.SX:
         """Potential energy of gravity and of the force elements [J]."""

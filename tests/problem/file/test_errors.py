@@ -63,7 +63,7 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             "horizon.step",
             r"unknown key, did you mean 'steps'\? \(allowed in \[horizon\]: duration, steps",
         ),
-        ("duration=3", "duration", r"unknown key, did you mean horizon.duration\?"),
+        ("duration=3", "duration", r"unknown key, did you mean horizon.duration or gait.duration\?"),
         ("cost.alpha=3", "cost.alpha", r"did you mean cost\.effort\?"),
         ("cost.enforce='exact'", "cost.enforce", r"did you mean goal\.enforce\?"),
         ("goal.tool='tool0'", "goal.tool", "unknown key"),
