@@ -45,7 +45,7 @@ __all__ = [
 ]
 
 _ROOT = Path(__file__).parent.parent
-_DOCS = _ROOT / "docs" / "optima.md"
+_DOCS = _ROOT / "benchmarks" / "measured" / "references.md"
 _BEGIN = "<!-- tables: python -m benchmarks.references --docs -->"
 _FIRST, _MOST = 5, 12_000  # steps that are tried
 _TO, _TO_EQUAL = 0.05, 0.003  # of their number
@@ -317,7 +317,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.references", description=__doc__.split("\n")[0]
     )
-    parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write the table into measured/{_DOCS.name}")
     parser.add_argument("--data", action="store_true", help=f"write the numbers into tests/data/{_DATA.name}")
     parser.add_argument("--accuracy", type=float, help="how many steps it takes to have costs so accurate")
     parser.add_argument("--controls", type=float, help="the same by how controls vary within a step")

@@ -1,4 +1,4 @@
-"""Schema of robot.toml, which adds to a model; docs/robots.md explains each key."""
+"""Schema of robot.toml, which adds to a model; docs/robot_toml.md has each key."""
 
 from __future__ import annotations
 

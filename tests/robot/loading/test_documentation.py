@@ -1,4 +1,4 @@
-"""The example of docs/robots.md loads, and uses every key that there is."""
+"""The example of docs/robot_toml.md loads, and uses every key that there is."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CRANE = urdfs.robot(
 
 @pytest.fixture
 def example() -> str:
-    (block,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "robots.md").read_text(), re.DOTALL)
+    (block,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "robot_toml.md").read_text(), re.DOTALL)
     return str(block)
 
 
@@ -63,7 +63,7 @@ def test_every_robot_has_a_readme_and_a_description(name: str) -> None:
 
 
 def test_the_robot_yaml_of_the_page_is_one(tmp_path: Path) -> None:
-    (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "robots.md").read_text(), re.DOTALL)
+    (block,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "robot_toml.md").read_text(), re.DOTALL)
     (tmp_path / "robot.yaml").write_text(block)
     found = read_robot_yaml(tmp_path / "robot.yaml")  # warns of keys that are not known
     assert found.joint_type == ["SPHERICAL", "UJOINT_XY"]
