@@ -33,7 +33,7 @@ from mbocp.robot import Robot
 
 __all__ = ["SCHEMES", "SYSTEMS", "Drift", "Free", "drift_of", "drift_table", "moved"]
 
-_DOCS = Path(__file__).parent.parent / "docs" / "mathematics.md"
+_PAGE = Path(__file__).parent / "measured" / "invariants.md"
 _BEGIN = "<!-- tables: python -m benchmarks.invariants --docs -->"
 _TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force; a guess is simulated to 1e-12
 _PART = 10_000  # steps of one simulation: all of them would take gigabytes
@@ -251,11 +251,11 @@ def drift_table(
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, or put it into the documentation."""
+    """Print the table, or put it into the measured ones."""
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.invariants", description=__doc__.split("\n")[0]
     )
-    parser.add_argument("--docs", action="store_true", help=f"write the table into docs/{_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"write the table into measured/{_PAGE.name}")
     parser.add_argument("--markdown", action="store_true", help="for the documentation")
     parser.add_argument("--schemes", nargs="*", default=SCHEMES)
     parser.add_argument("names", nargs="*", help="of the robots; all, if there are none")
@@ -266,7 +266,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         warnings.simplefilter("ignore")  # joints turn as they like, beyond their limits
         table = drift_table(systems, options.schemes, told=True)
     if options.docs:
-        present([header(), table], _DOCS, _BEGIN, into_page=True)
+        present([header(), table], _PAGE, _BEGIN, into_page=True)
     else:
         show(table, markdown=options.markdown)
 

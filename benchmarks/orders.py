@@ -50,7 +50,7 @@ __all__ = [
     "rows_of",
 ]
 
-_DOCS = Path(__file__).parent.parent / "docs" / "mathematics.md"
+_PAGE = Path(__file__).parent / "measured" / "orders.md"
 _BEGIN = "<!-- tables: python -m benchmarks.orders --docs -->"
 _ALL = Path(__file__).with_suffix(".csv")
 _TO_ROUND_OFF = 1e-15  # residual of a step in its unit of force
@@ -341,9 +341,10 @@ def by_scheme(rows: Sequence[tuple[str, ...]]) -> Table:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the tables, or put them into the documentation and all rows into a file beside this one."""
+    """Print the tables, or put them into the measured ones and all rows into a file beside this one."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.orders", description=__doc__.split("\n")[0])
-    parser.add_argument("--docs", action="store_true", help=f"write into docs/{_DOCS.name} and {_ALL.name}")
+    written = f"write into measured/{_PAGE.name} and {_ALL.name}"
+    parser.add_argument("--docs", action="store_true", help=written)
     parser.add_argument("names", nargs="*", help="words of the systems' names; all, if there are none")
     options = parser.parse_args(arguments)
     one_core()
@@ -352,7 +353,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         table = order_table(options.names, told=True)
     if options.docs:
         table.to_csv(_ALL)
-    present([header(), by_scheme(table.rows)], _DOCS, _BEGIN, into_page=options.docs)
+    present([header(), by_scheme(table.rows)], _PAGE, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

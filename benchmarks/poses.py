@@ -22,7 +22,7 @@ from mbocp.problem import Problem
 
 __all__ = ["pose_tasks", "poses_table"]
 
-_DOCS = Path(__file__).parent.parent / "docs" / "performance.md"
+_PAGE = Path(__file__).parent / "measured" / "poses.md"
 _BEGIN = "<!-- tables: python -m benchmarks.poses --docs -->"
 _STEPS = 60
 _FINGERS = {"panda_finger_joint1": 0.02, "panda_finger_joint2": 0.02}
@@ -103,9 +103,9 @@ def poses_table(number: int, starts: Sequence[int] = (1, 4), seed: int = 0) -> T
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table, or put it into the documentation."""
+    """Print the table, or put it into the measured ones."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.poses", description=__doc__)
-    parser.add_argument("--docs", action="store_true", help=f"rewrite the tables of {_DOCS.name}")
+    parser.add_argument("--docs", action="store_true", help=f"rewrite the tables of measured/{_PAGE.name}")
     parser.add_argument("--number", type=int, default=1000, help="goals of each arm")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--starts", type=int, nargs="+", default=[1, 4])
@@ -115,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         tables.append(poses_table(options.number, options.starts, options.seed))
-    present(tables, _DOCS, _BEGIN, into_page=options.docs)
+    present(tables, _PAGE, _BEGIN, into_page=options.docs)
 
 
 if __name__ == "__main__":

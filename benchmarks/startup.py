@@ -24,7 +24,7 @@ __all__ = ["best_times", "commands"]
 
 ROOT = Path(__file__).parents[1]
 PROBLEM = ROOT / "examples" / "arms" / "ur5_reach.toml"
-PAGE, BEGIN = ROOT / "docs" / "performance.md", "<!-- tables of benchmarks.startup -->"
+PAGE, BEGIN = ROOT / "benchmarks" / "measured" / "startup.md", "<!-- tables of benchmarks.startup -->"
 BARE = "import numpy, casadi, pinocchio"
 ASKED = {  # [s], and for a solve as a ratio
     "mbocp --help": "0.4 s",
@@ -81,7 +81,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--docs", action="store_true", help="put the tables into docs/performance.md")
+    parser.add_argument("--docs", action="store_true", help="put the tables into measured/startup.md")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -166,7 +166,9 @@ class Key:
     def join(self, other: Key) -> Key:
         """Return what is said of a key of several tables."""
         units = dict.fromkeys([*self.unit.split(", "), *other.unit.split(", ")])
-        return replace(self, unit=", ".join(units), says=f"{self.says}; {other.says}")
+        is_said = f"; {other.says};" in f"; {self.says};"
+        says = self.says if is_said else f"{self.says}; {other.says}"
+        return replace(self, unit=", ".join(units), says=says)
 
 
 def key_of(info: FieldInfo) -> Key | None:

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.paper.so3 --docs --results FILE`: rewrites docs/paper_so3.md."""
+"""`python -m benchmarks.paper.so3 --docs --results FILE`: rewrites measured/paper_so3.md and its figures."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from mbocp_papers.so3.request import Request, lattice_outcomes
 from mbocp_papers.so3.tables import TITLES, check_table, make_table, summary_table
 from PIL import Image  # comes with matplotlib
 
-from benchmarks.paper.__main__ import DOCS, replaced
+from benchmarks.paper.__main__ import DOCS, TABLES, replaced
 
 __all__ = ["PAGE", "choices_table", "main"]
 
-PAGE = DOCS / "paper_so3.md"
+PAGE = TABLES.with_name("paper_so3.md")
 _DPI, _COLORS = 130, 128  # pictures of some 30 kB
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Rewrite the page, or parts of it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper.so3", description=__doc__)
-    parser.add_argument("--docs", action="store_true", required=True, help="rewrite docs/paper_so3.md")
+    parser.add_argument("--docs", action="store_true", required=True, help="rewrite measured/paper_so3.md")
     parser.add_argument("--results", type=Path, metavar="FILE.jsonl", help="rows of the lattice")
     parser.add_argument("--printed", type=Path, metavar="FILE.jsonl", help="rows of the variant as_printed")
     parser.add_argument("--table", type=int, action="append", metavar="N", help="default: all; repeatable")

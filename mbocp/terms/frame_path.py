@@ -219,9 +219,8 @@ class Orientation(PathTerm):
         axis: Annotated[
             Triple,
             Key(
-                'kind `"orientation"`: axis in the frame, and direction in the world '
-                "from which it is bent by an angle of at least `min` and at most `max`; of a "
-                '`"follow"` the axis, and the direction of its path',
+                'of an `"orientation"`: axis in the frame, and direction in the world; the angle between '
+                'them is from `min` to `max`; of a `"follow"` the axis',
                 default="z",
                 beside=("direction",),
             ),

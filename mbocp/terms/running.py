@@ -29,10 +29,7 @@ class Effort(Weighted):
 
         effort: Annotated[
             ControlWeights,
-            Key(
-                "alpha, one for all or one for each control; 0 only where a control has a "
-                "`control_rate` or limits"
-            ),
+            Key("alpha; 0 only where a control has a `control_rate` or limits"),
         ] = 1.0
 
     @classmethod
@@ -75,15 +72,14 @@ class Tracking(RunningCost):
         tracking_weights: Annotated[
             Weights | None,
             Key(
-                "diagonal of Q on (q, p); `q` and `p` are a number or a vector each, 0 if left out",
+                "diagonal of Q on (q, p)",
                 default="1 where the target says something",
             ),
         ] = None
         target: Annotated[
             TargetTable | None,
             Key(
-                "y_d: each one row, or N rows, one for every step, compared with the state at which the "
-                "scheme evaluates the cost",
+                "y_d: one row, or one for every step, compared where the scheme evaluates the cost",
                 default="the goal",
                 takes="table with `q` and `p`",
             ),
@@ -200,8 +196,7 @@ class Velocity(Weighted):
         velocity: Annotated[
             ControlOrAuto,
             Key(
-                'W, one for all or one for each component of v; `"auto"`: '
-                "[from forces and duration](#a-problem-without-cost)",
+                'W; `"auto"`: [from forces and duration](#a-problem-without-cost)',
                 default='0; `"auto"` without [cost]',
             ),
         ] = None
@@ -298,7 +293,7 @@ class Acceleration(Weighted):
         acceleration: Annotated[
             ControlWeights,
             Key(
-                "weights on the accelerations of the joints, one for all or one for each component of v",
+                "weights on the accelerations of the joints",
                 default="0",
             ),
         ] = None
@@ -323,10 +318,7 @@ class Fuel(Weighted):
 
         fuel: Annotated[
             ControlWeights,
-            Key(
-                "weights on controls that are limited from below, not on their squares: one for all or "
-                "one for each"
-            ),
+            Key("weights on controls that are limited from below, not on their squares"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

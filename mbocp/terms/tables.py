@@ -23,7 +23,7 @@ class WeightsTable(Table):
     """Diagonal weights on (q, p): one list, or `q` and `p` apart."""
 
     qp: Annotated[VectorOrNamed, SkipJsonSchema()] = None  # where a plain list lands
-    q: Annotated[Control, Key("weights on q, one for all or one for each", default="0")] = None
+    q: Annotated[Control, Key("weights on q", default="0")] = None
     p: Annotated[Control, Key("weights on p, or on v where the goal gives v", default="0")] = None
 
 

@@ -35,11 +35,7 @@ class IntegratorTable(Table):
     substeps: Annotated[
         int,
         whole(1),
-        Key(
-            "explicit schemes: their steps within one of the N; [bounded](solver.md#compiled-functions), "
-            "since "
-            "each is written out"
-        ),
+        Key("explicit schemes: their steps within one of the N, [bounded](solver.md#compiled-functions)"),
     ] = 1
     gamma_quaternion: Annotated[
         NonNegative,

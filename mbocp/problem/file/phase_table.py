@@ -46,7 +46,7 @@ class HorizonTable(Table):
         int | None,
         whole(1),
         Key(
-            "N, impacts of phases included; as many as there is [memory](#how-many-steps) for",
+            "N, impacts of phases included, as [memory](#how-many-steps) allows",
             "",
             "required without `[[phase]]`",
         ),
@@ -88,9 +88,8 @@ class HoldTable(Table):
     kind: Annotated[
         str,
         Key(
-            'what is held: `"weld"` all of it, `"point"` its origin, `"hinge"` its origin and an axis, '
-            '`"plane"`, '
-            '`"line"` its origin in a plane or on a line, `"screw"` all but the way along a thread'
+            '`"weld"` holds all, `"point"` the origin, `"hinge"` origin and axis, `"plane"`, `"line"` '
+            'the origin in a plane or on a line, `"screw"` all but the way along a thread'
         ),
     ] = "weld"
     at: Annotated[
@@ -110,11 +109,7 @@ class HoldTable(Table):
     ] = None
     meeting: Annotated[
         str,
-        Key(
-            'how it begins: with an `"impact"`, or `"soft"`, with velocities that fit; of a hold that goes '
-            "on "
-            "nothing"
-        ),
+        Key('how it begins: with an `"impact"`, or `"soft"`, with velocities that fit'),
     ] = "impact"
 
 
@@ -135,7 +130,7 @@ class PhaseTable(Table):
     steps: Annotated[
         int,
         whole(1),
-        Key("number of its steps that take time; with `horizon.accuracy` those with which the search begins"),
+        Key("steps that take time; with `horizon.accuracy` those with which the search begins"),
     ]
     duration: Annotated[Duration, Key("how long it takes: given, or found between `min` and `max`", "s")]
     contacts: Annotated[
@@ -167,9 +162,8 @@ class PhaseTable(Table):
         list[ReleaseTable],
         RELEASED,
         Key(
-            'names of constraints of the robot that do not hold; as `{ name = string, meeting = "soft" }` '
-            "with the "
-            "way in which they are taken on again"
+            'constraints of the robot that do not hold; `{ name = string, meeting = "soft" }` says how they '
+            "are taken on again"
         ),
     ] = Field(default_factory=list)
     path: Annotated[

@@ -118,3 +118,10 @@ def test_every_option_of_a_solver_is_a_key() -> None:
     assert set(SolverTable.model_fields) == set(SolverOptions.__dataclass_fields__)
     for name, info in SolverTable.model_fields.items():
         assert info.default == getattr(SolverOptions, name), name
+
+
+def test_what_several_tables_say_alike_is_said_once() -> None:
+    for name, info in all_keys():
+        if (key := key_of(info)) is not None:
+            parts = key.says.split("; ")
+            assert len(parts) == len(set(parts)), name
