@@ -192,6 +192,7 @@ def check(
     file: ProblemFile,
     settings: Settings = None,
     output: Annotated[Path | None, _output("PAGE.html", "Write a page: start, goal, obstacles.")] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Say what a problem file asks for, and what is odd about it.
@@ -200,7 +201,7 @@ def check(
     """
     from mbocp.cli.check import check_file
 
-    check_file(file, settings or [], output, quiet=quiet)
+    raise typer.Exit(check_file(file, settings or [], output, as_json=as_json, quiet=quiet))
 
 
 @_command

@@ -9,7 +9,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp solve reach.toml --set horizon.duration=1.5 --set limits.velocity=true",
         "mbocp solve reach.h5 --set horizon.steps=200 -o finer.h5",
     ),
-    "check": ("mbocp check reach.toml -o reach.html",),
+    "check": ("mbocp check reach.toml -o reach.html", "mbocp check reach.toml --json"),
     "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
     "replay": (
         "mbocp replay reach.h5",
