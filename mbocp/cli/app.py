@@ -459,6 +459,20 @@ def study(
 
 
 @_command
+def keys(
+    name: Annotated[
+        str | None,
+        _argument("NAME", "A key, a table, or the last part of a name. [default: all]"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what keys of problem files take and mean."""
+    from mbocp.cli.keys import print_keys
+
+    print_keys(name, as_json=as_json)
+
+
+@_command
 def schema(
     output: Annotated[Path | None, _output("FILE.json", "File to write. [default: the screen]")] = None,
 ) -> None:

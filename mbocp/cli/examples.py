@@ -28,6 +28,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp study steps.toml -o steps.jsonl --workers 2",
         "mbocp study --summary steps.jsonl --plot steps.png",
     ),
+    "keys": ("mbocp keys horizon", "mbocp keys jerk"),
     "schema": ("mbocp schema -o mbocp.schema.json",),
     "doctor": ("mbocp doctor",),
 }
