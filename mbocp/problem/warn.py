@@ -102,8 +102,11 @@ def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:
         return
     limits = robot.limits
     lower, upper = limits.position_lower - BOUND_TOLERANCE, limits.position_upper + BOUND_TOLERANCE
-    rows = zip(q, lower, upper, robot.q_labels, strict=True)
-    asked = (f"{label.name}: {words}" for *row, label in rows if (words := ask_degrees(*row, label.unit)))
+    asked = (
+        f"{label.name}: {words}"
+        for value, low, high, label in zip(q, lower, upper, robot.q_labels, strict=True)
+        if (words := ask_degrees(value, low, high, label.unit))
+    )
     question = next(asked, "")
     outside = (q < lower) | (q > upper)
     if outside.any():
