@@ -29,6 +29,11 @@ _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 
 
+def without_links(words: str) -> str:
+    """Return Markdown with the words of links in their place."""
+    return _LINK.sub(r"\1", words)
+
+
 class Declared(BaseModel):
     """Some keys of a table, each declared."""
 
@@ -159,7 +164,7 @@ class Key:
     @property
     def description(self) -> str:
         """What is said, as sentences for editors."""
-        says = _LINK.sub(r"\1", self.says)
+        says = without_links(self.says)
         unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
         return f"{says[:1].upper()}{says[1:]}{unit}.{default}"
 

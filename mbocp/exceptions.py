@@ -31,6 +31,12 @@ _MOST_LISTED = 3  # excesses in a message
 _KEY = re.compile(r"([a-z_]\w*(?:\.\w+|\[[\w, ]+\])*): ")
 
 
+def key_in(message: str) -> str | None:
+    """Return the dotted key, or the name of the argument, that a message begins with."""
+    found = _KEY.match(message)
+    return found[1] if found else None
+
+
 class MbocpError(Exception):
     """Root of all errors of mbocp; a message has at most `MAX_MESSAGE` characters, whatever it quotes."""
 
@@ -46,10 +52,7 @@ class MbocpError(Exception):
     @property
     def key(self) -> str | None:
         """Key of a file, or argument of a function, that the error is about; None where it names none."""
-        if self._key != "":
-            return self._key
-        found = _KEY.match(str(self))
-        return found[1] if found else None
+        return self._key if self._key != "" else key_in(str(self))
 
     def put_into(self, path: Path | str) -> None:
         """Put the name of the file in front of the message."""
@@ -178,7 +181,17 @@ class ProblemError(MbocpError):
 
 
 class ProblemFileError(_FileError, ProblemError):
-    """A problem file that is missing, malformed, or has a wrong key or value."""
+    """A problem file that is missing, malformed, or has wrong keys or values.
+
+    `mistakes` has the key, or None, and the words for each; `key` is that of the first.
+    """
+
+    def __init__(
+        self, path: Path | str, reason: str, key: str | None = None, others: Sequence[tuple[str, str]] = ()
+    ) -> None:
+        self.mistakes: tuple[tuple[str | None, str], ...] = ((key, reason), *others)
+        rest = "".join(f"\n{path}: {other}: {words}" for other, words in others)
+        super().__init__(path, reason + rest, key)
 
 
 class InconsistentStart(ProblemError):

@@ -23,7 +23,12 @@ from mbocp.solution.records import Status
 from mbocp.storage.content import QUANTITIES
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    ROOT / "docs/llms.txt",
+]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\[[^\]\[]*\]\(([^)\s]+)\)")
 COMMAND = re.compile(r"(?:^    (?:\$ |\S*/)?|`)mbocp ([a-z]+)((?: [^`|\n]*)?)", re.MULTILINE)

@@ -192,6 +192,7 @@ def check(
     file: ProblemFile,
     settings: Settings = None,
     output: Annotated[Path | None, _output("PAGE.html", "Write a page: start, goal, obstacles.")] = None,
+    as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Say what a problem file asks for, and what is odd about it.
@@ -200,7 +201,7 @@ def check(
     """
     from mbocp.cli.check import check_file
 
-    check_file(file, settings or [], output, quiet=quiet)
+    raise typer.Exit(check_file(file, settings or [], output, as_json=as_json, quiet=quiet))
 
 
 @_command
@@ -455,6 +456,20 @@ def study(
         run(file, output, How(workers, scheduler, resume, overwrite), shown)
     else:
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
+
+
+@_command
+def keys(
+    name: Annotated[
+        str | None,
+        _argument("NAME", "A key, a table, or the last part of a name. [default: all]"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what keys of problem files take and mean."""
+    from mbocp.cli.keys import print_keys
+
+    print_keys(name, as_json=as_json)
 
 
 @_command

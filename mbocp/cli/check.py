@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import typer
 from rich.text import Text
 
+from mbocp.cli.report import tell
 from mbocp.cli.solve import PAGES, check_output
+from mbocp.exceptions import MbocpError
 from mbocp.problem.goals.rest import words_of_rest
 from mbocp.problem.limits import LIMITS
 
@@ -22,16 +26,55 @@ _MAX_ENTRIES = 12
 _Rows = list[tuple[str, str | Text]]
 
 
-def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet: bool) -> None:
-    """Print what would be solved, and draw it."""
+def check_file(file: Path, settings: Sequence[str], page: Path | None, *, as_json: bool, quiet: bool) -> int:
+    """Print what would be solved, or what is wrong with it as JSON, and draw it; return the exit status."""
     if page is not None:
         check_output(page, "-o", PAGES)
-    from mbocp.cli.summary import cause_rows, inertia_words, print_rows, robot_words
+    from mbocp.cli.summary import print_rows
     from mbocp.problem import load_problem
+
+    if as_json:
+        return _print_findings(file, settings, page)
+    problem = load_problem(file, settings)
+    rows = _rows(problem)
+    if page is not None:
+        from mbocp.view.preview import write_preview
+
+        rows.append(("page", str(write_preview(problem, page))))
+    if not quiet:
+        print_rows(problem.name, rows)
+    return 0
+
+
+def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> int:
+    from mbocp.cli.findings import Findings
+    from mbocp.problem import load_problem
+    from mbocp.problem.reasons.causes import causes_of
+    from mbocp.robot.facts import find_oddities
+
+    found, status = Findings(file, settings), 0
+    try:
+        with found.recording():
+            problem = load_problem(file, settings)
+    except MbocpError as error:
+        found.add_error(error)
+        status = tell(error)
+    else:
+        found.add_causes(causes_of(problem))
+        found.add_oddities(find_oddities(problem.robot))
+        if page is not None:
+            from mbocp.view.preview import write_preview
+
+            write_preview(problem, page)
+    typer.echo(json.dumps(found.to_dict(status), indent=2))
+    return status
+
+
+def _rows(problem: Problem) -> _Rows:
+    from mbocp.cli.summary import cause_rows, inertia_words, robot_words
     from mbocp.problem.reasons.causes import causes_of
     from mbocp.robot.facts import describe, find_oddities
 
-    problem = load_problem(file, settings)
     robot = problem.robot
     rows: _Rows = [
         ("robot", robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
@@ -46,13 +89,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, quiet:
     rows += cause_rows(causes_of(problem))
     if words := inertia_words(describe(robot)["inertias"]):
         rows.append(("inertias", words))
-    rows += [("URDF", Text(words, style="yellow")) for words in find_oddities(robot)]
-    if page is not None:
-        from mbocp.view.preview import write_preview
-
-        rows.append(("page", str(write_preview(problem, page))))
-    if not quiet:
-        print_rows(problem.name, rows)
+    return [*rows, *(("URDF", Text(words, style="yellow")) for words in find_oddities(robot))]
 
 
 def _horizon(problem: Problem) -> str:

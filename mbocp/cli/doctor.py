@@ -21,6 +21,15 @@ Verdict = Literal["ok", "warn", "fail"]
 _COLORS = {"ok": "green", "warn": "yellow", "fail": "red"}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "firefox")
 _MINIMUM = (3, 10)
+PACKAGES = ("numpy", "scipy", "pydantic", "coal", "h5py", "matplotlib")  # beside those of the native part
+EXTRAS = {
+    "compiler": "ziglang",
+    "dask": "distributed",
+    "bench": "toppra",
+    "live": "viser",
+    "xacro": "xacro",
+    "xarray": "xarray",
+}
 _AGREEMENT = (
     1e-9  # relative; two libraries that fit agree to 1e-13, a mismatched pair was wrong in the first digit
 )
@@ -67,6 +76,12 @@ def _safely(name: str, look: Callable[[], tuple[Verdict, str, str]]) -> Check:
         return Check(name, "fail", f"{type(error).__name__}: {error}", "run `make setup` again")
 
 
+def _system() -> tuple[Verdict, str, str]:
+    from mbocp import __version__
+
+    return "ok", f"mbocp {__version__} on {platform.platform()}", ""
+
+
 def _python() -> tuple[Verdict, str, str]:
     found = f"{platform.python_version()} ({sys.executable})"
     if sys.version_info < _MINIMUM:
@@ -96,10 +111,32 @@ def _native() -> tuple[Verdict, str, str]:
 
 def _kernel() -> tuple[Verdict, str, str]:
     from mbocp.programme.native import kernel
+    from mbocp.programme.processor import instruction_flags
 
     module = kernel()
     classes = (module.Programme, module.Kind)  # what is missing from a broken build is an AttributeError
-    return "ok", f"{module.__name__.rpartition('.')[2]}, with {' and '.join(c.__name__ for c in classes)}", ""
+    instructions = [flag.removeprefix("-m") for flag in instruction_flags() if "=" not in flag]
+    found = f"{module.__name__.rpartition('.')[2]}, with {' and '.join(c.__name__ for c in classes)}"
+    return "ok", f"{found}; instructions {', '.join(instructions) or 'of any processor'}", ""
+
+
+def _packages() -> tuple[Verdict, str, str]:
+    from importlib.metadata import version
+
+    return "ok", ", ".join(f"{name} {version(name)}" for name in PACKAGES), ""
+
+
+def _extras() -> tuple[Verdict, str, str]:
+    """Optional packages; what needs one of them says so."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    there, missing = [], []
+    for extra, name in EXTRAS.items():
+        try:
+            there.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(f"{name} (mbocp[{extra}])")
+    return "ok", f"{', '.join(there) or 'none'}; not installed: {', '.join(missing) or 'none'}", ""
 
 
 def _compiler() -> tuple[Verdict, str, str]:
@@ -170,7 +207,10 @@ def _threads() -> tuple[Verdict, str, str]:
 
 
 _CHECKS: dict[str, Callable[[], tuple[Verdict, str, str]]] = {
+    "system": _system,
     "Python": _python,
+    "packages": _packages,
+    "extras": _extras,
     "native part": _native,
     "kernel": _kernel,
     "C compiler": _compiler,

@@ -9,7 +9,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp solve reach.toml --set horizon.duration=1.5 --set limits.velocity=true",
         "mbocp solve reach.h5 --set horizon.steps=200 -o finer.h5",
     ),
-    "check": ("mbocp check reach.toml -o reach.html",),
+    "check": ("mbocp check reach.toml -o reach.html", "mbocp check reach.toml --json"),
     "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
     "replay": (
         "mbocp replay reach.h5",
@@ -28,6 +28,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp study steps.toml -o steps.jsonl --workers 2",
         "mbocp study --summary steps.jsonl --plot steps.png",
     ),
+    "keys": ("mbocp keys horizon", "mbocp keys jerk"),
     "schema": ("mbocp schema -o mbocp.schema.json",),
     "doctor": ("mbocp doctor",),
 }

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import typer
 
+from mbocp._files import is_file
 from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.schema import SCHEMA_FILE
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import MbocpError, ResultFileError, UnsupportedRobot
 
@@ -45,7 +47,7 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
 
         table["actuated"] = [_ROOT]
         robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
-    path.write_text(first_file(robot, table, path), encoding="utf-8")
+    path.write_text(_schema_line(path) + first_file(robot, table, path), encoding="utf-8")
     if options.dynamics is False:
         typer.echo(
             f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is "
@@ -62,6 +64,11 @@ def write_new(name: str, output: Path | None, options: RobotOptions, *, force: b
     if not quiet:
         typer.echo(f"{path}: a first motion of {robot.name}, with its joints and limits. Next:")
         typer.echo(f"  mbocp solve {path} --replay {path.with_suffix('.html')}")
+
+
+def _schema_line(path: Path) -> str:
+    """The first line of a file beside which `mbocp schema` has written what editors know."""
+    return f"#:schema ./{SCHEMA_FILE}\n" if is_file(path.parent / SCHEMA_FILE) else ""
 
 
 def _only_rotors(robot: Any) -> bool:

@@ -94,6 +94,12 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
     return wrapped
 
 
+def tell(error: MbocpError) -> int:
+    """Print the line of an error on stderr, and return the exit status."""
+    _say("error", str(error), "red")
+    return BAD_INPUT
+
+
 def _meaning(error: BaseException) -> _Meaning | None:
     """What an exception means; None if it is not an error."""
     signalled = signals.status_of_signal()

@@ -8,7 +8,8 @@ from pathlib import Path
 import typer
 
 from mbocp.cli.solve import check_output
-from mbocp.problem.file.schema import problem_schema
+
+SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it know it
 
 
 def write_schema(output: Path | None) -> None:
@@ -19,6 +20,8 @@ def write_schema(output: Path | None) -> None:
     MbocpError
         If the file is none that can be written.
     """
+    from mbocp.problem.file.schema import problem_schema
+
     text = json.dumps(problem_schema(), indent=1)
     if output is None:
         typer.echo(text)

@@ -12,6 +12,7 @@ from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.units import ask_degrees, with_question
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.terms import RATE_TERMS
@@ -235,7 +236,9 @@ def _refuse_outside(
     if outside.any():
         i = int(np.flatnonzero(outside)[0])
         side, bound = ("above", upper[i]) if value[i] > upper[i] else ("below", lower[i])
-        raise ProblemError(
+        words = (
             f"{where}.{letter}: {labels[i].name} is {value[i]:.6g} {labels[i].unit}, {side} its limit "
             f"{bound:.6g} in {LIMITS[letter]}; no motion keeps it: move the {where}, or widen the limit"
         )
+        question = ask_degrees(value[i], lower[i], upper[i], labels[i].unit)
+        raise ProblemError(with_question(words, question))

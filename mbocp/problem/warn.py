@@ -19,6 +19,7 @@ from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
+from mbocp.problem.units import ask_degrees, with_question
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.redundancy import singular_pose
@@ -96,13 +97,21 @@ def _points_put_down(timeline: Timeline) -> Iterator[tuple[int, Phase, Hold]]:
 
 
 def warn_limits(robot: Robot, bounds: Bounds, q: Array, key: str) -> None:
-    """Say which coordinates are outside limits of the robot that nobody enforces."""
+    """Say which coordinates are outside limits of the robot that nobody enforces, or look like degrees."""
     if bounds.finite("q").any():
         return
     limits = robot.limits
     lower, upper = limits.position_lower - BOUND_TOLERANCE, limits.position_upper + BOUND_TOLERANCE
+    asked = (
+        f"{label.name}: {words}"
+        for value, low, high, label in zip(q, lower, upper, robot.q_labels, strict=True)
+        if (words := ask_degrees(value, low, high, label.unit))
+    )
+    question = next(asked, "")
     outside = (q < lower) | (q > upper)
     if outside.any():
         names = ", ".join(robot.q_labels[i].name for i in np.flatnonzero(outside))
         message = f"{key}: outside the position limits of {names}; limits are not enforced"
-        warn_caller(message, ProblemWarning)
+        warn_caller(with_question(message, question), ProblemWarning)
+    elif question:
+        warn_caller(f"{key}: {question}", ProblemWarning)

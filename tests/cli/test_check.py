@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from typing import Any
 from xml.etree import ElementTree
+
+import pytest
 
 from mbocp.robot.loading.readers.urdf_oddities import find_oddities
 from tests.cli.conftest import ARM
@@ -40,6 +44,79 @@ def test_it_says_what_would_be_solved_and_draws_it(run, tmp_path):
         assert words in done.stdout
     drawn = read_page(page).objects()
     assert any("/ghost_0/" in path for path in drawn)
+
+
+def checked(run: Any, file: Any, *words: str) -> dict[str, Any]:
+    done = run("check", str(file), "--json", *words)
+    found: dict[str, Any] = json.loads(done.stdout)
+    assert done.exit_code == found["exit_status"] == run("check", str(file), *words).exit_code
+    assert (found["status"], bool(found["errors"])) in (("ok", False), ("error", True))
+    return found
+
+
+def test_each_mistake_has_a_place(run, tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM.replace("steps", "stepps").replace("v = [", "v = [true, "))
+    unknown, wrong = checked(run, file)["errors"]
+    assert unknown == {
+        "code": "ProblemFileError",
+        "key": "horizon.stepps",
+        "file": str(file),
+        "line": 5,
+        "column": 1,
+        "message": "unknown key, " + unknown["advice"],
+        "advice": unknown["advice"],
+    }
+    assert unknown["advice"].startswith("did you mean 'steps'?")
+    assert (wrong["key"], wrong["line"], wrong["column"]) == ("goal.v", 8, 1)
+    assert wrong["advice"] == "expected a number"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "place"),
+    [
+        ("[goal]", "[goal", "ProblemFileError", (6, 6)),
+        ("v = [0,", "v = [", "ProblemFileError", (8, 1)),
+        ('"ur5"', '"ur55"', "UnknownRobot", (2, 1)),
+        ("q = [0.5", "q = { elbow = 1 }\n#", "UnknownJoint", (7, 1)),
+    ],
+)
+def test_errors_of_each_kind_have_a_place(run, tmp_path, old, new, code, place):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM.replace(old, new))
+    (error,) = checked(run, file)["errors"]
+    assert (error["code"], error["line"], error["column"]) == (code, *place)
+    assert str(file) not in error["message"]
+
+
+def test_what_the_file_does_not_have_has_no_place(run, tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM)
+    (error,) = checked(run, file, "--set", "horizon.steps=0.5")["errors"]
+    assert (error["key"], error["line"], error["column"]) == ("horizon.steps", None, None)
+    (error,) = checked(run, tmp_path / "none.toml")["errors"]
+    assert (error["key"], error["line"], error["message"]) == (None, None, "no such file")
+
+
+def test_a_mistake_in_the_robot_s_own_file_is_placed_there(run, tmp_path):
+    (tmp_path / "robot.toml").write_text('urdf = "arm.urdf"\n\ndampping = 3\n')
+    (tmp_path / "arm.urdf").write_text(chain("revolute"))
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM.replace("ur5", "robot.toml"))
+    (error,) = checked(run, file)["errors"]
+    assert (error["file"], error["line"]) == (str(tmp_path / "robot.toml"), 3)
+
+
+def test_warnings_have_places_too(run, tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM.replace("q = [0.5,", "q = [50.0,"))
+    found = checked(run, file)
+    codes = {warning["code"]: warning for warning in found["warnings"]}
+    assert codes["ProblemWarning"]["key"] == "goal.q"
+    assert codes["ProblemWarning"]["line"] == 7
+    file.write_text(ARM)
+    causes = checked(run, file, "--set", "limits.velocity=0.1")["warnings"]
+    assert ("impossible", None) in [(cause["code"], cause["key"]) for cause in causes]
 
 
 def test_odd_inertias_are_told(tmp_path):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import mbocp
 import mbocp.cli.doctor as doctor_module
+from mbocp._files import parse_toml
 
 from .conftest import Run
 
@@ -68,6 +72,24 @@ def test_doctor_says_what_to_do(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
 def test_doctor_finds_nothing_broken_here(run: Run) -> None:
     checks = {check.name: check for check in doctor_module.report()}
     assert [check for check in checks.values() if check.verdict == "fail"] == []
+
+
+def test_doctor_names_what_a_report_of_a_bug_needs() -> None:
+    found = {check.name: check.found for check in doctor_module.report()}
+    assert f"mbocp {mbocp.__version__}" in found["system"]
+    assert f"numpy {np.__version__}" in found["packages"]
+    assert "xarray " in found["extras"]
+    assert "; instructions " in found["kernel"]
+    assert f"{version('pin')}, CasADi {version('casadi')}" in found["native part"]
+
+
+def test_doctor_knows_the_packages_and_extras_of_the_project() -> None:
+    project = parse_toml((EXAMPLES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    named = {extra: re.split(r"\W", names[0])[0] for extra, names in project["optional-dependencies"].items()}
+    del named["dev"]
+    assert named == doctor_module.EXTRAS
+    needed = {re.split(r"[^\w-]", name)[0] for name in project["dependencies"]}
+    assert set(doctor_module.PACKAGES) <= needed
 
 
 def test_version(run: Run) -> None:

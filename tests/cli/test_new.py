@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.cli.schema import SCHEMA_FILE
 from mbocp.problem.first_motion import holding_controls
 from tests.mechanics.mimics import PAIR
 from tests.robot.urdfs import chain, joint, link, robot, write
@@ -125,3 +126,13 @@ def test_rotors_without_a_floating_base_are_told(run, here):
 
 def test_an_arm_has_no_rotors(run, here):
     assert "note" not in run("new", "ur5").stderr
+
+
+def test_editors_find_the_schema_that_is_beside_the_file(run, here):
+    assert run("new", "ur5", "-o", "before.toml").exit_code == 0
+    assert "#:schema" not in (here / "before.toml").read_text()
+    assert run("schema", "-o", SCHEMA_FILE).exit_code == 0
+    assert run("new", "ur5", "-o", "after.toml").exit_code == 0
+    assert (here / "after.toml").read_text() == f"#:schema ./{SCHEMA_FILE}\n" + (
+        here / "before.toml"
+    ).read_text().replace("before", "after")

@@ -51,8 +51,7 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     items = sorted(error.errors(), key=lambda item: item["type"] == "missing")
     found = [(_join(item["loc"]), _reason(model, item)) for item in items]
     key, reason = found[0]
-    rest = "".join(f"\n{path}: {other}: {what}" for other, what in found[1:])
-    return ProblemFileError(path, reason + rest, key)
+    return ProblemFileError(path, reason, key, found[1:])
 
 
 _TOOL = "where a tool should be is the table [goal.frame], with name, position and orientation"

@@ -17,6 +17,7 @@ from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_frame, check_size
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
+from mbocp.problem.units import ask_millimetres, with_question
 from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.projection import violations
@@ -311,6 +312,11 @@ def _unreachable(
         else "with no joint at a limit"
     )
     advice = "widen these limits, " if at else ""
+    question = "" if target.position is None else ask_millimetres(target.position)
+    words = (
+        f"{key}: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
+        f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free"
+    )
     return UnreachablePose(
         robot.name,
         target.name,
@@ -318,6 +324,5 @@ def _unreachable(
         angle,
         at,
         found.q,
-        f"{key}: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
-        f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free",
+        with_question(words, question),
     )

@@ -1,0 +1,61 @@
+"""`mbocp keys`: the keys of problem files, from their declarations."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+
+import typer
+from rich.text import Text
+
+from mbocp._keys import without_links
+from mbocp._text import show
+from mbocp.cli.console import output, plain_table
+from mbocp.exceptions import InvalidValue, suggest
+from mbocp.problem.file.keys_page import Row, rows
+
+_INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
+
+
+def print_keys(name: str | None, *, as_json: bool) -> None:
+    """Print what is said of all keys, of one and those in it, or of all that end in a name.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no such key.
+    """
+    chosen = _choose(rows(), name, every=as_json)
+    if as_json:
+        typer.echo(json.dumps([_facts(key, row) for key, row in chosen.items()], indent=2))
+        return
+    lines: dict[tuple[str, Row], list[str]] = {}  # keys beside each other that one row describes
+    for key, row in chosen.items():
+        lines.setdefault((key.rpartition(".")[0], row), []).append(key)
+    table = plain_table("key", "takes", "unit", "default", "meaning")
+    table.columns[0].no_wrap = True
+    for (under, row), keys in lines.items():
+        first, *others = keys
+        names = ", ".join([first, *(other.removeprefix(f"{under}.") for other in others)])
+        cells = (row.takes, row.unit, row.default, row.says)
+        table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
+    output().print(table)
+
+
+def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mapping[str, Row]:
+    """The keys that are asked for; those of tables in tables by name, or if `every` one is."""
+    at_home = known if every else {key: row for key, row in known.items() if key in row.names}
+    if name is None:
+        return at_home
+    asked = _INDEX.sub("", name)
+    found = {key: row for key, row in known.items() if f"{key}.".startswith(f"{asked}.")}
+    found = found or {key: row for key, row in at_home.items() if key.endswith(f".{asked}")}
+    if not found:
+        raise InvalidValue("NAME", show(name), f"a key of problem files; {suggest(asked, known)}")
+    return found
+
+
+def _facts(key: str, row: Row) -> dict[str, str]:
+    cells = {"takes": row.takes, "unit": row.unit, "default": row.default, "says": row.says}
+    return {"key": key, **{name: without_links(words) for name, words in cells.items()}}

@@ -1,0 +1,59 @@
+"""`mbocp keys`."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from mbocp.problem.file.keys_page import all_keys, rows
+
+from .conftest import Run
+
+
+def facts(run: Run, *words: str) -> dict[str, dict[str, Any]]:
+    done = run("keys", *words, "--json")
+    assert done.exit_code == 0, done.stderr
+    return {entry["key"]: entry for entry in json.loads(done.stdout)}
+
+
+def test_all_keys_are_there(run: Run) -> None:
+    assert set(facts(run)) == set(rows()) <= {name for name, _ in all_keys()}
+    shown = run("keys").stdout
+    assert "limits.jerk" in shown
+    assert "phase.limits.jerk" not in shown  # which the same declaration describes
+    assert "](" not in shown
+
+
+def test_one_key_and_those_in_it(run: Run) -> None:
+    assert facts(run, "horizon.steps")["horizon.steps"]["takes"] == "whole number > 0"
+    assert facts(run, "limits.jerk")["limits.jerk"]["unit"] == "m/s^3, rad/s^3"
+    inner = facts(run, "phase.limits")
+    assert all(f"{key}.".startswith("phase.limits.") for key in inner)
+    assert len(inner) > 5
+    assert "phase.limits.jerk" in run("keys", "phase.limits").stdout
+
+
+def test_keys_beside_each_other_share_a_line(run: Run) -> None:
+    (line,) = [line for line in run("keys", "goal.frame").stdout.splitlines() if "position, x" in line]
+    assert line.startswith("goal.frame.position, x, y, z")
+
+
+@pytest.mark.parametrize("name", ["path.0.kind", "path[0].kind"])
+def test_names_of_messages_are_found(run: Run, name: str) -> None:
+    assert set(facts(run, name)) == {"path.kind"}
+
+
+def test_the_end_of_a_name_is_enough(run: Run) -> None:
+    assert run("keys", "jerk").stdout.splitlines()[1].startswith("limits.jerk")
+    assert {"limits.jerk", "phase.limits.jerk"} <= set(facts(run, "jerk"))
+
+
+def test_a_name_that_is_none_is_refused(run: Run) -> None:
+    done = run("keys", "horizon.stepps")
+    assert done.exit_code == 2
+    assert (
+        "NAME: got 'horizon.stepps', expected a key of problem files; did you mean 'horizon.steps"
+        in done.stderr
+    )

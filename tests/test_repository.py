@@ -1,0 +1,68 @@
+"""What hosts and tools read beside the code: workflows, forms of issues, the citation."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import mbocp
+from mbocp._files import parse_toml
+
+ROOT = Path(__file__).parent.parent
+FILES = sorted([*ROOT.glob(".github/**/*.yml"), ROOT / "CITATION.cff"])
+FORMS = [path for path in FILES if path.parent.name == "ISSUE_TEMPLATE" and path.name != "config.yml"]
+PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
+
+
+def text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def project() -> dict[str, Any]:
+    return parse_toml(text("pyproject.toml"))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda path: path.name)
+def test_files_are_yaml(file: Path) -> None:
+    assert isinstance(yaml.safe_load(file.read_text(encoding="utf-8")), dict)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda path: path.name)
+def test_forms_ask_for_something(form: Path) -> None:
+    said = yaml.safe_load(form.read_text(encoding="utf-8"))
+    assert said["name"]
+    assert said["description"]
+    names = [entry["id"] for entry in said["body"] if entry["type"] != "markdown"]
+    assert len(set(names)) == len(names) > 0
+    for page in re.findall(r"docs/\w+\.md", form.read_text(encoding="utf-8")):
+        assert (ROOT / page).exists()
+
+
+def test_the_citation_is_of_this_version() -> None:
+    said, about = yaml.safe_load(text("CITATION.cff")), project()["project"]
+    assert {"cff-version", "message", "title", "authors"} <= said.keys()
+    assert said["version"] == about["version"] == mbocp.__version__
+    assert said["license"] == about["license"]
+    assert said["authors"] == about["authors"]
+
+
+def test_tests_and_wheels_are_for_the_same_pythons() -> None:
+    (job,) = yaml.safe_load(text(".github/workflows/test.yml"))["jobs"].values()
+    assert job["strategy"]["matrix"]["python"] == PYTHONS
+    assert project()["project"]["requires-python"] == f">={PYTHONS[0]}"
+    built = project()["tool"]["cibuildwheel"]["build"].split()
+    assert built == [f"cp{python.replace('.', '')}-*" for python in PYTHONS]
+    assert job["steps"][-1] == {"run": ".ci/run"}
+    assert (ROOT / ".ci" / "run").stat().st_mode & 0o100
+
+
+def test_wheels_leave_out_what_the_makefile_leaves_out() -> None:
+    (others,) = re.findall(r"^OTHERS := (.*)$", text("Makefile"), re.MULTILINE)
+    for system in ("linux", "macos"):
+        command = project()["tool"]["cibuildwheel"][system]["repair-wheel-command"]
+        left_out = [word.strip("'*") for word in re.findall(r"--exclude (\S+)", command)]
+        assert left_out == [name.strip("*") for name in others.split()]
