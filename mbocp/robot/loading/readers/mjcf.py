@@ -11,18 +11,8 @@ from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.mjcf_bodies import read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_tables import disabled_pairs, read_tables
-from mbocp.robot.loading.readers.mjcf_xml import Mjcf, parse_mjcf
-from mbocp.robot.loading.readers.tree import (
-    TreeJoint,
-    build_tree,
-    draw_tree,
-    place_at_references,
-    refuse_inertias,
-    shapes_of_tree,
-    tell_impossible,
-    tell_left_out,
-    tell_missing,
-)
+from mbocp.robot.loading.readers.mjcf_xml import parse_mjcf
+from mbocp.robot.loading.readers.tree import describe_tree, oddities_of, refuse_inertias
 
 
 def read(
@@ -39,20 +29,8 @@ def read(
     mjcf = parse_mjcf(path)
     found = read_bodies(mjcf, folders)
     table = read_tables(mjcf, found, free_flyer)
-    model = build_tree(path, mjcf.name, found.bodies, free_flyer)
-    tell_left_out(path, found.left_out)
-    tell_impossible(path, model)
-    tell_missing(path, found.bodies)
-    return Description(
-        name=mjcf.name,
-        file=path,
-        model=model,
-        visuals=draw_tree(model, found.bodies),
-        q0=place_at_references(model, found.bodies),
-        table=table,
-        source=path,
-        shapes=(shapes_of_tree(path, found.bodies, partial(disabled_pairs, mjcf)),),
-    )
+    disabled = partial(disabled_pairs, mjcf)
+    return describe_tree(path, mjcf.name, found.bodies, table, found.left_out, free_flyer, disabled)
 
 
 def companions(path: Path) -> tuple[Path, ...]:
@@ -67,11 +45,4 @@ def addresses(path: Path) -> tuple[str, ...]:
 
 def oddities(path: Path) -> Iterator[str]:
     """Joints that cannot move: MuJoCo refuses most of what else is odd."""
-    for joint in _joints(parse_mjcf(path)):
-        if joint.lower >= joint.upper:
-            yield f"joint {joint.name!r}: its limits {joint.lower:g} ... {joint.upper:g} leave it no range"
-
-
-def _joints(mjcf: Mjcf) -> Iterator[TreeJoint]:
-    for body in read_bodies(mjcf, ()).bodies:
-        yield from body.joints
+    return oddities_of(read_bodies(parse_mjcf(path), ()).bodies)

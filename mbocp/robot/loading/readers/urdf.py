@@ -20,7 +20,7 @@ from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.srdf import find_srdf
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
-from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias
+from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_mimic import followers, with_first_leaders
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_oddities import find_oddities
@@ -136,8 +136,9 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
         Couple mimic joints to the joint they follow; otherwise they are joints of their own.
     """
     model = _pinocchio_model(urdf, free_flyer=free_flyer, mimic=mimic)
-    _check_mass(urdf, model)
-    tell_impossible_inertias(urdf.path, urdf.root, model)
+    inertials = read_inertials(urdf.path, urdf.root)
+    _check_mass(urdf.path, model, inertials)
+    tell_impossible_inertias(urdf.path, model, inertials)
     tell_not_modelled(urdf.path, urdf.root)
     return model
 
@@ -191,11 +192,11 @@ def captured_stderr(into: list[str]) -> Iterator[None]:
             into.append(file.read().decode(errors="replace"))
 
 
-def _check_mass(urdf: Urdf, model: pin.Model) -> None:
+def _check_mass(path: Path, model: pin.Model, inertials: Sequence[Inertial]) -> None:
     """Nothing that has mass is lost between the file and the model."""
     found = math.fsum(i.mass for i in model.inertias)
-    written = math.fsum(inertial.mass for inertial in read_inertials(urdf.path, urdf.root))
+    written = math.fsum(inertial.mass for inertial in inertials)
     if not abs(found - written) <= _MASS_TOLERANCE * written:
         raise RobotFileError(
-            urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
+            path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
         )
