@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.mjcf_bodies import read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_tables import disabled_pairs, read_tables
 from mbocp.robot.loading.readers.mjcf_xml import parse_mjcf
-from mbocp.robot.loading.readers.tree import describe_tree, oddities_of, refuse_inertias
+from mbocp.robot.loading.readers.tree import describe_tree, oddities_of
 
 
-def read(
-    path: Path,
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool | None,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def read(path: Path, name: str, how: Reading) -> Description:
     """Read a robot from an MJCF; it has no mimic joints, but couplings, whatever `mimic` is."""
-    refuse_inertias(path, inertias)
     mjcf = parse_mjcf(path)
-    found = read_bodies(mjcf, folders)
-    table = read_tables(mjcf, found, free_flyer)
+    found = read_bodies(mjcf, how.folders)
+    table = read_tables(mjcf, found, how.free_flyer)
     disabled = partial(disabled_pairs, mjcf)
-    return describe_tree(path, mjcf.name, found.bodies, table, found.left_out, free_flyer, disabled)
+    return describe_tree(path, mjcf.name, found.bodies, table, found.left_out, how, disabled)
 
 
 def companions(path: Path) -> tuple[Path, ...]:

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.sdf_joints import read_joints
 from mbocp.robot.loading.readers.sdf_links import mesh_uris, read_links
 from mbocp.robot.loading.readers.sdf_xml import parse_sdf
-from mbocp.robot.loading.readers.tree import LeftOut, describe_tree, oddities_of, refuse_inertias
+from mbocp.robot.loading.readers.tree import LeftOut, describe_tree, oddities_of
 from mbocp.robot.loading.schema import tables_from
 
 
-def read(
-    path: Path,
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool | None,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def read(path: Path, name: str, how: Reading) -> Description:
     """Read a robot from an SDF; joints that mimic others are coupled to them unless `mimic` is False."""
-    refuse_inertias(path, inertias)
     sdf, left_out = parse_sdf(path), LeftOut()
-    links = read_links(sdf, folders, left_out)
+    links = read_links(sdf, how.folders, left_out)
     found = read_joints(sdf, links, left_out)
-    table: dict[str, Any] = {"constraint": [*found.loops, *(found.couplings if mimic is not False else ())]}
+    couplings = [] if how.mimic is False else found.couplings
+    table: dict[str, Any] = {"constraint": [*found.loops, *couplings]}
     if sdf.gravity is not None:
         table["gravity"] = sdf.gravity.tolist()
-    return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, free_flyer)
+    return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, how)
 
 
 def companions(path: Path) -> tuple[Path, ...]:

@@ -19,8 +19,7 @@ from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT, Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
 from mbocp.robot.loading.readers.urdf_inertia import tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_shapes import object_of
@@ -166,7 +165,7 @@ def describe_tree(
     bodies: Sequence[TreeBody],
     table: RobotTable,
     left_out: LeftOut,
-    free_flyer: bool | None,
+    how: Reading,
     disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
 ) -> Description:
     """Describe the robot that bodies make, parents before children; q has the order of the bodies.
@@ -182,24 +181,28 @@ def describe_tree(
         What else the file says.
     left_out : LeftOut
         What is not modelled.
-    free_flyer : bool, optional
-        False: bodies that float in the world are fixed to it. True: what is fixed to it floats as a whole.
+    how : Reading
+        With `free_flyer` False bodies that float in the world are fixed to it; with True what is fixed to it
+        floats as a whole.
     disabled : callable
         Returns the pairs of bodies that do not collide.
 
     Raises
     ------
     RobotFileError, UnsupportedRobot
-        For names that occur twice, and for more joints than there may be.
+        For names that occur twice, for more joints than there may be, and for estimates of masses: these
+        formats give every body one, by numbers or by its shapes.
 
     Warns
     -----
     NotModelledWarning, ImpossibleInertiaWarning, MissingMeshWarning
         Each once for the robot.
     """
-    _check_free_joints(path, bodies, free_flyer)
+    if how.inertias is not None:
+        raise RobotFileError(path, "estimates are for URDF and xacro; write the numbers here", "inertias")
+    _check_free_joints(path, bodies, how.free_flyer)
     _check_names(path, bodies)
-    model = _build(name, bodies, free_flyer)
+    model = _build(name, bodies, how.free_flyer)
     _tell_left_out(path, left_out)
     tell_impossible_inertias(path, model)
     _tell_missing(path, bodies)
@@ -267,17 +270,6 @@ def _tell_left_out(path: Path, left_out: LeftOut) -> None:
     if left_out.names:
         told = (f"{kind} {list_names(names, _MAX_NAMES)}" for kind, names in left_out.names.items())
         warn_caller(f"{path}: not modelled, and left out: {'; '.join(told)}", NotModelledWarning)
-
-
-def refuse_inertias(path: Path, inertias: InertiasTable | None) -> None:
-    """Refuse estimates of masses: the format gives every body one, by numbers or by its shapes.
-
-    Raises
-    ------
-    RobotFileError
-    """
-    if inertias is not None:
-        raise RobotFileError(path, "estimates are for URDF and xacro; write the numbers here", "inertias")
 
 
 def _tell_missing(path: Path, bodies: Sequence[TreeBody]) -> None:

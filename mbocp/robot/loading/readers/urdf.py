@@ -14,9 +14,8 @@ from pathlib import Path
 import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.loading.description import ROOT_JOINT, Description
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.followers import Follower
-from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.srdf import find_srdf
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
@@ -31,20 +30,9 @@ _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
 
 
-def read(
-    path: Path,
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool | None,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def read(path: Path, name: str, how: Reading) -> Description:
     """Read a robot from a URDF; mimic joints follow their leaders unless told otherwise, see `Format`."""
-    urdf = read_urdf(path)
-    return describe_urdf(
-        urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders, inertias=inertias
-    )
+    return describe_urdf(read_urdf(path), how)
 
 
 def companions(path: Path) -> tuple[Path, ...]:
@@ -85,40 +73,20 @@ def check_urdf(urdf: Urdf) -> Urdf:
     return urdf
 
 
-def describe_urdf(
-    urdf: Urdf,
-    *,
-    free_flyer: bool,
-    mimic: bool,
-    folders: Sequence[Path] = (),
-    inertias: InertiasTable | None = None,
-) -> Description:
-    """Make the description of what a URDF says.
-
-    Parameters
-    ----------
-    urdf : Urdf
-        What `read_urdf` returned.
-    free_flyer : bool
-        Whether the root link floats.
-    mimic : bool
-        Whether mimic joints follow their leaders; otherwise they are joints of their own.
-    folders : sequence of Path
-        That hold packages of meshes.
-    inertias : InertiasTable, optional
-        Where those come from that it does not give.
-    """
-    urdf, estimated = (urdf, ()) if inertias is None else with_inertias(urdf, inertias, folders)
-    model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
+def describe_urdf(urdf: Urdf, how: Reading) -> Description:
+    """Make the description of what a URDF says, which `read_urdf` returned."""
+    urdf, estimated = (urdf, ()) if how.inertias is None else with_inertias(urdf, how.inertias, how.folders)
+    mimic = how.mimic is not False
+    model = build_model(urdf, free_flyer=bool(how.free_flyer), mimic=mimic)
     return Description(
         name=urdf.name,
         file=urdf.path,
         model=model,
-        visuals=build_visuals(urdf, model, folders),
+        visuals=build_visuals(urdf, model, how.folders),
         q0=pin.neutral(model),
         source=urdf.path,
         followers=followers(urdf.path, urdf.root) if mimic else (),
-        shapes=(shapes_of(urdf, folders),),
+        shapes=(shapes_of(urdf, how.folders),),
         link_inertias=estimated,
     )
 
