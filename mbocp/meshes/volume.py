@@ -75,5 +75,5 @@ def fill(shape: coal.CollisionGeometry) -> pin.Inertia:
 
 
 def scaled(body: pin.Inertia, mass: float) -> pin.Inertia:
-    """The same body of another mass."""
-    return pin.Inertia(mass, body.lever, np.asarray(body.inertia) * (mass / body.mass))
+    """The same body of another mass; without a volume it is a point."""
+    return pin.Inertia(mass, body.lever, np.asarray(body.inertia) * (mass / body.mass if body.mass else 0.0))
