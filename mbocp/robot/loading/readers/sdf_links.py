@@ -63,16 +63,16 @@ def _add_shapes(
         if form is None or form.tag in _WITHOUT_BODY:
             continue
         if form.tag not in (*_SHAPES, "mesh"):
-            what = (
-                ELLIPSOIDS if form.tag == "ellipsoid" else f"shapes <{form.tag}>, neither drawn nor solid, of"
-            )
-            left_out.add(what, body.name)
+            told = f"shapes <{form.tag}>, neither drawn nor solid, of"
+            left_out.add(ELLIPSOIDS if form.tag == "ellipsoid" else told, body.name)
             continue
         try:
             shape = _shape(sdf, inner, form, body.name, number, folders)
         except FileNotFoundError as error:
             body.missing.append(MissingMesh(f"link {show(body.name)}", str(error), not is_drawn))
             continue
+        if form.find("submesh") is not None:
+            left_out.add("<submesh>, in whose place stands the whole mesh, of", body.name)
         body.shapes.append(TreeShape(shape, _color(sdf, inner), is_drawn, not is_drawn))
 
 
