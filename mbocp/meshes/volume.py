@@ -8,6 +8,7 @@ body counts as often with either sign of d.
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pinocchio as pin
 
@@ -36,7 +37,7 @@ def count_open_edges(faces: Indices) -> int:
     return int(np.count_nonzero(turns))
 
 
-def enclosed(vertices: Array, faces: Indices) -> pin.Inertia:
+def enclosed(vertices: Array, faces: Indices, apex: Array | None = None) -> pin.Inertia:
     """Volume, its centre and its moments about it, of a closed surface.
 
     Parameters
@@ -45,16 +46,18 @@ def enclosed(vertices: Array, faces: Indices) -> pin.Inertia:
         [m].
     faces : ndarray of int, shape (F, 3)
         All seen counterclockwise from outside, or all from inside.
+    apex : ndarray, shape (3,), optional
+        Of the tetrahedra; where it is given, these count without sign.
 
     Returns
     -------
     pin.Inertia
         That of a body of 1 kg/m^3.
     """
-    origin = vertices.mean(axis=0)  # near the body, so that little cancels
+    origin = vertices.mean(axis=0) if apex is None else apex  # near the body, so that little cancels
     a, b, c = (vertices[faces[:, k]] - origin for k in range(3))
     dets = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dets = dets if dets.sum() >= 0.0 else -dets
+    dets = np.abs(dets) if apex is not None else dets if dets.sum() >= 0.0 else -dets
     sums = a + b + c
     volume = float(dets.sum()) / 6.0
     if volume == 0.0:
@@ -63,3 +66,14 @@ def enclosed(vertices: Array, faces: Indices) -> pin.Inertia:
     second = sum(np.einsum("i,ij,ik->jk", dets, x, x) for x in (sums, a, b, c)) / 120.0
     second = second - volume * np.outer(centre, centre)
     return pin.Inertia(volume, origin + centre, np.trace(second) * np.eye(3) - second)
+
+
+def fill(shape: coal.CollisionGeometry) -> pin.Inertia:
+    """Body of 1 kg/m^3 in a primitive shape."""
+    moments = np.asarray(shape.computeMomentofInertia())
+    return pin.Inertia(float(shape.computeVolume()), np.zeros(3), moments)
+
+
+def scaled(body: pin.Inertia, mass: float) -> pin.Inertia:
+    """The same body of another mass; without a volume it is a point."""
+    return pin.Inertia(mass, body.lever, np.asarray(body.inertia) * (mass / body.mass if body.mass else 0.0))

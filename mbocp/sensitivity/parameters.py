@@ -331,12 +331,13 @@ class Limit(Parameter):
                 is_finite = np.isfinite(bounds[:, column])
                 getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
             return found
-        changes = [
-            change_along(self.formulation, partial(self._moved, k)) if np.isfinite(value[k]) else None
-            for k in range(len(value))
-        ]
         none = Change.none(self.formulation.programme, 1)
-        return Change.joined([none if change is None else change for change in changes])
+        return Change.joined(
+            [
+                change_along(self.formulation, partial(self._moved, k)) if np.isfinite(value[k]) else none
+                for k in range(len(value))
+            ]
+        )
 
     def _moved(self, k: int, size: float) -> Problem:
         limits = self.problem.limits

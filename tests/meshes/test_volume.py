@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from mbocp.meshes.volume import count_open_edges, enclosed, weld
+from mbocp.meshes.volume import count_open_edges, enclosed, fill, scaled, weld
 from mbocp.robot.collision.hull import hull_of
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -94,3 +95,26 @@ def test_edges_of_a_surface_with_a_gap_are_counted() -> None:
     assert count_open_edges(welded[1:]) == 3
     turned = np.vstack([welded[1:], welded[:1, ::-1]])
     assert count_open_edges(turned) == 3
+
+
+@pytest.mark.parametrize(
+    ("shape", "volume", "expected"),
+    [
+        (coal.Sphere(0.3), 4 / 3 * np.pi * 0.3**3, pin.Inertia.FromSphere(2.0, 0.3)),
+        (coal.Capsule(0.3, 1.4), np.pi * 0.09 * (1.4 + 0.4), pin.Inertia.FromCapsule(2.0, 0.3, 1.4)),
+        (coal.Cylinder(0.3, 1.4), np.pi * 0.09 * 1.4, pin.Inertia.FromCylinder(2.0, 0.3, 1.4)),
+        (coal.Box(0.1, 0.2, 0.3), 0.006, pin.Inertia.FromBox(2.0, 0.1, 0.2, 0.3)),
+        (coal.Ellipsoid(0.1, 0.2, 0.3), 4 / 3 * np.pi * 0.006, pin.Inertia.FromEllipsoid(2.0, 0.1, 0.2, 0.3)),
+    ],
+)
+def test_shapes_are_filled_evenly(
+    shape: coal.CollisionGeometry, volume: float, expected: pin.Inertia
+) -> None:
+    assert fill(shape).mass == pytest.approx(volume)
+    assert_same(scaled(fill(shape), 2.0), expected)
+
+
+def test_a_shape_that_is_too_small_for_a_volume_is_a_point() -> None:
+    body = scaled(fill(coal.Sphere(1e-120)), 2.0)
+    assert body.mass == 2.0
+    np.testing.assert_array_equal(body.inertia, 0.0)

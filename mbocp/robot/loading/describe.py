@@ -18,7 +18,7 @@ from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.combine import combine
-from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loading.inertias_table import InertiasTable
@@ -65,28 +65,18 @@ def describe_source(
         return _describe_parts(source, table, keys, folders, within)
     if keys.arguments and not source.is_file:
         raise RobotError(f"arguments: robot {source.name!r} takes none; only xacro files do")
-    free_flyer, mimic, folders = keys.free_flyer, keys.mimic, (*folders, *source.package_dirs)
     has_dynamics, inertias = _masses(table, keys)
+    how = Reading(keys.free_flyer, keys.mimic, (*folders, *source.package_dirs), inertias)
     if table is not None:
-        found = _with_table(source, table, keys, folders, inertias)
+        found = _with_table(source, table, keys, how)
     elif source.kind == "chain":
         if inertias is not None:
             raise RobotError(f"inertias: robot {source.name!r} has its own; only files may be without")
-        found = describe_chain(source.name, free_flyer=bool(free_flyer))
+        found = describe_chain(source.name, free_flyer=bool(how.free_flyer))
     elif source.kind == "example":
-        found = describe_example(
-            source.name,
-            source.example,
-            free_flyer=free_flyer,
-            mimic=bool(mimic),
-            folders=folders,
-            inertias=inertias,
-        )
+        found = describe_example(source.name, source.example, how)
     else:
-        reader = reader_of(source.path, folders, keys.arguments)
-        found = reader.read(
-            source.path, source.name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias
-        )
+        found = reader_of(source.path, how.folders, keys.arguments).read(source.path, source.name, how)
     given = found.table.payloads if keys.payload is None else keys.payload
     losses = (_losses(found.table, keys),)
     found = replace(_with_ball_joints(found), losses=losses, carried=payloads_of(given))
@@ -103,20 +93,14 @@ def _masses(table: RobotTable | None, keys: ReadingKeys) -> tuple[bool, Inertias
     return False, None
 
 
-def _with_table(
-    source: Source,
-    table: RobotTable,
-    keys: ReadingKeys,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None,
-) -> Description:
+def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, how: Reading) -> Description:
     """The model that a robot.toml names, with its tables."""
-    path, folders = model_file(source.path, table, folders)
+    path, folders = model_file(source.path, table, how.folders)
     arguments = {**(table.arguments or {}), **(keys.arguments or {})}
     name, reader = table.name or source.name, reader_of(path, folders, arguments)
-    free_flyer = table.free_flyer if keys.free_flyer is None else keys.free_flyer
-    mimic = table.mimic if keys.mimic is None else keys.mimic
-    found = reader.read(path, name, free_flyer=free_flyer, mimic=mimic, folders=folders, inertias=inertias)
+    free_flyer = table.free_flyer if how.free_flyer is None else how.free_flyer
+    mimic = table.mimic if how.mimic is None else how.mimic
+    found = reader.read(path, name, Reading(free_flyer, mimic, folders, how.inertias))
     return replace(found, name=name, table=_added(found.table, table), file=source.path)
 
 

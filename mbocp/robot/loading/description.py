@@ -15,6 +15,7 @@ from mbocp.robot import joints
 from mbocp.robot.collision.source import ShapeSource
 from mbocp.robot.link_inertia import LinkInertia
 from mbocp.robot.loading.followers import Follower
+from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.schema import RobotTable
@@ -24,6 +25,28 @@ from mbocp.robot.placed import PlacedRobot
 ROOT_JOINT = "root_joint"  # the free-flyer under a root link that floats
 _NO_TABLES = RobotTable.model_construct()
 _BASE_NQ = 7  # numbers of its configuration
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a file is read.
+
+    Attributes
+    ----------
+    free_flyer : bool, optional
+        Whether the root link floats; None: as the file says.
+    mimic : bool, optional
+        Whether mimic joints follow their leaders; None: as is usual in the format.
+    folders : tuple of Path
+        That hold packages of meshes.
+    inertias : InertiasTable, optional
+        Where masses and inertias come from that the file does not give.
+    """
+
+    free_flyer: bool | None = None
+    mimic: bool | None = None
+    folders: tuple[Path, ...] = ()
+    inertias: InertiasTable | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from mbocp._arrays import plain
 from mbocp._keys import Key, Kind, Table
 from mbocp._numbers import finite_number
-from mbocp.robot.loading.schema_errors import refusal
+from mbocp.robot.loading.schema_errors import read_table
 from mbocp.robot.payload import MAX_VALUE
 
 _SUFFIX = "_motor"
@@ -38,17 +37,9 @@ def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> lis
     RobotError
         For an unknown or missing key or a wrong value, naming it.
     """
-    return None if rows is None else [_read(row, number) for number, row in enumerate(rows)]
-
-
-def _read(row: ElasticTable | Mapping[str, Any], number: int) -> ElasticTable:
-    if isinstance(row, ElasticTable):
-        return row
-    try:
-        return ElasticTable.model_validate(plain(row))
-    except ValidationError as error:
-        where = f"elastic[{number}]"
-        raise refusal(error, where, plain(row), lambda _: list(ElasticTable.model_fields)) from error
+    if rows is None:
+        return None
+    return [read_table(ElasticTable, row, f"elastic[{number}]") for number, row in enumerate(rows)]
 
 
 def motor_of(joint: str) -> str:

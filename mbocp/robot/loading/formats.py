@@ -16,40 +16,15 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.unpacked import unpacked_root
 
 if TYPE_CHECKING:
-    from mbocp.robot.loading.description import Description
-    from mbocp.robot.loading.inertias_table import InertiasTable
+    from mbocp.robot.loading.description import Description, Reading
     from mbocp.robot.loading.readers.xacro import XacroReader
 
 
 class Reader(Protocol):
     """The module of a format. Each function raises `RobotFileError` for a file that cannot be read."""
 
-    def read(
-        self,
-        path: Path,
-        name: str,
-        *,
-        free_flyer: bool | None,
-        mimic: bool | None,
-        folders: Sequence[Path],
-        inertias: InertiasTable | None = None,
-    ) -> Description:
-        """Read a robot.
-
-        Parameters
-        ----------
-        path : Path
-        name : str
-            Of the robot, if the file gives it none.
-        free_flyer : bool, optional
-            Whether the root link floats; None: as the file says.
-        mimic : bool, optional
-            Whether mimic joints follow their leaders; None: as is usual in this format.
-        folders : sequence of Path
-            That hold packages of meshes.
-        inertias : InertiasTable, optional
-            Where masses and inertias come from that the file does not give.
-        """
+    def read(self, path: Path, name: str, how: Reading) -> Description:
+        """Read a robot; it is called `name` if the file gives it no name."""
 
     def companions(self, path: Path) -> tuple[Path, ...]:
         """Find files beside this one that belong to it."""

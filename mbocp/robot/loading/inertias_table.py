@@ -7,16 +7,15 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, model_validator
 
-from mbocp._arrays import plain
 from mbocp._keys import Key, Kind
 from mbocp._keys import Table as KeyTable
 from mbocp._numbers import finite_number
 from mbocp._text import show
-from mbocp.exceptions import InvalidValue, RobotError
-from mbocp.robot.loading.payload_table import Inertia
-from mbocp.robot.loading.schema_errors import first_complaint, refusal
+from mbocp.exceptions import RobotError
+from mbocp.robot.loading.payload_table import Inertia, check_body
+from mbocp.robot.loading.schema_errors import first_complaint, read_table
 from mbocp.robot.loading.table_types import Position, Table
-from mbocp.robot.payload import MAX_VALUE, Payload
+from mbocp.robot.payload import MAX_VALUE
 
 _Positive = Annotated[float, Kind("positive number", finite_number, float), Field(gt=0, le=MAX_VALUE)]
 
@@ -30,11 +29,7 @@ class LinkTable(Table):
 
     @model_validator(mode="after")
     def _is_a_body(self) -> LinkTable:
-        try:
-            Payload(frame="", **self.model_dump(exclude_none=True))
-        except InvalidValue as error:
-            key = error.name.rpartition(": ")[2]
-            raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+        check_body(frame="", **self.model_dump(exclude_none=True))
         return self
 
     @property
@@ -104,11 +99,8 @@ def read_inertias(value: InertiasTable | Mapping[str, Any] | None) -> InertiasTa
     RobotError
         For an unknown or missing key or a wrong value, naming it.
     """
-    if value is None or isinstance(value, InertiasTable):
-        return value
-    if not isinstance(value, Mapping):
+    if value is None:
+        return None
+    if not isinstance(value, InertiasTable | Mapping):
         raise RobotError(f"inertias: got {show(value)}, expected a table with density, mass or links")
-    try:
-        return InertiasTable.model_validate(plain(value))
-    except ValidationError as error:
-        raise refusal(error, "inertias", plain(value), lambda _: list(InertiasTable.model_fields)) from error
+    return read_table(InertiasTable, value, "inertias")

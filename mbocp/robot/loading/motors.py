@@ -76,11 +76,8 @@ def _add_motor(model: pin.Model, joint: int, row: ElasticTable) -> ElasticJoint:
     model.addJointFrame(motor)
     link, rotor = (joints.velocity_slice(model, one).start for one in (joint, motor))
     for key in ("armature", "rotorInertia"):
-        numbers = getattr(model, key)
-        numbers[rotor], numbers[link] = (
-            row.motor_inertia,
-            0.0,
-        )  # a rotor that a file gives the joint is this one
+        numbers = getattr(model, key)  # a rotor that a file gives the joint is this one
+        numbers[rotor], numbers[link] = row.motor_inertia, 0.0
     model.rotorGearRatio[rotor] = 1.0
     for key in _OF_MOTORS:
         limits = getattr(model, key)

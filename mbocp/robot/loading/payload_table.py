@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
 
-from mbocp._arrays import plain
 from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
-from mbocp.robot.loading.schema_errors import refusal
+from mbocp.robot.loading.schema_errors import read_table
 from mbocp.robot.loading.table_types import Orientation, Position, vector_of
 from mbocp.robot.payload import INERTIA_KEYS, SHAPES, Payload
 
@@ -43,6 +42,15 @@ Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number)]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
 
+def check_body(**said: Any) -> None:
+    """Refuse numbers that no body has, as pydantic wants it."""
+    try:
+        Payload(**said)
+    except InvalidValue as error:
+        key = error.name.rpartition(": ")[2]
+        raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+
+
 class ShapeTable(BaseModel):
     """Mass and shape of a body."""
 
@@ -67,11 +75,7 @@ class PayloadTable(ShapeTable):
 
     @model_validator(mode="after")
     def _is_a_body(self) -> PayloadTable:
-        try:
-            self.payload("payload")
-        except InvalidValue as error:
-            key = error.name.rpartition(": ")[2]
-            raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+        check_body(**{"name": "payload", **self.model_dump(exclude_none=True)})
         return self
 
     def payload(self, default: str) -> Payload:
@@ -100,8 +104,5 @@ def _payload(entry: Any, number: int) -> Payload:
     if not isinstance(entry, Mapping):
         keys = ", ".join(("frame", "mass", *SHAPES))
         raise RobotError(f"{where}: got {show(entry)}, expected a table with {keys}")
-    said = {key: plain(value) for key, value in entry.items() if value is not None}
-    try:
-        return PayloadTable.model_validate(said).payload(f"payload_{number}")
-    except ValidationError as error:
-        raise refusal(error, where, said, lambda _: list(PayloadTable.model_fields)) from error
+    said = {key: value for key, value in entry.items() if value is not None}
+    return read_table(PayloadTable, said, where).payload(f"payload_{number}")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
+from mbocp._arrays import plain
 from mbocp._text import show
 from mbocp.exceptions import RobotError, suggest
 
+_Model = TypeVar("_Model", bound=BaseModel)
 Allowed: TypeAlias = Callable[[tuple[int | str, ...]], list[str]]  # keys of the table that one stands in
 
 
@@ -24,6 +26,21 @@ def refusal(error: ValidationError, where: str, data: Any, allowed: Allowed) -> 
     """Make the error for a table that stands in no file of its own; `where` names it."""
     key, reason = first_complaint(error, data, allowed)
     return RobotError(f"{'.'.join(word for word in (where, key) if word)}: {reason}")
+
+
+def read_table(model: type[_Model], value: Any, where: str) -> _Model:
+    """Read a table that Python gives; `where` names it.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    data = plain(value)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise refusal(error, where, data, lambda _: list(model.model_fields)) from error
 
 
 def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:

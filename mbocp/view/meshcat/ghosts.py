@@ -1,4 +1,4 @@
-"""Robots that are drawn faintly: the same one in other poses, and others that move beside it."""
+"""Robots as they are drawn, and faintly: the same one in other poses, and others that move beside it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import Robot
 from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform
@@ -96,27 +97,57 @@ def joint_tracks(motion: Motion, node: Callable[[int], str]) -> Iterator[Track]:
             yield Track(node(joint), "quaternion", motion.times, motion.quaternions[:, joint])
 
 
+def robot_commands(
+    robot: Robot, library: MeshLibrary, motion: Motion, node: Callable[[int], str], *, is_copy: bool = False
+) -> tuple[list[Command], dict[int, list[Array]]]:
+    """Commands that draw a robot at its first pose, and the corners that each joint carries along.
+
+    Parameters
+    ----------
+    robot : Robot
+    library : MeshLibrary
+        Its meshes.
+    motion : Motion
+    node : callable
+        Path of a joint's node by the index of the joint.
+    is_copy : bool
+        Whether the robot is drawn already: what stands still is left out, and nothing is told twice.
+    """
+    commands = [
+        set_transform(node(joint), motion.rotations[0, joint], motion.positions[0, joint])
+        for joint in range(motion.model.njoints)
+    ]
+    corners: dict[int, list[Array]] = {}
+    missing = joints_without_visuals(robot)
+    for index, visual in enumerate(robot.visual_model.geometryObjects):
+        joint = visual.parentJoint
+        if is_copy and joint == 0:
+            continue
+        path = f"{node(joint)}/{index}_{visual.name.replace('/', '|')}"
+        try:
+            drawn = library.draw(visual)
+        except ReplayError as error:
+            if not is_copy:
+                warn_caller(f"{error}; its joint is drawn as a stick")
+            missing.add(joint)
+            continue
+        commands.append(set_object(path, drawn))
+        commands.append(set_transform(path, visual.placement.rotation, visual.placement.translation))
+        corners.setdefault(joint, []).append(library.corners(visual))
+    for joint, sticks, points in skeleton(motion.model, missing):
+        commands += [set_object(f"{node(joint)}/stick_{i}", stick) for i, stick in enumerate(sticks)]
+        corners.setdefault(joint, []).append(points)
+    return commands, corners
+
+
 def _copy(
     robot: Robot, library: MeshLibrary, motion: Motion, root: str, paint: dict[str, Any]
 ) -> Iterator[Command]:
     """Draw a robot at the first pose of a motion, in materials that are painted over."""
-    missing = joints_without_visuals(robot)
-    for joint in range(robot.model.njoints):
-        yield set_transform(_node(root, joint), motion.rotations[0, joint], motion.positions[0, joint])
-    for index, visual in enumerate(robot.visual_model.geometryObjects):
-        joint, path = visual.parentJoint, f"{_node(root, visual.parentJoint)}/{index}"
-        if joint == 0:
-            continue  # stands where the robot stands
-        try:
-            drawn = _paint(library.draw(visual), paint)
-        except ReplayError:  # told where the robot itself is drawn
-            missing.add(joint)
-            continue
-        yield set_object(path, drawn)
-        yield set_transform(path, visual.placement.rotation, visual.placement.translation)
-    for joint, sticks, _ in skeleton(robot.model, missing):
-        for i, stick in enumerate(sticks):
-            yield set_object(f"{_node(root, joint)}/stick_{i}", _paint(stick, paint))
+    commands, _ = robot_commands(robot, library, motion, partial(_node, root), is_copy=True)
+    for command in commands:
+        drawn = command.message.get("object")
+        yield command if drawn is None else set_object(command.message["path"], _paint(drawn, paint))
 
 
 def _node(root: str, joint: int) -> str:

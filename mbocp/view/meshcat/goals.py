@@ -11,7 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.collision import obstacle_points
-from mbocp.view.meshcat.commands import Command, set_object, set_transform, shape_object
+from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
@@ -99,8 +99,8 @@ def mark_commands(robot: Robot, marks: Marks, motion: Motion, root: str, size: f
         target = mark.goal.target
         if target.coordinates.size and mark.goal.position_tolerance is None:
             ball = mg.Sphere(_BALL * size)
-            colour = int("".join(f"{round(255 * c):02x}" for c in _VIA), 16)
-            yield set_object(f"{path}/ball", shape_object(ball, mg.MeshLambertMaterial(color=colour)))
+            material = mg.MeshLambertMaterial(color=colour_number(_VIA))
+            yield set_object(f"{path}/ball", shape_object(ball, material))
             yield set_transform(f"{path}/ball", np.eye(3), placed.translation)
         if target.orientation is not None or target.axis is not None:
             yield from goal_commands([target], [placed], path, size, bold=1)

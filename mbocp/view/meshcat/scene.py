@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
-from mbocp._warn import warn_caller
-from mbocp.exceptions import ReplayError
 from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
@@ -34,10 +32,10 @@ from mbocp.view.meshcat.ghosts import (
     other_commands,
     other_tracks,
     path_points,
+    robot_commands,
 )
 from mbocp.view.meshcat.goals import axis_points, goal_commands, goal_placements, mark_commands, mark_points
 from mbocp.view.meshcat.shapes import path_tube
-from mbocp.view.meshcat.skeleton import joints_without_visuals, skeleton
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
@@ -135,7 +133,8 @@ def build_scene(
     frames = [robot.frame_id(name) for name in (robot.trace_frames if trace is None else trace)]
     paths = [motion.frame_positions(frame) for frame in frames]
     turn = upright(robot.model.gravity.linear)
-    drawn, corners = _robot_commands(robot, motion)
+    node = partial(joint_node, motion)
+    drawn, corners = robot_commands(robot, MeshLibrary(robot), motion, node)
     placements = goal_placements(robot, [*goals, *other_goals], motion.qs[-1])
     ends = [np.tile(placed.translation, (len(motion.times), 1)) for placed in placements]
     drawn_marks = marks or Marks()
@@ -153,7 +152,6 @@ def build_scene(
         direction,
     )
     along, tracks_along = motion_commands(robot, motion, frames, size)
-    node = partial(joint_node, motion)
     arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
     commands = [
         *stage_commands(swept, size, camera, ROOT),
@@ -196,34 +194,6 @@ def motion_commands(
 def joint_node(motion: Motion, joint: int) -> str:
     """Path of a joint's node; a slash in a name would start another node."""
     return f"{WORLD}/robot/{motion.model.names[joint].replace('/', '|')}"
-
-
-def _robot_commands(robot: Robot, motion: Motion) -> tuple[list[Command], dict[int, list[Array]]]:
-    """Commands that draw the robot at its first pose, and the corners that each joint carries along."""
-    commands = [
-        set_transform(joint_node(motion, joint), motion.rotations[0, joint], motion.positions[0, joint])
-        for joint in range(motion.model.njoints)
-    ]
-    corners: dict[int, list[Array]] = {}
-    library, missing = MeshLibrary(robot), joints_without_visuals(robot)
-    for index, visual in enumerate(robot.visual_model.geometryObjects):
-        joint = visual.parentJoint
-        path = f"{joint_node(motion, joint)}/{index}_{visual.name.replace('/', '|')}"
-        try:
-            drawn = library.draw(visual)
-        except ReplayError as error:
-            warn_caller(f"{error}; its joint is drawn as a stick")
-            missing.add(joint)
-            continue
-        commands.append(set_object(path, drawn))
-        commands.append(set_transform(path, visual.placement.rotation, visual.placement.translation))
-        corners.setdefault(joint, []).append(library.corners(visual))
-    for joint, sticks, points in skeleton(motion.model, missing):
-        commands += [
-            set_object(f"{joint_node(motion, joint)}/stick_{i}", stick) for i, stick in enumerate(sticks)
-        ]
-        corners.setdefault(joint, []).append(points)
-    return commands, corners
 
 
 def _poses(motion: Motion) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import coal
@@ -14,9 +14,8 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot import gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.facts import find_oddities
-from mbocp.robot.loading.description import ROOT_JOINT, Description
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.formats import FORMATS, Format, format_of
-from mbocp.robot.loading.inertias_table import InertiasTable
 
 FILE = "swing 2.0\n"  # name and mass [kg] of a ball on a hinge
 
@@ -24,23 +23,14 @@ FILE = "swing 2.0\n"  # name and mass [kg] of a ball on a hinge
 class Toy:
     """Reader of files with one line."""
 
-    def read(
-        self,
-        path: Path,
-        name: str,
-        *,
-        free_flyer: bool | None,
-        mimic: bool | None,
-        folders: Sequence[Path],
-        inertias: InertiasTable | None = None,
-    ) -> Description:
+    def read(self, path: Path, name: str, how: Reading) -> Description:
         try:
             joint, mass = path.read_text().split()
         except ValueError as error:
             raise RobotFileError(path, "expected a name and a mass") from error
         model, at = pin.Model(), pin.SE3(np.eye(3), np.array([0.0, 0.0, -1.0]))
         root, ball = 0, pin.Inertia.FromSphere(float(mass), 0.1)
-        if free_flyer:
+        if how.free_flyer:
             root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), ROOT_JOINT)
             model.appendBodyToJoint(root, ball, pin.SE3.Identity())
         hinge = model.addJoint(root, pin.JointModelRY(), pin.SE3.Identity(), joint)

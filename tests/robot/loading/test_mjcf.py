@@ -368,3 +368,105 @@ def test_a_site_with_the_name_of_a_body_is_another_frame(tmp_path: Path) -> None
     robot = load(tmp_path, text)
     assert robot.model.frames[robot.frame_id("upper")].type == pin.FrameType.BODY
     assert robot.model.frames[robot.frame_id("upper_site")].type == pin.FrameType.OP_FRAME
+
+
+ONE = """<mujoco>
+  <compiler COMPILER/>
+  <default><joint range="0 10"/></default>
+  <asset MESH/>
+  <worldbody><body name="link"><joint name="j" JOINT/>GEOM</body></worldbody>
+  <equality>EQUALITY</equality>
+  <actuator>MOTORS</actuator>
+</mujoco>
+"""
+
+
+def one(**parts: str) -> str:
+    usual = {
+        "COMPILER": "",
+        "MESH": "",
+        "JOINT": "",
+        "GEOM": '<geom size="0.1"/>',
+        "EQUALITY": "",
+        "MOTORS": "",
+    }
+    text = ONE
+    for word, part in (usual | parts).items():
+        text = text.replace(word, part if word != "MESH" or not part else f"><mesh {part}/></asset><asset")
+    return text
+
+
+@pytest.mark.parametrize(
+    ("message", "parts"),
+    [
+        (
+            "<compiler>: settotalmass is 5, but no body has a mass",
+            {"COMPILER": 'settotalmass="5"', "GEOM": ""},
+        ),
+        ("<joint>: there is no joint ''", {"EQUALITY": '<joint joint2="j"/>'}),
+        ("<mesh>: refpos and refquat are not supported", {"MESH": 'file="a.stl" refpos="1 0 0"'}),
+        (
+            "frame 's' is defined more than once",
+            {"GEOM": '<geom size="0.1"/><site name="s"/><site name="s" pos="0 0 1"/>'},
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(tmp_path: Path, message: str, parts: dict[str, str]) -> None:
+    with pytest.raises(RobotFileError, match=message):
+        load(tmp_path, one(**parts))
+
+
+@pytest.mark.parametrize(
+    ("message", "parts"),
+    [
+        (
+            "equality of joints that is not linear 'e'",
+            {"JOINT": 'type="ball" limited="false"', "EQUALITY": '<joint name="e" joint1="j"/>'},
+        ),
+        (r"actuators 'm \(on joint j\)'", {"MOTORS": '<motor name="m" joint="j" gear="0"/>'}),
+    ],
+)
+def test_what_says_nothing_of_a_joint_is_told(tmp_path: Path, message: str, parts: dict[str, str]) -> None:
+    with pytest.warns(NotModelledWarning, match=message):
+        assert load(tmp_path, one(**parts)).joint_names == ("j",)
+
+
+def test_the_limit_of_a_joint_bounds_its_motors_together(tmp_path: Path) -> None:
+    motors = '<motor joint="j" ctrlrange="-20 20"/><motor joint="j" gear="2" ctrlrange="-10 10"/>'
+    assert load(tmp_path, one(MOTORS=motors)).limits.effort == [40.0]
+    bounded = one(MOTORS=motors, JOINT='actuatorfrcrange="-30 30"')
+    assert load(tmp_path, bounded).limits.effort == [30.0]
+
+
+def test_a_free_joint_has_no_limits_that_could_be_left_out(tmp_path: Path) -> None:
+    assert load(tmp_path, one(JOINT='type="free"')).joint_names == ("root_joint",)
+
+
+def test_a_box_between_two_points_is_turned_as_mujoco_turns_it(tmp_path: Path) -> None:
+    robot = load(tmp_path, one(GEOM='<geom type="box" size="0.1" fromto="0 0 0 0.3 0.4 0.5"/>'))
+    place = robot.visual_model.geometryObjects[0].placement
+    theirs = pin.Quaternion(0.38268343236509, 0.73910363246021, -0.55432772434516, 0.0)  # of MuJoCo 3.3.7
+    np.testing.assert_allclose(place.rotation, theirs.matrix(), atol=1e-7)
+    np.testing.assert_allclose(place.translation, [0.15, 0.2, 0.25])
+
+
+def test_an_open_mesh_has_the_inertia_that_mujoco_gives_it(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "open.stl").write_bytes(_without_a_face(_cube(0.5)))
+    text = one(MESH='file="open.stl" scale="2 1 0.5"', GEOM='<geom type="mesh" mesh="open"/>')
+    ours = load(tmp_path, text).model.inertias[1]
+    theirs = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+    turn = np.zeros(9)
+    mujoco.mju_quat2Mat(turn, theirs.body_iquat[1])
+    turn = turn.reshape(3, 3)
+    assert ours.mass == pytest.approx(theirs.body_mass[1], rel=1e-6)
+    np.testing.assert_allclose(ours.lever, theirs.body_ipos[1], atol=1e-6)
+    np.testing.assert_allclose(
+        ours.inertia, turn @ np.diag(theirs.body_inertia[1]) @ turn.T, rtol=1e-5, atol=1e-4
+    )
+
+
+def _without_a_face(stl: bytes) -> bytes:
+    """Return an STL without its last triangle."""
+    (count,) = struct.unpack("<I", stl[80:84])
+    return stl[:80] + struct.pack("<I", count - 1) + stl[84:-50]

@@ -168,6 +168,31 @@ def test_what_is_left_out_and_odd_is_told(tmp_path: Path) -> None:
     )
 
 
+def test_a_shape_may_be_placed_in_another_frame(tmp_path: Path) -> None:
+    shape = '<visual name="v"><pose relative_to="tool">0 0 0.1 0 0 0</pose>'
+    robot = load(tmp_path, ARM.replace('<visual name="v">', shape))
+    (shown,) = robot.visual_model.geometryObjects
+    link = robot.model.frames[robot.frame_id("upper")].placement
+    there = robot.frame_placement("tool", np.zeros(2), "upper") * pin.SE3(np.eye(3), np.array([0, 0, 0.1]))
+    np.testing.assert_allclose((link * there).homogeneous, shown.placement.homogeneous, atol=1e-12)
+
+
+def test_a_choice_within_a_mesh_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = "<mesh><uri>a.obj</uri><submesh><name>b</name></submesh></mesh>"
+    text = ARM.replace("<box><size>0.1 0.1 0.4</size></box>", mesh)
+    with pytest.warns(
+        NotModelledWarning, match="<submesh>, in whose place stands the whole mesh, of 'upper'"
+    ):
+        load(tmp_path, text)
+
+
+def test_shapes_that_are_not_modelled_are_told(tmp_path: Path) -> None:
+    cone = '<collision name="c"><geometry><cone><radius>1</radius></cone></geometry></collision></link>'
+    with pytest.warns(NotModelledWarning, match="shapes <cone>, neither drawn nor solid, of 'base'"):
+        load(tmp_path, ARM.replace("</link>", cone, 1))
+
+
 BROKEN = {
     r"joint 'slide' is of type 'screw'; supported: revolute": ('type="prismatic"', 'type="screw"'),
     r"there is no link or frame 'tol': did you mean 'tool'": ("<child>tool", "<child>tol"),

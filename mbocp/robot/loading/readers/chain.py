@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import describe_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.schema import RobotTable
@@ -96,7 +96,7 @@ def chain_description(links: int) -> str:
 def describe_chain(name: str, *, free_flyer: bool) -> Description:
     """Describe the chain of this name."""
     links = num_links(name) or 0
-    found = describe_urdf(chain_urdf(links), free_flyer=free_flyer, mimic=False)
+    found = describe_urdf(chain_urdf(links), Reading(free_flyer, mimic=False))
     return replace(found, source=None, table=RobotTable(description=chain_description(links)))
 
 

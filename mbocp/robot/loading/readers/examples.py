@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -20,8 +20,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import captured_stderr, describe_urdf, read_urdf
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
@@ -80,15 +79,7 @@ def description(name: str) -> str:
     return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
 
 
-def describe_example(
-    name: str,
-    facts: ExampleFacts | None,
-    *,
-    free_flyer: bool | None,
-    mimic: bool,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def describe_example(name: str, facts: ExampleFacts | None, how: Reading) -> Description:
     """Describe a robot of example-robot-data.
 
     Parameters
@@ -97,29 +88,22 @@ def describe_example(
         One of `names()`.
     facts : ExampleFacts, optional
         What was stored of it; then example-robot-data itself is not asked.
-    free_flyer : bool, optional
-        Base; None for the one that the loader means.
-    mimic : bool
-        Whether mimic joints follow their leader (upstream: False).
-    folders : sequence of Path
-        To search for meshes before the loader's own.
-    inertias : InertiasTable, optional
-        Where those come from that the URDF does not give.
+    how : Reading
+        Mimic joints do not follow their leaders unless they are asked to, as upstream.
     """
     if facts is None:
         facts = _readable_facts(name)
         if _has_own_code(_loaders()[name]):
-            if mimic or inertias or free_flyer not in (None, facts.free_flyer):
+            if how.mimic or how.inertias or how.free_flyer not in (None, facts.free_flyer):
                 raise UnsupportedRobot(
                     f"robot {name!r} is built by code of example-robot-data: free_flyer, mimic and inertias "
                     f"cannot be changed; load its URDF instead: {facts.path}"
                 )
             return _describe_built(name, facts.path)
-    base = facts.free_flyer if free_flyer is None else free_flyer
-    folders = (*folders, *facts.packages)
-    found = describe_urdf(
-        read_urdf(facts.path), free_flyer=base, mimic=mimic, folders=folders, inertias=inertias
-    )
+    base = facts.free_flyer if how.free_flyer is None else how.free_flyer
+    folders = (*how.folders, *facts.packages)
+    whole = replace(how, free_flyer=base, mimic=bool(how.mimic), folders=folders)
+    found = describe_urdf(read_urdf(facts.path), whole)
     return replace(found, name=name, q0=_reference_pose(facts, found.model))
 
 

@@ -14,6 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.meshes.volume import scaled
 from mbocp.robot.loading.readers.mjcf_geoms import (
     Geom,
     MeshAsset,
@@ -40,15 +41,17 @@ class Bodies:
     ----------
     bodies : list of TreeBody
         Parents before children.
-    joints : list of TreeJoint
-        In the order of MuJoCo's qpos.
     left_out : LeftOut
         What is not modelled.
     """
 
     bodies: list[TreeBody] = field(default_factory=list)
-    joints: list[TreeJoint] = field(default_factory=list)
     left_out: LeftOut = field(default_factory=LeftOut)
+
+    @property
+    def joints(self) -> list[TreeJoint]:
+        """In the order of MuJoCo's qpos."""
+        return [joint for body in self.bodies for joint in body.joints]
 
     def frame_of(self, site: str) -> str:
         """The frame of a site: a body of its name would win."""
@@ -146,24 +149,20 @@ class _Reader:
         turns = node.angle if kind == "revolute" else float
         if kind in ("revolute", "prismatic"):
             joint.reference = turns(node.number("ref", 0.0))
-            limits = node.vector("range", (0.0, 0.0), 2)
-            is_said = "range" in node.said and node.compiler.get("autolimits", "true") == "true"
-            if node.flag("limited", is_said):
+            limits = node.limits()
+            if limits is not None:
                 joint.lower, joint.upper = (turns(float(limit)) for limit in limits)
-        elif node.flag("limited", "range" in node.said):
+        elif kind == "ball" and node.limits() is not None:
             self.found.left_out.add("limits of the ball joints", name)
         if kind != "free" or node.tag == "joint":
             joint.damping, joint.friction = node.number("damping", 0.0), node.number("frictionloss", 0.0)
             joint.armature = node.number("armature", 0.0)
-        forces = node.vector("actuatorfrcrange", (0.0, 0.0), 2)
-        if node.flag("actuatorfrclimited", "actuatorfrcrange" in node.said):
-            joint.effort = float(np.abs(forces).max()) or math.inf
+        joint.effort = node.largest("actuatorfrc")
         if np.any(node.vector("stiffness", None)):
             self.found.left_out.add("springs (stiffness) of joints", name)
         if len(node.vector("damping", None)) > 1:
             self.found.left_out.add("damping that grows with the speed, of joints", name)
         body.joints.append(joint)
-        self.found.joints.append(joint)
 
     def _inertia(self, element: ElementTree.Element, body: TreeBody, geoms: Sequence[Geom]) -> pin.Inertia:
         """What <inertial> says, else what follows from the geoms."""
@@ -175,8 +174,7 @@ class _Reader:
         least, most = self.groups
         for geom in geoms if from_geoms != "false" else ():
             if least <= geom.node.number("group", 0.0) <= most:
-                part = inertia_of(geom, self.folders)
-                total = total + part if total.mass and part.mass else (part if part.mass else total)
+                total = total + inertia_of(geom, self.folders)
         return total
 
 
@@ -195,21 +193,17 @@ def read_bodies(mjcf: Mjcf, folders: Sequence[Path]) -> Bodies:
         reader.children(world, None, world.get("childclass"), pin.SE3.Identity())
     total = compiler.number("settotalmass", -1.0)
     if total > 0.0:
-        _scale_masses(reader.found.bodies, total)
+        found = math.fsum(body.inertia.mass for body in reader.found.bodies)
+        if not found:
+            raise RobotFileError(mjcf.path, f"<compiler>: settotalmass is {total:g}, but no body has a mass")
+        for body in (body for body in reader.found.bodies if body.inertia.mass):
+            body.inertia = scaled(body.inertia, body.inertia.mass * total / found)
     for body in reader.found.bodies:
         body.frames = [(reader.found.frame_of(name), place) for name, place in body.frames]
     for key, default in _OF_MASSES.items():
         if mjcf.compiler.get(key, default) not in (default, f"{default}.0"):
             reader.found.left_out.add("settings of <compiler>", key)
     return reader.found
-
-
-def _scale_masses(bodies: Sequence[TreeBody], total: float) -> None:
-    """Give the robot a mass; bodies without geoms or inertia keep none."""
-    scale = total / math.fsum(body.inertia.mass for body in bodies)
-    for body in bodies:
-        old = body.inertia
-        body.inertia = pin.Inertia(scale * old.mass, old.lever, scale * old.inertia)
 
 
 def _written_inertia(node: Node, body: str) -> pin.Inertia:

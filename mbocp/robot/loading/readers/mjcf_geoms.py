@@ -15,6 +15,7 @@ from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
 from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.volume import enclosed, fill, scaled
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
@@ -26,7 +27,6 @@ _WITHOUT_BODY = ("plane", "hfield", "sdf")
 _LAST_DRAWN = 2  # group that MuJoCo's viewers show
 _MESH_INERTIAS = ("legacy", "exact")
 _NO_VOLUME = 1e-15  # [m^3]
-_TWO_POINTS = ("capsule", "cylinder", "ellipsoid", "box")
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
         if mjcf.compiler.get("strippath", "false") == "true":
             file = Path(file).name
         address = file if Path(file).is_absolute() or not folder else f"{folder.rstrip('/')}/{file}"
+        if np.any(node.three("refpos")) or np.any(node.vector("refquat", (1.0, 0.0, 0.0, 0.0), 4)[1:]):
+            raise RobotFileError(node.path, f"{node.where}: refpos and refquat are not supported")
         inertia = node.text("inertia", "legacy")
         found[name] = MeshAsset(address, node.three("scale", (1.0, 1.0, 1.0)), inertia)
     return found
@@ -93,9 +95,9 @@ def read_geom(node: Node, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Ge
     if kind not in _SIZES:
         raise RobotFileError(node.path, f"{node.where}: unknown type {show(kind)}")
     size, placement = node.vector("size", None), node.placement
-    if "fromto" in node.said and kind in _TWO_POINTS:
+    if "fromto" in node.said and _SIZES[kind] > 1:
         ends = node.vector("fromto", None, 6)
-        across = ends[3:6] - ends[:3]
+        across = ends[:3] - ends[3:6]  # z from the second to the first, as MuJoCo turns a box
         half = float(np.linalg.norm(across)) / 2.0
         if not half:
             raise RobotFileError(node.path, f"{node.where}: fromto has twice the same point")
@@ -130,11 +132,10 @@ def inertia_of(geom: Geom, folders: Sequence[Path]) -> pin.Inertia:
     if node.text("shellinertia", "false") == "true":
         raise RobotFileError(node.path, f"{node.where}: shellinertia is not supported; write <inertial>")
     if geom.mesh is not None:
-        volume, unit = _of_mesh(geom, geom.mesh, folders)
+        body = _of_mesh(geom, geom.mesh, folders)
     else:
-        volume, unit = _UNIT[geom.kind](geom.sizes)
-    mass = density * volume if math.isnan(mass) else mass
-    return geom.placement.act(pin.Inertia(mass, unit.lever, mass * unit.inertia))
+        body = fill(_SHAPES[geom.kind](geom.sizes))
+    return geom.placement.act(scaled(body, density * body.mass if math.isnan(mass) else mass))
 
 
 def shape_of(
@@ -171,21 +172,12 @@ _SHAPES: Mapping[str, Callable[[Array], coal.CollisionGeometry]] = {
     "capsule": lambda s: coal.Capsule(float(s[0]), 2.0 * float(s[1])),
     "cylinder": lambda s: coal.Cylinder(float(s[0]), 2.0 * float(s[1])),
     "box": lambda s: coal.Box(*(2.0 * s)),
-}
-_UNIT: Mapping[str, Callable[[Array], tuple[float, pin.Inertia]]] = {
-    "sphere": lambda s: (4.0 / 3.0 * math.pi * s[0] ** 3, pin.Inertia.FromSphere(1.0, s[0])),
-    "capsule": lambda s: (
-        math.pi * s[0] ** 2 * (2.0 * s[1] + 4.0 / 3.0 * s[0]),
-        pin.Inertia.FromCapsule(1.0, s[0], 2.0 * s[1]),
-    ),
-    "cylinder": lambda s: (2.0 * math.pi * s[0] ** 2 * s[1], pin.Inertia.FromCylinder(1.0, s[0], 2.0 * s[1])),
-    "box": lambda s: (8.0 * s.prod(), pin.Inertia.FromBox(1.0, *(2.0 * s))),
-    "ellipsoid": lambda s: (4.0 / 3.0 * math.pi * s.prod(), pin.Inertia.FromEllipsoid(1.0, *s)),
+    "ellipsoid": lambda s: coal.Ellipsoid(*s),
 }
 
 
-def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> tuple[float, pin.Inertia]:
-    """Volume, and inertia of 1 kg in it, from the signed tetrahedra between triangles and the origin."""
+def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> pin.Inertia:
+    """Body of 1 kg/m^3 within a mesh."""
     node = geom.node
     if mesh.inertia not in _MESH_INERTIAS:
         words = f"its mesh has inertia {show(mesh.inertia)}, expected one of {', '.join(_MESH_INERTIAS)}"
@@ -195,21 +187,17 @@ def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> tuple[floa
     except UNREADABLE as error:
         words = "its body has no <inertial>, and the mesh that its mass follows from cannot be read"
         raise RobotFileError(node.path, f"{node.where}: {words}: {error}") from error
-    corners = (np.asarray(points) * mesh.scale)[np.asarray(triangles)]
-    # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed.
-    apex, sign = _middle(corners), np.abs if mesh.inertia == "legacy" else np.positive
-    volumes = sign(np.linalg.det(corners - apex) / 6.0)
-    volume = float(volumes.sum())
-    if abs(volume) <= _NO_VOLUME:
+    vertices, faces = np.asarray(points) * mesh.scale, np.asarray(triangles)
+    if mesh.inertia == "exact":
+        body = enclosed(vertices, faces)
+    else:  # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed
+        centre = enclosed(vertices, faces, _middle(vertices[faces])).lever
+        found = enclosed(vertices, faces, centre)
+        about_centre = pin.SE3(np.eye(3), centre).actInv(found).matrix()[3:, 3:]
+        body = pin.Inertia(found.mass, centre, about_centre)
+    if body.mass <= _NO_VOLUME:
         raise RobotFileError(node.path, f"{node.where}: its mesh encloses no volume; write <inertial>")
-    center = apex + volumes @ (corners - apex).sum(axis=1) / (4.0 * volume)
-    corners = corners - center
-    volumes, sums = sign(np.linalg.det(corners) / 6.0), corners.sum(axis=1)
-    # Second moments of a tetrahedron: V/20 (sum of c c' + (sum of c) (sum of c)'), c its corners.
-    second = np.einsum("n,nij,nik->jk", volumes, corners, corners)
-    second = (second + np.einsum("n,ni,nj->ij", volumes, sums, sums)) / (20.0 * volume)
-    second = (second + second.T) / 2.0
-    return abs(volume), pin.Inertia(1.0, center, np.trace(second) * np.eye(3) - second)
+    return body
 
 
 def _middle(corners: Array) -> Array:

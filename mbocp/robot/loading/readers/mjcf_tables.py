@@ -63,28 +63,24 @@ class _Tables:
 
     def motors(self, told: dict[str, Any]) -> None:
         """Joints with motors, and thrusters on sites; without any actuator, what the defaults say."""
-        driven: list[str] = []
+        limits: dict[str, float] = {}
         thrusters: list[dict[str, Any]] = []
         elements = list(self.mjcf.each("actuator"))
         for element in elements:
             node = self.mjcf.node(element)
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
-            if (
-                joint is not None
-                and joint.held is None
-                and joint.kind in _SINGLE
-                and element.tag in ACTUATORS
-            ):
-                gear = abs(node.vector("gear", (1.0,))[0])
-                limit = _force_limit(node) * gear
-                joint.effort = min(joint.effort, limit) if joint.name not in driven else joint.effort + limit
-                driven += [joint.name] if joint.name not in driven else []
+            gear = abs(node.number("gear", 1.0))
+            turns = gear > 0.0 and element.tag in ACTUATORS
+            if turns and joint is not None and joint.held is None and joint.kind in _SINGLE:
+                limits[joint.name] = limits.get(joint.name, 0.0) + gear * _force_limit(node)
             elif (thruster := self._thruster(node)) is not None:
                 thrusters.append(thruster)
             else:
                 self.found.left_out.add("actuators", f"{node.text('name', element.tag)}{self._why(node)}")
+        for name, limit in limits.items():
+            self.joints[name].effort = min(self.joints[name].effort, limit)
         if elements:
-            told["actuation"] = {"joints": driven}
+            told["actuation"] = {"joints": list(limits)}
             told["actuator"] = thrusters
 
     def _why(self, node: Node) -> str:
@@ -134,16 +130,18 @@ class _Tables:
     def _couple(self, node: Node, name: str, rows: list[dict[str, Any]]) -> None:
         """Joint 1 as a polynomial of joint 2, both from their references; what is linear is a coupling."""
         first, second = node.text("joint1"), node.text("joint2")
-        for joint in filter(None, (first, second)):
+        named = (first, second) if second else (first,)
+        for joint in named:
             if joint not in self.joints:
                 words = f"there is no joint {show(joint)}: {suggest(joint, self.joints)}"
                 raise RobotFileError(node.path, f"{node.where}: {words}")
         c = node.vector("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         start = self.joints[first].reference + c[0]
-        if not second or not np.any(c[1:]):
-            self.joints[first].held = float(start)
-        elif np.any(c[2:]) or any(self.joints[j].kind not in _SINGLE for j in (first, second)):
+        is_fixed = not second or not np.any(c[1:])
+        if any(self.joints[j].kind not in _SINGLE for j in named) or (not is_fixed and np.any(c[2:])):
             self.found.left_out.add("equality of joints that is not linear", name)
+        elif is_fixed:
+            self.joints[first].held = float(start)
         else:
             offset = float(start - c[1] * self.joints[second].reference)
             row = {"type": "coupling", "name": name, "joints": (first, second)}
@@ -227,13 +225,8 @@ class _Tables:
 
 def _force_limit(node: Node) -> float:
     """Largest force of an actuator before its gear; infinite if nothing bounds it."""
-    limits = [math.inf]
-    if node.flag("forcelimited", "forcerange" in node.said):
-        limits.append(float(np.abs(node.vector("forcerange", (0.0, 0.0), 2)).max()))
     is_motor = node.tag == "motor" or (
         node.tag == "general" and all(node.text(key, "none") == "none" for key in ("biastype", "dyntype"))
     )
-    if is_motor and node.flag("ctrllimited", "ctrlrange" in node.said):
-        gain = 1.0 if node.tag == "motor" else abs(node.number("gainprm", 1.0))
-        limits.append(gain * float(np.abs(node.vector("ctrlrange", (0.0, 0.0), 2)).max()))
-    return min(limit for limit in limits if limit > 0.0)
+    gain = 1.0 if node.tag == "motor" else abs(node.number("gainprm", 1.0))
+    return min(node.largest("force"), gain * node.largest("ctrl") if is_motor and gain else math.inf)

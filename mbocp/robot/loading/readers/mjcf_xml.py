@@ -74,6 +74,18 @@ class Node:
         word = self.said.get(key, "auto")
         return default if word == "auto" else word in _YES
 
+    def limits(self, of: str = "") -> Array | None:
+        """Two limits, as of "force" in `forcerange`; None if there are none, or they are turned off."""
+        key = f"{of}range"
+        limits = self.vector(key, (0.0, 0.0), 2)
+        is_said = key in self.said and self.compiler.get("autolimits", "true") == "true"
+        return limits if self.flag(f"{of}limited", is_said) else None
+
+    def largest(self, of: str) -> float:
+        """The largest size within limits; infinite where there are none."""
+        limits = self.limits(of)
+        return math.inf if limits is None else float(np.abs(limits).max()) or math.inf
+
     def number(self, key: str, default: float) -> float:
         """The first number of an attribute."""
         return float(self.vector(key, (default,))[0])

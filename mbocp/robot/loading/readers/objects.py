@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp.robot.loading.description import Description
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import describe_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.payload import Payload
@@ -19,7 +19,7 @@ _INERTIA = '<inertia ixx="{}" iyy="{}" izz="{}" ixy="{}" ixz="{}" iyz="{}"/>'
 
 def describe_object(name: str, shape: Payload, *, free_flyer: bool) -> Description:
     """Describe a simple body; without a free-flyer it stands still."""
-    return replace(describe_urdf(_urdf(name, shape), free_flyer=free_flyer, mimic=False), source=None)
+    return replace(describe_urdf(_urdf(name, shape), Reading(free_flyer, mimic=False)), source=None)
 
 
 def _urdf(name: str, shape: Payload) -> Urdf:

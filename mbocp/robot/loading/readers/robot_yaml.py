@@ -12,7 +12,7 @@ It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
 from itertools import takewhile
@@ -26,8 +26,7 @@ from mbocp._files import MEGABYTE, read_text
 from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
-from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.safe_yaml import parse_yaml
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
@@ -100,15 +99,7 @@ class RobotYaml(BaseModel):
         return Urdf(urdf.path, ElementTree.tostring(root, encoding="unicode"), root)
 
 
-def read(
-    path: Path,
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool | None,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def read(path: Path, name: str, how: Reading) -> Description:
     """Read a URDF with a robot.yaml beside it.
 
     Mimic joints are joints of their own unless told otherwise: these collections may have motors on them.
@@ -116,9 +107,7 @@ def read(
     told = read_robot_yaml(path)
     urdf = read_urdf(_model_file(path))
     table, urdf = told.table(urdf), told.with_joints(urdf, path)
-    found = describe_urdf(
-        urdf, free_flyer=bool(free_flyer), mimic=bool(mimic), folders=folders, inertias=inertias
-    )
+    found = describe_urdf(urdf, replace(how, mimic=bool(how.mimic)))
     return replace(found, name=name, file=path, table=table)
 
 

@@ -15,13 +15,12 @@ from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.description import ROOT_JOINT
-from mbocp.robot.loading.readers.sdf_xml import Sdf
+from mbocp.robot.loading.readers.sdf_xml import Sdf, is_static
 from mbocp.robot.loading.readers.tree import LeftOut, TreeBody, TreeJoint
 
 _KINDS = ("revolute", "continuous", "prismatic", "ball", "universal", "revolute2", "fixed")
 _TWO_AXES = ("universal", "revolute2")
 _CLOSED_BY = {"fixed": "weld", "ball": "point", "revolute": "hinge", "continuous": "hinge"}
-_YES = ("true", "1")
 
 
 @dataclass(frozen=True)
@@ -117,8 +116,8 @@ class _Reader:
         body = self.links[name]
         if joint is None:
             body.placement = base * at[name]
-            is_static = self.sdf.element.findtext("static", "").strip() in _YES
-            body.joints = [] if is_static else [TreeJoint(f"{name}_{ROOT_JOINT}", "free")]
+            is_fixed = is_static(self.sdf.element)
+            body.joints = [] if is_fixed else [TreeJoint(f"{name}_{ROOT_JOINT}", "free")]
         else:
             parent = joint.parent if joint.child == name else joint.child
             body.parent = None if parent == WORLD else parent

@@ -23,6 +23,7 @@ from mbocp.robot.loading.readers.urdf_xml import finite_numbers
 _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")
 _NO = ("false", "0")
+_WITHOUT_BODY = ("empty", "plane", "heightmap", "image")
 # What makes them of which numbers.
 _SHAPES: Mapping[str, tuple[Any, Mapping[str, int]]] = {
     "box": (coal.Box, {"size": 3}),
@@ -56,17 +57,23 @@ def _add_shapes(
     sdf: Sdf, link: ElementTree.Element, body: TreeBody, folders: Sequence[Path], left_out: LeftOut
 ) -> None:
     """Shapes of a link, those whose mesh is missing as such."""
-    elements = [(inner.tag, inner) for inner in link if inner.tag in ("visual", "collision")]
-    for number, (kind, inner) in enumerate(elements):
-        try:
-            shape = _shape(sdf, inner, body.name, number, folders)
-        except FileNotFoundError as error:
-            body.missing.append(MissingMesh(f"link {show(body.name)}", str(error), kind == "collision"))
+    elements = [inner for inner in link if inner.tag in ("visual", "collision")]
+    for number, inner in enumerate(elements):
+        is_drawn, form = inner.tag == "visual", inner.find("geometry/*")
+        if form is None or form.tag in _WITHOUT_BODY:
             continue
-        if inner.find("geometry/ellipsoid") is not None:
-            left_out.add(ELLIPSOIDS, body.name)
-        if shape is not None:
-            body.shapes.append(TreeShape(shape, _color(sdf, inner), kind == "visual", kind == "collision"))
+        if form.tag not in (*_SHAPES, "mesh"):
+            told = f"shapes <{form.tag}>, neither drawn nor solid, of"
+            left_out.add(ELLIPSOIDS if form.tag == "ellipsoid" else told, body.name)
+            continue
+        try:
+            shape = _shape(sdf, inner, form, body.name, number, folders)
+        except FileNotFoundError as error:
+            body.missing.append(MissingMesh(f"link {show(body.name)}", str(error), not is_drawn))
+            continue
+        if form.find("submesh") is not None:
+            left_out.add("<submesh>, in whose place stands the whole mesh, of", body.name)
+        body.shapes.append(TreeShape(shape, _color(sdf, inner), is_drawn, not is_drawn))
 
 
 def mesh_uris(sdf: Sdf) -> tuple[str, ...]:
@@ -98,32 +105,27 @@ def _inertia(sdf: Sdf, link: ElementTree.Element, name: str) -> pin.Inertia:
 
 
 def _shape(
-    sdf: Sdf, element: ElementTree.Element, link: str, number: int, folders: Sequence[Path]
-) -> LinkShape | None:
-    """Shape of a <visual> or <collision>; None for planes, height maps and what else is no body."""
+    sdf: Sdf,
+    element: ElementTree.Element,
+    form: ElementTree.Element,
+    link: str,
+    number: int,
+    folders: Sequence[Path],
+) -> LinkShape:
+    """Shape of a <visual> or <collision>."""
     where = f"{element.tag} {show(element.get('name', ''))} of link {show(link)}"
-    form = element.find("geometry/*")
-    if form is None:
-        return None
-    placement, unscaled = sdf.pose(element, where), np.ones(3)
+    placement = sdf.pose_in(link, element, where)
     if form.tag == "mesh":
         path = resolve((form.findtext("uri") or "").strip(), sdf.path.parent, folders)
         scale = sdf.numbers(form, "scale", where, (1.0, 1.0, 1.0))
         return LinkShape(link, number, where, coal.BVHModelOBBRSS(), str(path), scale, placement)
-    made = _primitive(sdf, form, where)
-    return None if made is None else LinkShape(link, number, where, made, "", unscaled, placement)
-
-
-def _primitive(sdf: Sdf, form: ElementTree.Element, where: str) -> coal.CollisionGeometry | None:
-    if form.tag not in _SHAPES:
-        return None
-    made, keys = _SHAPES[form.tag]
+    make, keys = _SHAPES[form.tag]
     sizes = [
         size for key, count in keys.items() for size in sdf.numbers(form, key, where, (1.0,) * count).tolist()
     ]
     if not all(size > 0.0 for size in sizes):
         raise RobotFileError(sdf.path, f"{where}: its sizes are {sizes}, expected positive ones")
-    return made(*sizes)
+    return LinkShape(link, number, where, make(*sizes), "", np.ones(3), placement)
 
 
 def _color(sdf: Sdf, element: ElementTree.Element) -> Array | None:

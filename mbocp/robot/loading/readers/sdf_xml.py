@@ -131,33 +131,35 @@ class Sdf:
 
     def _relative_to(self, element: ElementTree.Element) -> str:
         """What the pose of a link, joint or frame is relative to."""
-        pose = element.find("pose")
-        said = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
-        if said:
-            return said
+        return _frame_of_pose(element) or self._carrier(element)
+
+    def _carrier(self, element: ElementTree.Element) -> str:
+        """What a joint or frame is placed on: the model, unless it says another."""
         if element.tag == "joint":
             return (element.findtext("child") or "").strip()
         return element.get("attached_to") or MODEL
 
+    def pose_in(self, link: str, element: ElementTree.Element, where: str) -> pin.SE3:
+        """The <pose> of a part of a link in the axes of the link."""
+        frame, pose = _frame_of_pose(element), self.pose(element, where)
+        return self.place(link).actInv(self.place(frame)) * pose if frame else pose
+
     def link_of(self, name: str) -> str:
         """The link that a link, joint or frame moves with; the world by its name."""
         passed: list[str] = []
-        name = self._canonical if name == MODEL else name
-        while name != WORLD and self.placed.get(name) is not None and self.placed[name].tag != "link":
-            element = self.placed[name]
-            passed.append(name)
-            name = (
-                (element.findtext("child") or "").strip()
-                if element.tag == "joint"
-                else element.get("attached_to") or MODEL
-            )
+        while True:
             name = self._canonical if name == MODEL else name
+            if name == WORLD:
+                return name
+            if name not in self.placed:
+                words = f"there is no link or frame {show(name)}: {suggest(name, self.placed)}"
+                raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
+            if self.placed[name].tag == "link":
+                return name
             if name in passed:
                 raise RobotFileError(self.path, f"frames move in a circle: {list_names(passed, _MAX_NAMES)}")
-        if name != WORLD and name not in self.placed:
-            words = f"there is no link or frame {show(name)}: {suggest(name, self.placed)}"
-            raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
-        return name
+            passed.append(name)
+            name = self._carrier(self.placed[name])
 
     @property
     def _canonical(self) -> str:
@@ -201,7 +203,7 @@ def parse_sdf(path: Path) -> Sdf:
     inside = root if world is None else world
     models = inside.findall("model")
     if len(models) > 1:
-        models = [model for model in models if model.findtext("static", "").strip() not in _YES]
+        models = [model for model in models if not is_static(model)]
     if len(models) != 1:
         names = list_names([model.get("name", "") for model in models], _MAX_NAMES) or "none"
         raise RobotFileError(path, f"expected one model that is not static, got {names}")
@@ -214,6 +216,17 @@ def parse_sdf(path: Path) -> Sdf:
     if world is not None and world.find("gravity") is not None:
         gravity = finite_numbers(path, "gravity", world.findtext("gravity"), (0.0, 0.0, -9.8))
     return Sdf(path, models[0], _version(path, root.get("version", "1.7")), gravity)
+
+
+def is_static(model: ElementTree.Element) -> bool:
+    """Whether a model does not move."""
+    return model.findtext("static", "").strip() in _YES
+
+
+def _frame_of_pose(element: ElementTree.Element) -> str:
+    """The frame that the <pose> of an element names; empty if it names none."""
+    pose = element.find("pose")
+    return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
 
 
 def _version(path: Path, text: str) -> tuple[int, int]:

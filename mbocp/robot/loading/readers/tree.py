@@ -19,26 +19,24 @@ from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
-from mbocp.robot.loading.readers.urdf_inertia import faults_of
+from mbocp.robot.loading.readers.urdf_inertia import tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_shapes import object_of
-from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
+from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.warnings import MissingMeshWarning, NotModelledWarning
 
 ELLIPSOIDS = "ellipsoids, neither drawn nor solid, of"  # coal's obstacles and pages have no such shape
 _MAX_NAMES = 5
 _MAX_NAME_LENGTH = 255
 _MODELS: dict[str, Callable[[Array], Any]] = {
     "revolute": lambda axis: pin.JointModelRevoluteUnaligned(axis),
-    "continuous": lambda axis: pin.JointModelRevoluteUnboundedUnaligned(axis),
     "prismatic": lambda axis: pin.JointModelPrismaticUnaligned(axis),
     "ball": lambda _: pin.JointModelSpherical(),
     "free": lambda _: pin.JointModelFreeFlyer(),
 }
 _ALIGNED = {
     "revolute": (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),
-    "continuous": (pin.JointModelRUBX, pin.JointModelRUBY, pin.JointModelRUBZ),
     "prismatic": (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ),
 }
 
@@ -50,7 +48,7 @@ class TreeJoint:
     Attributes
     ----------
     name : str
-    kind : {"revolute", "continuous", "prismatic", "ball", "free"}
+    kind : {"revolute", "prismatic", "ball", "free"}
     axis : ndarray, shape (3,)
         Unit vector in the axes of the body.
     anchor : pin.SE3
@@ -86,7 +84,7 @@ class TreeJoint:
         change = displacement - self.reference
         if self.kind == "prismatic":
             return pin.SE3(np.eye(3), change * self.axis)
-        if self.kind in ("revolute", "continuous"):
+        if self.kind == "revolute":
             return pin.SE3(pin.exp3(change * self.axis), np.zeros(3))
         return pin.SE3.Identity()
 
@@ -161,26 +159,77 @@ class _Place:
     frame: int
 
 
-def build_tree(path: Path, name: str, bodies: Sequence[TreeBody], free_flyer: bool | None) -> pin.Model:
-    """Make the model of a tree of bodies, parents before children; q has the order of the bodies.
+def describe_tree(
+    path: Path,
+    name: str,
+    bodies: Sequence[TreeBody],
+    table: RobotTable,
+    left_out: LeftOut,
+    how: Reading,
+    disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
+) -> Description:
+    """Describe the robot that bodies make, parents before children; q has the order of the bodies.
 
     Parameters
     ----------
     path : Path
-        For messages.
+        Of the file.
     name : str
         Of the robot.
     bodies : sequence of TreeBody
-    free_flyer : bool, optional
-        False: bodies that float in the world are fixed to it. True: what is fixed to it floats as a whole.
+    table : RobotTable
+        What else the file says.
+    left_out : LeftOut
+        What is not modelled.
+    how : Reading
+        With `free_flyer` False bodies that float in the world are fixed to it; with True what is fixed to it
+        floats as a whole.
+    disabled : callable
+        Returns the pairs of bodies that do not collide.
 
     Raises
     ------
     RobotFileError, UnsupportedRobot
-        For names that occur twice, and for more joints than there may be.
+        For names that occur twice, for more joints than there may be, and for estimates of masses: these
+        formats give every body one, by numbers or by its shapes.
+
+    Warns
+    -----
+    NotModelledWarning, ImpossibleInertiaWarning, MissingMeshWarning
+        Each once for the robot.
     """
-    bodies = _rooted(path, bodies, free_flyer)
+    if how.inertias is not None:
+        raise RobotFileError(path, "estimates are for URDF and xacro; write the numbers here", "inertias")
+    _check_free_joints(path, bodies, how.free_flyer)
     _check_names(path, bodies)
+    model = _build(name, bodies, how.free_flyer)
+    _tell_left_out(path, left_out)
+    tell_impossible_inertias(path, model)
+    _tell_missing(path, bodies)
+    visuals = pin.GeometryModel()
+    for drawn in (shape for body in bodies for shape in body.shapes if shape.is_drawn):
+        visuals.addGeometryObject(object_of(model, drawn.shape, drawn.color))
+    with_pictures = frozenset(body.name for body in bodies if any(shape.is_drawn for shape in body.shapes))
+    return Description(
+        name=name,
+        file=path,
+        model=model,
+        visuals=visuals,
+        q0=_place_at_references(model, bodies),
+        table=table,
+        source=path,
+        shapes=(ShapeSource(path, partial(_solid, path, bodies), disabled, with_pictures),),
+    )
+
+
+def oddities_of(bodies: Sequence[TreeBody]) -> Iterator[str]:
+    """Joints that cannot move."""
+    for joint in (joint for body in bodies for joint in body.joints):
+        if joint.lower >= joint.upper:
+            yield f"joint {joint.name!r}: its limits {joint.lower:g} ... {joint.upper:g} leave it no range"
+
+
+def _build(name: str, bodies: Sequence[TreeBody], free_flyer: bool | None) -> pin.Model:
     model = pin.Model()
     model.name = name
     root = 0
@@ -193,7 +242,7 @@ def build_tree(path: Path, name: str, bodies: Sequence[TreeBody], free_flyer: bo
     return model
 
 
-def place_at_references(model: pin.Model, bodies: Sequence[TreeBody]) -> Array:
+def _place_at_references(model: pin.Model, bodies: Sequence[TreeBody]) -> Array:
     """The configuration in which bodies are placed as they are written, shape (nq,)."""
     q: Array = pin.neutral(model)
     for body in bodies:
@@ -203,8 +252,6 @@ def place_at_references(model: pin.Model, bodies: Sequence[TreeBody]) -> Array:
             where = joints.configuration_slice(model, model.getJointId(joint.name))
             if joint.kind == "free":
                 q[where] = pin.SE3ToXYZQUAT(body.placement)
-            elif joint.kind == "continuous":
-                q[where] = math.cos(joint.reference), math.sin(joint.reference)
             elif joint.kind != "ball":
                 q[where] = joint.reference
     return q
@@ -218,74 +265,15 @@ def placements_of(bodies: Sequence[TreeBody]) -> dict[str, pin.SE3]:
     return placed
 
 
-def tell_left_out(path: Path, left_out: LeftOut) -> None:
-    """Warn of what is not modelled.
-
-    Warns
-    -----
-    NotModelledWarning
-        Once for the robot, naming each.
-    """
+def _tell_left_out(path: Path, left_out: LeftOut) -> None:
+    """Warn of what is not modelled, naming each."""
     if left_out.names:
         told = (f"{kind} {list_names(names, _MAX_NAMES)}" for kind, names in left_out.names.items())
         warn_caller(f"{path}: not modelled, and left out: {'; '.join(told)}", NotModelledWarning)
 
 
-def tell_impossible(path: Path, model: pin.Model) -> None:
-    """Warn of bodies with inertias that none has.
-
-    Warns
-    -----
-    ImpossibleInertiaWarning
-        Once for the robot, naming them.
-    """
-    told = [f"what joint {show(model.names[j])} moves: {words}" for j, words in faults_of(model)]
-    if told:
-        more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
-        warn_caller(
-            f"{path}: physically impossible inertias ({'; '.join(told[:_MAX_NAMES])}{more}); they are used "
-            "as they stand. Check units (kg m^2) and axes",
-            ImpossibleInertiaWarning,
-        )
-
-
-def draw_tree(model: pin.Model, bodies: Sequence[TreeBody]) -> pin.GeometryModel:
-    """Shapes to draw."""
-    visuals = pin.GeometryModel()
-    for drawn in (shape for body in bodies for shape in body.shapes if shape.is_drawn):
-        visuals.addGeometryObject(object_of(model, drawn.shape, drawn.color))
-    return visuals
-
-
-def shapes_of_tree(
-    path: Path,
-    bodies: Sequence[TreeBody],
-    disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
-) -> ShapeSource:
-    """Say what a file has to say of the shapes of its bodies."""
-    drawn = frozenset(body.name for body in bodies if any(shape.is_drawn for shape in body.shapes))
-    return ShapeSource(path, partial(_solid, path, bodies), disabled, drawn)
-
-
-def refuse_inertias(path: Path, inertias: InertiasTable | None) -> None:
-    """Refuse estimates of masses: the format gives every body one, by numbers or by its shapes.
-
-    Raises
-    ------
-    RobotFileError
-    """
-    if inertias is not None:
-        raise RobotFileError(path, "estimates are for URDF and xacro; write the numbers here", "inertias")
-
-
-def tell_missing(path: Path, bodies: Sequence[TreeBody]) -> None:
-    """Warn of meshes that are not there.
-
-    Warns
-    -----
-    MissingMeshWarning
-        Once for the robot, naming the first.
-    """
+def _tell_missing(path: Path, bodies: Sequence[TreeBody]) -> None:
+    """Warn of meshes that are not there, naming the first."""
     missing = [mesh for body in bodies for mesh in body.missing]
     if missing:
         more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
@@ -302,8 +290,8 @@ def _solid(path: Path, bodies: Sequence[TreeBody]) -> Iterator[LinkShape]:
         yield from (each.shape for each in body.shapes if each.is_solid)
 
 
-def _rooted(path: Path, bodies: Sequence[TreeBody], free_flyer: bool | None) -> list[TreeBody]:
-    """The bodies with free joints where they may be; the only one is called as that of a URDF."""
+def _check_free_joints(path: Path, bodies: Sequence[TreeBody], free_flyer: bool | None) -> None:
+    """Refuse free joints where none may be; the only one is called as that of a URDF."""
     floating = [body for body in bodies if any(joint.kind == "free" for joint in body.joints)]
     for body in floating:
         if body.parent is not None or len(body.joints) > 1:
@@ -316,7 +304,6 @@ def _rooted(path: Path, bodies: Sequence[TreeBody], free_flyer: bool | None) -> 
             body.joints.clear()
         elif len(floating) == 1:
             body.joints[0].name = ROOT_JOINT
-    return list(bodies)
 
 
 def _add(model: pin.Model, body: TreeBody, parent: _Place) -> _Place:
@@ -373,7 +360,8 @@ def _written(limit: float) -> float:
 
 def _check_names(path: Path, bodies: Sequence[TreeBody]) -> None:
     moving = [joint.name for body in bodies for joint in body.joints]
-    for what, names in (("body", [body.name for body in bodies]), ("joint", moving)):
+    frames = [name for body in bodies for name, _ in body.frames]
+    for what, names in (("body", [body.name for body in bodies]), ("joint", moving), ("frame", frames)):
         for name in names:
             if not name or len(name) > _MAX_NAME_LENGTH or has_control_characters(name):
                 words = f"expected 1 to {_MAX_NAME_LENGTH} characters that print"

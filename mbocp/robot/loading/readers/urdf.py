@@ -14,13 +14,12 @@ from pathlib import Path
 import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.loading.description import ROOT_JOINT, Description
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.followers import Follower
-from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.readers.srdf import find_srdf
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
-from mbocp.robot.loading.readers.urdf_inertia import read_inertials, tell_impossible_inertias
+from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_mimic import followers, with_first_leaders
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_oddities import find_oddities
@@ -31,20 +30,9 @@ _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
 
 
-def read(
-    path: Path,
-    name: str,
-    *,
-    free_flyer: bool | None,
-    mimic: bool | None,
-    folders: Sequence[Path],
-    inertias: InertiasTable | None = None,
-) -> Description:
+def read(path: Path, name: str, how: Reading) -> Description:
     """Read a robot from a URDF; mimic joints follow their leaders unless told otherwise, see `Format`."""
-    urdf = read_urdf(path)
-    return describe_urdf(
-        urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders, inertias=inertias
-    )
+    return describe_urdf(read_urdf(path), how)
 
 
 def companions(path: Path) -> tuple[Path, ...]:
@@ -85,40 +73,20 @@ def check_urdf(urdf: Urdf) -> Urdf:
     return urdf
 
 
-def describe_urdf(
-    urdf: Urdf,
-    *,
-    free_flyer: bool,
-    mimic: bool,
-    folders: Sequence[Path] = (),
-    inertias: InertiasTable | None = None,
-) -> Description:
-    """Make the description of what a URDF says.
-
-    Parameters
-    ----------
-    urdf : Urdf
-        What `read_urdf` returned.
-    free_flyer : bool
-        Whether the root link floats.
-    mimic : bool
-        Whether mimic joints follow their leaders; otherwise they are joints of their own.
-    folders : sequence of Path
-        That hold packages of meshes.
-    inertias : InertiasTable, optional
-        Where those come from that it does not give.
-    """
-    urdf, estimated = (urdf, ()) if inertias is None else with_inertias(urdf, inertias, folders)
-    model = build_model(urdf, free_flyer=free_flyer, mimic=mimic)
+def describe_urdf(urdf: Urdf, how: Reading) -> Description:
+    """Make the description of what a URDF says, which `read_urdf` returned."""
+    urdf, estimated = (urdf, ()) if how.inertias is None else with_inertias(urdf, how.inertias, how.folders)
+    mimic = how.mimic is not False
+    model = build_model(urdf, free_flyer=bool(how.free_flyer), mimic=mimic)
     return Description(
         name=urdf.name,
         file=urdf.path,
         model=model,
-        visuals=build_visuals(urdf, model, folders),
+        visuals=build_visuals(urdf, model, how.folders),
         q0=pin.neutral(model),
         source=urdf.path,
         followers=followers(urdf.path, urdf.root) if mimic else (),
-        shapes=(shapes_of(urdf, folders),),
+        shapes=(shapes_of(urdf, how.folders),),
         link_inertias=estimated,
     )
 
@@ -136,8 +104,9 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
         Couple mimic joints to the joint they follow; otherwise they are joints of their own.
     """
     model = _pinocchio_model(urdf, free_flyer=free_flyer, mimic=mimic)
-    _check_mass(urdf, model)
-    tell_impossible_inertias(urdf.path, urdf.root, model)
+    inertials = read_inertials(urdf.path, urdf.root)
+    _check_mass(urdf.path, model, inertials)
+    tell_impossible_inertias(urdf.path, model, inertials)
     tell_not_modelled(urdf.path, urdf.root)
     return model
 
@@ -191,11 +160,11 @@ def captured_stderr(into: list[str]) -> Iterator[None]:
             into.append(file.read().decode(errors="replace"))
 
 
-def _check_mass(urdf: Urdf, model: pin.Model) -> None:
+def _check_mass(path: Path, model: pin.Model, inertials: Sequence[Inertial]) -> None:
     """Nothing that has mass is lost between the file and the model."""
     found = math.fsum(i.mass for i in model.inertias)
-    written = math.fsum(inertial.mass for inertial in read_inertials(urdf.path, urdf.root))
+    written = math.fsum(inertial.mass for inertial in inertials)
     if not abs(found - written) <= _MASS_TOLERANCE * written:
         raise RobotFileError(
-            urdf.path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
+            path, f"its links weigh {written:g} kg, but Pinocchio reads {found:g} kg of them"
         )

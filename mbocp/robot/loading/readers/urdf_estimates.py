@@ -20,7 +20,7 @@ from mbocp._text import quote_all, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, RobotFileError, suggest
 from mbocp.meshes.parts import Indices
-from mbocp.meshes.volume import count_open_edges, enclosed, weld
+from mbocp.meshes.volume import count_open_edges, enclosed, fill, scaled, weld
 from mbocp.robot.collision.geometry import read_mesh
 from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.collision.source import LinkShape
@@ -29,7 +29,7 @@ from mbocp.robot.loading.inertias_table import InertiasTable, LinkTable
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, fault_of, is_rotor, read_inertials
 from mbocp.robot.loading.readers.urdf_shapes import link_shapes
 from mbocp.robot.loading.readers.urdf_xml import Urdf
-from mbocp.robot.payload import Payload
+from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.robot.warnings import EstimatedInertiaWarning
 
 _KINDS = ("collision", "visual")  # of shapes, the better ones first
@@ -90,7 +90,7 @@ def with_inertias(
     for link, each in usable.items():
         mass = masses.get(link, density * each.body.mass)
         why = f"{faults[link]}: its mass is kept; {each.origin}" if link in masses else each.origin
-        found[link] = LinkInertia.of(link, _scaled(each.body, mass), why)
+        found[link] = LinkInertia.of(link, scaled(each.body, mass), why)
     _tell(urdf, asked, density, found, [link for link in filled if link in faults and link not in usable])
     return _written(urdf, found), tuple(found.values())
 
@@ -139,9 +139,7 @@ def _filled(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
             body, is_hull = _of_mesh(*read_mesh(path, shape.where, Path(shape.mesh), shape.scale))
             hulls += is_hull
         else:
-            solid = shape.geometry
-            moments = np.asarray(solid.computeMomentofInertia())
-            body = pin.Inertia(float(solid.computeVolume()), np.zeros(3), moments)
+            body = fill(shape.geometry)
         if body.mass > 0.0:
             whole = whole + shape.placement.act(body)
     told = f", {hulls} open {'mesh' if hulls == 1 else 'meshes'} by the convex hull" if hulls else ""
@@ -178,16 +176,11 @@ def _of_table(urdf: Urdf, link: str, table: LinkTable, filled: _Filled | None) -
     said = Payload(name=link, frame=link, **table.model_dump(exclude_none=True))
     com, inertia, origin = np.array(said.com), said.inertia_matrix, "given"
     if filled is not None:
-        body = _scaled(filled.body, table.mass)
+        body = scaled(filled.body, table.mass)
         com = np.asarray(body.lever) if table.com is None else com
         inertia = np.asarray(body.inertia) if table.inertia is None else inertia
         origin = f"given mass; {filled.origin}"
     return LinkInertia.of(link, pin.Inertia(table.mass, com, inertia), origin)
-
-
-def _scaled(body: pin.Inertia, mass: float) -> pin.Inertia:
-    """The same body of another mass."""
-    return pin.Inertia(mass, body.lever, np.asarray(body.inertia) * (mass / body.mass))
 
 
 def _density(
@@ -245,6 +238,6 @@ def _written(urdf: Urdf, found: Mapping[str, LinkInertia]) -> Urdf:
         inertial = ElementTree.SubElement(link, "inertial")
         ElementTree.SubElement(inertial, "origin", xyz=" ".join(map(repr, one.com)), rpy="0 0 0")
         ElementTree.SubElement(inertial, "mass", value=repr(one.mass))
-        keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-        ElementTree.SubElement(inertial, "inertia", dict(zip(keys, map(repr, one.inertia), strict=True)))
+        moments = dict(zip(INERTIA_KEYS, map(repr, one.inertia), strict=True))
+        ElementTree.SubElement(inertial, "inertia", moments)
     return Urdf(urdf.path, ElementTree.tostring(root, encoding="unicode"), root)

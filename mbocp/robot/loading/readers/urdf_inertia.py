@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -62,25 +62,25 @@ def fault_of(inertial: Inertial) -> str:
     return _fault(inertial)
 
 
-def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.Model) -> None:
+def tell_impossible_inertias(path: Path, model: pin.Model, inertials: Sequence[Inertial] = ()) -> None:
     """Warn of bodies whose inertia no distribution of mass has.
 
     A body is what fixed joints join: a small part with muddled numbers on a large one is harmless.
 
     Parameters
     ----------
-    path, root : Path, Element
-        The URDF, for the names of links.
+    path : Path
+        For messages.
     model : pin.Model
-        What was built from it.
+    inertials : sequence of Inertial
+        Those of the links that the model was built from, to be named.
 
     Warns
     -----
     ImpossibleInertiaWarning
-        Once for the robot, naming links, numbers and what is wrong with them.
+        Once for the robot, naming links or joints, numbers and what is wrong with them.
     """
-    bad = [j for j in range(1, model.njoints) if _fault(_inertial(model, j))]
-    told = [words for joint in bad for words in _faults(joint, model, read_inertials(path, root))]
+    told = [words for joint in range(1, model.njoints) for words in _faults(joint, model, inertials)]
     if told:
         more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
         warn_caller(
@@ -90,22 +90,18 @@ def tell_impossible_inertias(path: Path, root: ElementTree.Element, model: pin.M
         )
 
 
-def faults_of(model: pin.Model) -> Iterator[tuple[int, str]]:
-    """Joints that move what no body can be, and what is wrong with it."""
-    for joint in range(1, model.njoints):
-        if words := _fault(_inertial(model, joint)):
-            yield joint, words
-
-
-def _faults(joint: int, model: pin.Model, inertials: tuple[Inertial, ...]) -> list[str]:
-    """Faults of the inertias of a body's links, or of the body as a whole."""
+def _faults(joint: int, model: pin.Model, inertials: Sequence[Inertial]) -> list[str]:
+    """Faults of the inertias of a body's links, or of the body as a whole; none of a body that can be."""
+    inertia = model.inertias[joint]
+    whole = _fault(Inertial(model.names[joint], float(inertia.mass), np.asarray(inertia.inertia)))
+    if not whole:
+        return []
     links = {f.name for f in model.frames if f.parentJoint == joint and f.type == pin.FrameType.BODY}
     told = [
         f"link {show(inertial.link)}: {words}"
         for inertial in inertials
         if inertial.link in links and (words := _fault(inertial))
     ]
-    whole = _fault(_inertial(model, joint))
     return told or [f"what joint {show(model.names[joint])} moves: {whole}"]
 
 
@@ -137,11 +133,6 @@ def _number(where: str, key: str, text: str | None) -> float:
     if value is None:
         raise UnsupportedRobot(f"{where}: {key} is {show(text)}, expected a finite number up to {LARGEST:g}")
     return value
-
-
-def _inertial(model: pin.Model, joint: int) -> Inertial:
-    inertia = model.inertias[joint]
-    return Inertial(model.names[joint], float(inertia.mass), np.asarray(inertia.inertia))
 
 
 def _fault(inertial: Inertial) -> str:

@@ -13,8 +13,7 @@ from mbocp._files import is_file
 from mbocp._text import list_names, shorten, show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.loading.addresses import package_folders
-from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import check_urdf, describe_urdf
 from mbocp.robot.loading.readers.urdf_oddities import find_oddities
@@ -57,21 +56,9 @@ class XacroReader:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     _known: dict[Path, Expanded] = field(default_factory=dict, repr=False)
 
-    def read(
-        self,
-        path: Path,
-        name: str,
-        *,
-        free_flyer: bool | None,
-        mimic: bool | None,
-        folders: Sequence[Path],
-        inertias: InertiasTable | None = None,
-    ) -> Description:
+    def read(self, path: Path, name: str, how: Reading) -> Description:
         """Read a robot, as a URDF."""
-        urdf = check_urdf(self.expanded(path).urdf)
-        return describe_urdf(
-            urdf, free_flyer=bool(free_flyer), mimic=mimic is not False, folders=folders, inertias=inertias
-        )
+        return describe_urdf(check_urdf(self.expanded(path).urdf), how)
 
     def companions(self, path: Path) -> tuple[Path, ...]:
         """Files that it includes, and its SRDF."""
@@ -161,6 +148,7 @@ def _run(
 
     xacro.all_includes = []
     # Its own way needs an installed ROS; these are the two places in which it looks the function up.
+    usual = substitution_args._eval_find
     substitution_args._eval_find = substitution_args._eval_dict["find"] = find
     try:
         document = xacro.process_file(str(path), mappings=arguments)
@@ -169,6 +157,8 @@ def _run(
     except Exception as error:  # expressions of the file may raise anything
         where = "" if not xacro.filestack or xacro.filestack[-1] == str(path) else f" {xacro.filestack[-1]}:"
         raise RobotFileError(path, f"xacro cannot expand it:{where} {_reason(error)}") from error
+    finally:
+        substitution_args._eval_find = substitution_args._eval_dict["find"] = usual
     return document.toxml(), tuple(
         dict.fromkeys(file for file in map(Path, xacro.all_includes) if is_file(file))
     )
