@@ -78,14 +78,13 @@ class Heat(Feature):
     def _values(self, step: Passage) -> list[Any]:
         """Controls with a limit, at each share of the step."""
         own, places, count = step.controls["own"], list(self.entries), max(len(self.shares), 1)
-        if isinstance(own, np.ndarray):
-            blocks = np.split(own, count, axis=1)
-            blocks = blocks if step.begin is None else [step.begin, *blocks[1:]]
-            return [block[:, places] for block in blocks]
-        nu = own.numel() // count
-        blocks = [own[i * nu : (i + 1) * nu] for i in range(count)]
-        blocks = blocks if step.begin is None else [step.begin, *blocks[1:]]
-        return [(step.units_of_u * block)[places] for block in blocks]
+        is_number = isinstance(own, np.ndarray)
+        nu = (own.shape[1] if is_number else own.numel()) // count
+        at = [slice(i * nu, (i + 1) * nu) for i in range(count)]
+        blocks = [own[:, part] if is_number else own[part] for part in at]
+        if step.begin is not None:
+            blocks[0] = step.begin
+        return [block[:, places] if is_number else (step.units_of_u * block)[places] for block in blocks]
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """1 / L^2 in every step."""
