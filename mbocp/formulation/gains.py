@@ -9,7 +9,6 @@ needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,13 +17,9 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import TABLEAUX
 from mbocp.lie import ConfigurationSpace
-from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.newton_method.held import hold_active_limits
+from mbocp.programme import Iterate
+from mbocp.solvers.newton_method.held import factorise_held, hold_active_limits
 
-if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
-
-_FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _SHIFTS = (
     0.0,
     1e-6,
@@ -62,7 +57,7 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
     found = hold_active_limits(formulation.programme, iterate)
-    if found is None or not _factorise(found[0], formulation.programme):
+    if found is None or not factorise_held(found[0], formulation.programme, _SHIFTS):
         return np.zeros((0, 0, 0))
     native, held = found
     kind = formulation.programme.kind
@@ -106,22 +101,3 @@ def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, st
         found[:nu] = 0.0
         found[:nu, -nu:] = np.eye(nu)
     return found
-
-
-def _factorise(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
-    """Whether some weight of the end condition, and some shift, give the signs of a minimum.
-
-    Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
-    """
-    unit = programme.control_weight / programme.dt
-    for shift in _SHIFTS:
-        weight = _FIRST_WEIGHT
-        while weight <= _LAST_WEIGHT:
-            weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
-            native.factorise(*weights)
-            native.weigh(native.barrier)
-            found = native.factorise(*weights)
-            if found.ok and found.negative == programme.ng:
-                return True
-            weight *= 100.0
-    return False

@@ -1,4 +1,4 @@
-r"""The optimality conditions of a programme at a solution, as one sparse linear system.
+r"""The optimality conditions of a programme at a solution, as one linear system.
 
 With the Lagrangian :math:`\mathcal{L} = \sum_n (l_n + m_n^T c_n + w_n^T h_n) + \psi + \eta^T g`, the active
 limits :math:`h_A = b_A` as equations and the others left out, unknowns and multipliers
@@ -6,30 +6,28 @@ limits :math:`h_A = b_A` as equations and the others left out, unknowns and mult
 
 .. math:: F(\zeta, p) = (\nabla_{(x, y, u)} \mathcal{L},\; c,\; g,\; h_A - b_A) = 0 .
 
-Its derivative K in :math:`\zeta` is symmetric, with blocks along the horizon: its sparse factors take work
-and memory in proportion to the number of steps.
+Its derivative K in :math:`\zeta` is symmetric, and the matrix of a Newton step: the kernel's Riccati
+recursion factorises it once, and solves it for any right-hand side, in time linear in the number of steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.exceptions import SingularSystem
-from mbocp.programme import StagewiseProgramme
+from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions
+from mbocp.solvers.newton_method.held import factorise_held, hold
 
 if TYPE_CHECKING:
-    from scipy import sparse
+    from mbocp.programme.native import KernelProgramme
 
-_PASSES = 3  # of a solve with the factors: what pivoting leaves is round-off after two
 _MOST_LEFT = 1e-7  # relative residual of a solution of a system that is not singular
-_ROUND_OFF = 1e-16  # least pivot, by the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +37,7 @@ class Optimum:
     Attributes
     ----------
     programme : StagewiseProgramme
-    xs, ys, us, ms, eta : ndarray
-        See `Iterate`.
+    iterate : Iterate
     ws : ndarray, shape (N, nx + nu + nh)
         Multipliers of the limits of states, controls and path functions, positive at an upper one.
     held : ndarray of bool, shape (N, nx + nu + nh)
@@ -50,11 +47,7 @@ class Optimum:
     """
 
     programme: StagewiseProgramme
-    xs: Array
-    ys: Array
-    us: Array
-    ms: Array
-    eta: Array
+    iterate: Iterate
     ws: Array
     held: BoolArray
     sides: Array
@@ -62,7 +55,8 @@ class Optimum:
     @property
     def points(self) -> list[Array]:
         """States before and after each step, algebraic unknowns and controls."""
-        return [self.xs[:-1], self.xs[1:], self.ys, self.us]
+        at = self.iterate
+        return [at.xs[:-1], at.xs[1:], at.ys, at.us]
 
     @property
     def path(self) -> Array:
@@ -72,7 +66,7 @@ class Optimum:
 
 
 class Parts(NamedTuple):
-    """A vector of the system in parts: rows of F, or unknowns and multipliers.
+    """Vectors of the system in parts: rows of F, or unknowns and multipliers.
 
     Attributes
     ----------
@@ -91,244 +85,103 @@ class Parts(NamedTuple):
     eta: Array
     ws: Array
 
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where unknowns and multipliers are in a vector of the system.
-
-    Attributes
-    ----------
-    xs, ys, us, ms, ws : ndarray of int
-        See `Parts`, without the first axis; `xs` has the given state first, behind all unknowns, and `ws` the
-        size of the system where limits are not active.
-    eta : ndarray of int
-    size, whole : int
-        Of the system, and with the given state.
-    """
-
-    xs: IntArray
-    ys: IntArray
-    us: IntArray
-    ms: IntArray
-    ws: IntArray
-    eta: IntArray
-    size: int
-    whole: int
-
     @classmethod
-    def of(cls, optimum: Optimum) -> Places:
-        """Places in the order of the horizon."""
-        programme, held = optimum.programme, optimum.held
-        kind = programme.kind
-        nc = kind.ndx + kind.ny
-        counts = nc + kind.ny + kind.nu + held.sum(axis=1) + kind.ndx
-        first = np.concatenate([[0], np.cumsum(counts)])
-        begin = first[:-1, None]
-        ms = begin + np.arange(nc)
-        ys = begin + nc + np.arange(kind.ny)
-        us = begin + nc + kind.ny + np.arange(kind.nu)
-        xs = first[1:, None] - kind.ndx + np.arange(kind.ndx)
-        eta = first[-1] + np.arange(programme.ng)
-        size = int(first[-1]) + programme.ng
-        ws = np.where(held, begin + nc + kind.ny + kind.nu + held.cumsum(axis=1) - 1, size + kind.ndx)
-        start = size + np.arange(kind.ndx)
-        whole = size + kind.ndx
-        return cls(np.vstack([start, xs]), ys, us, ms, ws, eta, size, whole)
-
-    def join(self, parts: Parts) -> Array:
-        """Vectors of the system, shape (size, k)."""
-        k = len(parts.eta)
-        found = np.zeros((k, self.whole + 1))
-        pairs = zip((self.xs[1:], self.ys, self.us, self.ms, self.eta, self.ws), parts, strict=True)
-        for place, values in pairs:
-            found[:, place] = values
-        return np.ascontiguousarray(found[:, : self.size].T)
-
-    def split(self, vectors: Array) -> Parts:
-        """Parts of vectors of the system."""
-        filled = np.zeros((vectors.shape[1], self.whole + 1))
-        filled[:, : self.size] = vectors.T
-        return Parts(*(filled[:, at] for at in (self.xs[1:], self.ys, self.us, self.ms, self.eta, self.ws)))
+    def zeros(cls, programme: StagewiseProgramme, k: int) -> Parts:
+        """So many vectors of zeros."""
+        kind, N = programme.kind, programme.num_steps
+        limits = kind.nx + kind.nu + programme.bounds.nh
+        of_steps = [(N, size) for size in (kind.ndx, kind.ny, kind.nu, kind.ndx + kind.ny)]
+        return cls(*(np.zeros((k, *shape)) for shape in (*of_steps, (programme.ng,), (N, limits))))
 
 
 @dataclass(frozen=True, eq=False)
 class Kkt:
-    """The system at an optimum, factorised when it is first solved.
+    """The system at an optimum.
 
     Attributes
     ----------
     optimum : Optimum
-    places : Places
-    residual : ndarray, shape (size,)
-        F.
-    matrix : sparse matrix, shape (size, size)
-        K.
-    of_start : sparse matrix, shape (size, ndx)
-        Derivative of F in the tangent of the given state.
+    of_start : Parts
+        Derivative of F in the tangent of the given state: a vector for each of its directions.
     """
 
     optimum: Optimum
-    places: Places
-    residual: Array
-    matrix: sparse.csc_matrix
-    of_start: sparse.csc_matrix
+    of_start: Parts
+    _native: KernelProgramme  # with K's factors
 
     @classmethod
-    def at(cls, optimum: Optimum) -> Kkt:
-        """Evaluate the system at a point near an optimum.
+    def near(cls, optimum: Optimum, *, most_steps: int, still: float, far: float) -> Kkt | None:
+        """The system where it holds, found by Newton's method, or None where that does not stay near.
+
+        Parameters
+        ----------
+        optimum : Optimum
+        most_steps : int
+        still, far : float
+            Steps by the size of what they move: the last one, and the most of the first one.
 
         Raises
         ------
         SingularSystem
-            If its functions are not finite there.
+            If K has no inverse.
         """
-        from scipy import sparse  # slow to import, and wanted only for this
+        programme, held = optimum.programme, optimum.held
+        native = hold(programme, optimum.iterate, optimum.ws, held, optimum.sides)
+        length = far
+        for _ in range(most_steps):
+            if not (native.evaluate().finite and factorise_held(native, programme)):
+                raise _singular()
+            native.solve()
+            before, length = length, max(_relative(native.dx, native.x), _relative(native.du, native.u))
+            if not length <= before:
+                return None
+            if length <= still:
+                ws = np.zeros_like(optimum.ws)
+                ws[held] = native.z_upper if held.any() else 0.0
+                found = Optimum(programme, Iterate.read_from(native, programme), ws, held, optimum.sides)
+                return cls(found, _of_start(found), native)
+            native.move(1.0)
+            native.accept(1.0)
+        return None
 
-        places = Places.of(optimum)
-        evaluation = _Evaluation(places)
-        evaluation.add_steps(optimum)
-        evaluation.add_end(optimum)
-        evaluation.add_limits(optimum)
-        size = places.size
-        indices = np.concatenate(evaluation.rows), np.concatenate(evaluation.columns)
-        shape = (places.whole + 1, places.whole + 1)  # the last of all is of limits that are not active
-        matrix = sparse.coo_matrix((np.concatenate(evaluation.values), indices), shape=shape).tocsc()
-        start = slice(size, places.whole)
-        return cls(optimum, places, evaluation.residual[:size], matrix[:size, :size], matrix[:size, start])
-
-    @cached_property
-    def _factors(self) -> _Factors:
-        from scipy.sparse.linalg import splu
-
-        largest = abs(self.matrix).max(axis=0).toarray().ravel()
-        if not np.isfinite(largest).all() or not largest.all():
-            raise _singular()
-        scale = 1.0 / np.sqrt(largest)
-        scaled = self.matrix.multiply(scale[:, None]).multiply(scale[None]).tocsc()
-        try:
-            factors = splu(scaled, permc_spec="NATURAL")  # along the horizon: a band
-        except RuntimeError as error:  # SciPy: exactly singular
-            raise _singular() from error
-        pivots = np.abs(factors.U.diagonal())
-        if pivots.min() <= _ROUND_OFF * pivots.max():
-            raise _singular()
-        return _Factors(scale, factors.solve)
-
-    def solve(self, right: Array) -> Array:
-        """K^-1 of some right-hand sides, shape (size, k); K is symmetric, so these are adjoints, too.
+    def solve(self, right: Parts) -> Parts:
+        """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
 
         Raises
         ------
         SingularSystem
             If K has no inverse: the solution is not the only one near.
         """
-        found, left = np.zeros_like(right), right
-        for _ in range(_PASSES):
-            found = found + self._factors.solve(left)
-            left = right - self.matrix @ found
-        largest = np.abs(right).max(initial=0.0) + np.abs(self.matrix @ found).max(initial=0.0)
-        if not np.abs(left).max(initial=0.0) <= _MOST_LEFT * largest:  # NaN, too
+        held = self.optimum.held
+        rows = [part.ravel() for part in (*right[:-1], right.ws[:, held])]
+        found, left = self._native.solve_for(rows, len(right.eta))
+        if not left <= _MOST_LEFT:  # NaN, too
             raise _singular()
-        return found
+        ws = np.zeros_like(right.ws)
+        ws[:, held] = found[-1].reshape(len(ws), -1)
+        of_rest = (f.reshape(r.shape) for f, r in zip(found[:-1], right[:-1], strict=True))
+        return Parts(*of_rest, ws)  # type: ignore[call-arg]
 
 
-@dataclass(frozen=True, eq=False)
-class _Factors:
-    """Factors of a system with rows and columns scaled alike."""
-
-    scale: Array
-    of_scaled: Callable[[Array], Array]
-
-    def solve(self, right: Array) -> Array:
-        return self.scale[:, None] * self.of_scaled(self.scale[:, None] * right)
+def _relative(step: Array, whole: Array) -> float:
+    """The largest entry of a step by the size of what it moves."""
+    return float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(whole).max(initial=0.0)))
 
 
-class _Evaluation:
-    """Residual and entries of the system, as far as they have been added up."""
-
-    def __init__(self, places: Places) -> None:
-        self.places = places
-        self.residual = np.zeros(places.whole + 1)
-        self.rows: list[IntArray] = []
-        self.columns: list[IntArray] = []
-        self.values: list[Array] = []
-
-    def add_steps(self, optimum: Optimum) -> None:
-        """Cost and rows of all steps."""
-        at, programme = self.places, optimum.programme
-        c, _, jacobian, slopes, hessian = call(
-            programme.functions,
-            "complete",
-            programme.num_steps,
-            [*optimum.points, optimum.ms, programme.theta, programme.rho],
-        )
-        zs = np.hstack([at.xs[1:], at.ys, at.xs[:-1], at.us])
-        self._add_rows(at.ms, c)
-        self._add_slopes(zs, slopes)
-        self._add_jacobian(at.ms, zs, jacobian, optimum.ms)
-        self._add_hessian(zs, hessian)
-
-    def add_end(self, optimum: Optimum) -> None:
-        """Cost and condition of the end."""
-        at, programme = self.places, optimum.programme
-        given = [optimum.xs[-1], optimum.eta, programme.rho_terminal]
-        _, g, jacobian, slopes, hessian = call(programme.end_functions, "terminal_complete", 1, given)
-        eta, last = at.eta[None], at.xs[-1:]
-        self._add_rows(eta, g)
-        self._add_slopes(last, slopes)
-        self._add_jacobian(eta, last, jacobian, optimum.eta[None])
-        self._add_hessian(last, hessian)
-
-    def add_limits(self, optimum: Optimum) -> None:
-        """Active limits, with the curvature of path functions."""
-        at, programme = self.places, optimum.programme
-        kind, nh, N = programme.kind, programme.bounds.nh, programme.num_steps
-        plain = kind.nx + kind.nu
-        held, ws = optimum.held, np.where(optimum.held, optimum.ws, 0.0)
-        unknowns = np.hstack([at.xs[1:], at.us]) if kind.nx == kind.ndx else at.us
-        own = slice(plain - unknowns.shape[1], plain)  # states that are no plain vectors have no limits
-        self._add_plain(unknowns, at.ws[:, own], held[:, own], ws[:, own])
-        values = np.hstack([optimum.xs[1:], optimum.us, np.zeros((N, nh))])
-        if nh:
-            rows = at.ws[:, plain:]
-            given = [optimum.xs[1:], ws[:, plain:], optimum.us, programme.theta]
-            h, jacobian, hessian = call(programme.functions, "path", N, given)
-            values[:, plain:] = h.dense(nh)
-            self._add_jacobian(rows, at.xs[1:], jacobian, ws[:, plain:])
-            self._add_hessian(at.xs[1:], hessian)
-        self.residual[at.ws[held]] = (values - optimum.sides)[held]
-
-    def _add_plain(self, unknowns: IntArray, rows: IntArray, held: BoolArray, ws: Array) -> None:
-        """Limits of unknowns."""
-        i, j = rows[held], unknowns[held]
-        self._add(i, j, np.ones(i.size))
-        self._add(j, i, np.ones(i.size))
-        self.residual[j] += ws[held]
-
-    def _add_rows(self, rows: IntArray, found: Nonzeros) -> None:
-        self.residual[rows] += found.dense(rows.shape[1])
-
-    def _add_slopes(self, zs: IntArray, found: Nonzeros) -> None:
-        np.add.at(self.residual, zs[:, found.columns], found.values)
-
-    def _add_jacobian(self, rows: IntArray, zs: IntArray, found: Nonzeros, multipliers: Array) -> None:
-        """Derivatives of rows, and what their multipliers make of them."""
-        i, j = rows[:, found.rows], zs[:, found.columns]
-        self._add(i, j, found.values)
-        self._add(j, i, found.values)
-        np.add.at(self.residual, j, found.values * multipliers[:, found.rows])
-
-    def _add_hessian(self, zs: IntArray, found: Nonzeros) -> None:
-        """Both halves of which the upper one is given."""
-        i, j = zs[:, found.rows], zs[:, found.columns]
-        self._add(i, j, found.values)
-        apart = found.rows != found.columns
-        self._add(j[:, apart], i[:, apart], found.values[:, apart])
-
-    def _add(self, rows: IntArray, columns: IntArray, values: Array) -> None:
-        self.rows.append(rows.ravel())
-        self.columns.append(columns.ravel())
-        self.values.append(values.ravel())
+def _of_start(optimum: Optimum) -> Parts:
+    """Derivative of F in the tangent of the given state."""
+    programme = optimum.programme
+    kind, ndx = programme.kind, programme.kind.ndx
+    inputs = [*(part[:1] for part in optimum.points), optimum.iterate.ms[:1]]
+    given = [*inputs, programme.theta, programme.rho.ravel()[: kind.nr]]
+    _, _, jacobian, _, hessian = call(programme.functions, "complete", 1, given)
+    start, end = ndx + kind.ny, 2 * ndx + kind.ny  # columns are (x1, y, x0, u)
+    found = Parts.zeros(programme, ndx)
+    found.ms[:, 0] = jacobian.matrix((start, end + kind.nu))[:, start:end].T
+    whole = hessian.matrix((end + kind.nu, end + kind.nu))
+    slopes = (whole + np.triu(whole, 1).T)[start:end]
+    found.xs[:, 0], found.ys[:, 0], found.us[:, 0] = slopes[:, :ndx], slopes[:, ndx:start], slopes[:, end:]
+    return found
 
 
 class Nonzeros(NamedTuple):
@@ -348,6 +201,12 @@ class Nonzeros(NamedTuple):
         """Columns, shape (count, size)."""
         found = np.zeros((len(self.values), size))
         found[:, self.rows] = self.values
+        return found
+
+    def matrix(self, shape: tuple[int, int]) -> Array:
+        """The matrix at the first point."""
+        found = np.zeros(shape)
+        found[self.rows, self.columns] = self.values[0]
         return found
 
 
@@ -378,22 +237,6 @@ def call(
         pattern = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
         outputs.append(Nonzeros(*pattern, values.reshape(count, -1)))
     return tuple(outputs)
-
-
-def moved(optimum: Optimum, vector: Array, places: Places) -> Optimum:
-    """The optimum moved along a vector of the system, shape (size,)."""
-    step = Parts(*(part[0] for part in places.split(vector[:, None])))
-    programme, N = optimum.programme, optimum.programme.num_steps
-    (xs,) = call(programme.functions, "retract", N, [optimum.xs[1:], step.xs])
-    return replace(
-        optimum,
-        xs=np.vstack([optimum.xs[:1], xs.dense(programme.kind.nx)]),
-        ys=optimum.ys + step.ys,
-        us=optimum.us + step.us,
-        ms=optimum.ms + step.ms,
-        eta=optimum.eta + step.eta,
-        ws=optimum.ws + step.ws,
-    )
 
 
 def _singular() -> SingularSystem:

@@ -15,7 +15,7 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation
 from mbocp.programme import Iterate
-from mbocp.sensitivity.kkt import Kkt, Optimum, Parts
+from mbocp.sensitivity.kkt import Optimum, Parts
 from mbocp.sensitivity.numbers import Change
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameters import OfRobot, Parameter, parameters_of
@@ -177,8 +177,8 @@ class Sensitivities:
             if bar.shape != expected[name]:
                 raise DimensionMismatch(name, bar.shape, expected[name])
         xs, us, stretch = pull_back(formulation, kkt.optimum, given)
-        right = kkt.places.join(_alone(kkt, xs[1:], us))
-        adjoint = kkt.places.split(-kkt.solve(right))
+        bars_of_rows = Parts.zeros(kkt.optimum.programme, 1)._replace(xs=-xs[None, 1:], us=-us[None])
+        adjoint = kkt.solve(bars_of_rows)
         found = self._functions.pull(kkt, adjoint)
         found.start[:] += xs[0]
         whole = gradient_of(self._change, found, adjoint.ws[0], kkt.optimum.ws)
@@ -212,7 +212,8 @@ class Sensitivities:
     def _moves(self) -> dict[str, list[Move]]:
         """Of each parameter a move of the optimum for each of its numbers."""
         kkt, change = self._found.kkt, self._change
-        solved = kkt.places.split(kkt.solve(-self._functions.push(kkt, change)))
+        pushed = self._functions.push(kkt, change)
+        solved = kkt.solve(Parts(*(-part for part in pushed)))
         stretches = np.concatenate(
             [
                 np.full(len(p.names), p.scales_time / self.formulation.problem.duration)
@@ -236,12 +237,6 @@ class Sensitivities:
         """Parts of what belongs to all parameters, one after the other."""
         ends = np.cumsum([0, *(len(p.names) for p in self.parameters)])
         return {p.word: whole[ends[i] : ends[i + 1]] for i, p in enumerate(self.parameters)}
-
-
-def _alone(kkt: Kkt, xs: Array, us: Array) -> Parts:
-    """Parts that are zero but for states and controls."""
-    zeros = kkt.places.split(np.zeros((kkt.places.size, 1)))
-    return zeros._replace(xs=xs[None], us=us[None])
 
 
 def _check_known(name: str, value: str, known: Collection[str]) -> None:

@@ -13,8 +13,10 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.sensitivity.kkt import Kkt, Optimum, call, moved
+from mbocp.sensitivity.kkt import Kkt, Optimum, call
 from mbocp.solution import Solution
+from mbocp.solvers.newton_method.held import active_limits
+from mbocp.solvers.newton_method.limits import why_limits_cannot_be_kept
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _ROUNDS = 8  # in which the active limits are found
@@ -111,7 +113,7 @@ def _degenerate(optimum: Optimum) -> tuple[str, ...]:
     """Limits that are active with next to no multiplier, or nearly active."""
     lower, upper, is_equation, values = _limits(optimum)
     room = np.minimum(upper - values, values - lower)
-    largest = max(np.abs(optimum.ws).max(initial=0.0), np.abs(optimum.ms).max(initial=0.0))
+    largest = max(np.abs(optimum.ws).max(initial=0.0), np.abs(optimum.iterate.ms).max(initial=0.0))
     has_none = np.abs(optimum.ws) <= _WEAK * largest
     is_near = room <= _NEAR * np.maximum(1.0, np.abs(values))
     chosen = np.where(optimum.held, has_none, is_near) & ~is_equation
@@ -130,58 +132,42 @@ def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
 
 
 def with_active_limits(programme: StagewiseProgramme, iterate: Iterate) -> Optimum:
-    """The iterate of a solver with its active limits, as far as its multipliers tell."""
-    given, shape = iterate.bounds, programme.bounds.limited.shape
-    ws = np.zeros(shape) if given is None else np.hstack([given.xs[1:], given.us, given.path])
-    arrays = (iterate.xs, iterate.ys, iterate.us, iterate.ms, iterate.eta, ws)
-    nobody = np.zeros(shape, dtype=np.bool_)
-    lower, upper, is_equation, values = _limits(Optimum(programme, *arrays, held=nobody, sides=ws))
-    distances = np.where(ws > 0.0, upper - values, values - lower)
-    forces = programme.control_weight * np.maximum(distances, _GRAIN * np.maximum(1.0, np.abs(values)))
-    held = ((np.abs(ws) > forces) & np.isfinite(forces)) | is_equation
-    sides = np.where((ws > 0.0) | is_equation, upper, lower)
-    return Optimum(programme, *arrays, held=held, sides=np.where(held, sides, 0.0))
-
-
-def _values(optimum: Optimum) -> Array:
-    """States, controls and path functions, shape (N, nx + nu + nh)."""
-    programme = optimum.programme
-    nh, N = programme.bounds.nh, programme.num_steps
-    path = np.zeros((N, 0))
-    if nh:
-        given = [optimum.xs[1:], optimum.us, programme.theta]
-        path = call(programme.functions, "path_values", N, given)[0].dense(nh)
-    return np.hstack([optimum.xs[1:], optimum.us, path])
-
-
-def _polished(optimum: Optimum) -> Kkt:
-    """The conditions where they hold, found by Newton's method.
+    """The iterate of a solver with its active limits, as far as its multipliers tell.
 
     Raises
     ------
     SolverError
-        If that does not stay near.
+        If the kernel keeps no such limits.
     """
-    length = math.inf
-    for number in range(_STEPS):
-        kkt = Kkt.at(optimum)
-        step = kkt.solve(-kkt.residual[:, None])[:, 0]
-        before, length = length, _relative(step, kkt)
-        if not length <= (_FAR if number == 0 else before):
-            break
-        if length <= _STILL:
-            return kkt
-        optimum = moved(optimum, step, kkt.places)
-    raise SolverError(
-        "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
-        f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
-    )
+    if why := why_limits_cannot_be_kept(programme):
+        raise SolverError(f"sensitivities: the kernel {why}, and has no derivatives of such an optimum")
+    ws, held, sides = active_limits(programme, iterate)
+    return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))
 
 
-def _relative(step: Array, kkt: Kkt) -> float:
-    """The largest entry of a step in motion and controls, by the size of these."""
-    parts, optimum = kkt.places.split(step[:, None]), kkt.optimum
-    pairs = ((parts.xs, optimum.xs), (parts.us, optimum.us))
-    return max(
-        float(np.abs(move).max(initial=0.0) / (1.0 + np.abs(whole).max(initial=0.0))) for move, whole in pairs
-    )
+def _values(optimum: Optimum) -> Array:
+    """States, controls and path functions, shape (N, nx + nu + nh)."""
+    programme, at = optimum.programme, optimum.iterate
+    nh, N = programme.bounds.nh, programme.num_steps
+    path = np.zeros((N, 0))
+    if nh:
+        given = [at.xs[1:], at.us, programme.theta]
+        path = call(programme.functions, "path_values", N, given)[0].dense(nh)
+    return np.hstack([at.xs[1:], at.us, path])
+
+
+def _polished(optimum: Optimum) -> Kkt:
+    """The conditions where they hold.
+
+    Raises
+    ------
+    SolverError
+        If there is no such point near.
+    """
+    kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
+    if kkt is None:
+        raise SolverError(
+            "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
+            "active there; solve to a smaller tolerance"
+        )
+    return kkt

@@ -54,15 +54,15 @@ class At:
 def move(formulation: Formulation, optimum: Optimum, along: Move, size: float) -> At:
     """The optimum after so much of a move."""
     programme, N = formulation.programme, formulation.programme.num_steps
-    (xs,) = call(programme.functions, "retract", N + 1, [optimum.xs, size * along.xs])
+    (xs,) = call(programme.functions, "retract", N + 1, [optimum.iterate.xs, size * along.xs])
     rest, nx, nu = along.rest, programme.kind.nx, programme.kind.nu
     ws = optimum.ws + size * rest.ws
     iterate = Iterate(
         xs=xs.dense(nx),
-        ys=optimum.ys + size * rest.ys,
-        us=optimum.us + size * rest.us,
-        ms=optimum.ms + size * rest.ms,
-        eta=optimum.eta + size * rest.eta,
+        **{
+            name: getattr(optimum.iterate, name) + size * getattr(rest, name)
+            for name in ("ys", "us", "ms", "eta")
+        },
         bounds=BoundMultipliers(
             xs=np.vstack([np.zeros((1, nx)), ws[:, :nx]]),
             us=ws[:, nx : nx + nu],
@@ -176,8 +176,7 @@ def pull_back(
 
 def _still(optimum: Optimum) -> Move:
     """No move."""
-    programme, kind, N = optimum.programme, optimum.programme.kind, optimum.programme.num_steps
-    arrays = (optimum.xs[1:, : kind.ndx], optimum.ys, optimum.us, optimum.ms, optimum.eta, optimum.ws)
-    rest = Parts(*map(np.zeros_like, arrays))
+    programme = optimum.programme
+    rest = Parts(*(part[0] for part in Parts.zeros(programme, 1)))
     numbers = (np.zeros_like(getattr(programme, name)) for name in ("theta", "rho", "rho_terminal"))
-    return Move(np.zeros((N + 1, kind.ndx)), rest, *numbers)
+    return Move(np.zeros((programme.num_steps + 1, programme.kind.ndx)), rest, *numbers)

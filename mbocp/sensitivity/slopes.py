@@ -70,7 +70,7 @@ class ParameterFunctions:
 
     def slopes(self, optimum: Optimum) -> Slopes:
         """Derivatives of the Lagrangian: of the optimal cost, by the envelope theorem."""
-        theta, rho, start = call(self.of_stage, "slope", len(optimum.us), _given(optimum))
+        theta, rho, start = call(self.of_stage, "slope", len(optimum.ws), _given(optimum))
         (end,) = call(self.of_end, "end_slope", 1, _given_at_end(optimum))
         programme, kind = optimum.programme, optimum.programme.kind
         return Slopes(
@@ -80,12 +80,11 @@ class ParameterFunctions:
             rho_terminal=end.dense(programme.rho_terminal.size)[0],
         )
 
-    def push(self, kkt: Kkt, change: Change) -> Array:
-        """Derivatives of the optimality conditions in parameters, shape (size, k)."""
-        optimum, places = kkt.optimum, kkt.places
-        kind, N = optimum.programme.kind, len(optimum.us)
-        count = len(change.start)
-        found = places.split(np.zeros((places.size, count)))
+    def push(self, kkt: Kkt, change: Change) -> Parts:
+        """Derivatives of the optimality conditions in parameters."""
+        optimum, programme = kkt.optimum, kkt.optimum.programme
+        kind, N, count = programme.kind, programme.num_steps, len(change.start)
+        found = Parts.zeros(programme, count)
         sides = np.where(optimum.ws > 0.0, change.upper, change.lower)
         found.ws[:] -= sides
         first, before = kind.ndx + kind.ny, 2 * kind.ndx + kind.ny
@@ -99,14 +98,14 @@ class ParameterFunctions:
                 found.ys[k] += z[:, kind.ndx : first]
                 found.us[k] += z[:, before:]
                 found.ms[k] += c.dense(first)
-                found.ws[k, :, kind.nx + kind.nu :] += h.dense(optimum.programme.bounds.nh)
+                found.ws[k, :, kind.nx + kind.nu :] += h.dense(programme.bounds.nh)
             if change.rho_terminal[k].any():
                 given = [*_given_at_end(optimum), change.rho_terminal[k]]
                 slopes, g = call(self.of_end, "end_push", 1, given)
                 found.xs[k, -1] += slopes.dense(kind.ndx)[0]
-                found.eta[k] += g.dense(optimum.programme.ng)[0]
-        joined: Array = places.join(found) + kkt.of_start @ change.start.T
-        return joined
+                found.eta[k] += g.dense(programme.ng)[0]
+        of_start = (np.tensordot(change.start, part, 1) for part in kkt.of_start)
+        return Parts(*(own + part for own, part in zip(found, of_start, strict=True)))
 
     def pull(self, kkt: Kkt, adjoint: Parts) -> Slopes:
         """From an adjoint of the conditions, the only one of its parts, to derivatives in the numbers."""
@@ -118,7 +117,13 @@ class ParameterFunctions:
         theta, rho = call(self.of_stage, "pull", N, [*_given(optimum), *bars])
         (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
         return Slopes(
-            start=kkt.of_start.T @ kkt.places.join(adjoint)[:, 0],
+            start=np.sum(
+                [
+                    np.tensordot(part, own[0], own[0].ndim)
+                    for part, own in zip(kkt.of_start, adjoint, strict=True)
+                ],
+                axis=0,
+            ),
             theta=theta.dense(programme.theta.size).sum(axis=0),
             rho=rho.dense(kind.nr).ravel(),
             rho_terminal=end.dense(programme.rho_terminal.size)[0],
@@ -128,8 +133,8 @@ class ParameterFunctions:
 def _given(optimum: Optimum) -> list[Array]:
     """What the functions of a stage take first."""
     programme = optimum.programme
-    return [*optimum.points, optimum.ms, optimum.path, programme.theta, programme.rho]
+    return [*optimum.points, optimum.iterate.ms, optimum.path, programme.theta, programme.rho]
 
 
 def _given_at_end(optimum: Optimum) -> list[Array]:
-    return [optimum.xs[-1], optimum.eta, optimum.programme.rho_terminal]
+    return [optimum.iterate.xs[-1], optimum.iterate.eta, optimum.programme.rho_terminal]

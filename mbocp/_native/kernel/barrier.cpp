@@ -16,9 +16,7 @@ constexpr double most_off_centre = 1e10;  // z (s - lower) / mu stays between th
 constexpr double delta_by_response = 1e-6, least_delta = 1e-16, most_delta = 1e-7, first_delta = 1e-9;
 constexpr double least_slope = 1e-6;   // squared
 constexpr double grain = 8 * 0x1p-52;  // of a row's terms: defects below it are round-off
-// Passes end with a change by this part of the multipliers' step, or of the multipliers themselves; two changes that
-// differ by less than this part are the same.
-constexpr double resolved = 1e-4, resolved_of_all = 1e-12, repeated = 0.1;
+constexpr double repeated = 0.1;       // two passes that differ by less than this part are the same
 
 bool has(double bound) { return std::isfinite(bound); }
 
@@ -144,6 +142,25 @@ void Barrier::start_equations() {
     begin_equations();
 }
 
+void Barrier::start_equations(const Numbers& rhs) {
+    std::fill(force_.begin(), force_.end(), 0.0);
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const int row = limits_.equations[k].row;
+        missed_[k] = -rhs[k], dlambda_[k] = pass_[row] = 0.0, force_[row] = weight_[k] * missed_[k];
+    }
+}
+
+double Barrier::missed(const Increment& step) {
+    if (missed_.empty()) return 0.0;
+    limits_.along(step, ds_);
+    double most = 0, all = dense::largest(static_cast<int>(step.dx.size()), step.dx.data());
+    for (std::size_t k = 0; k < missed_.size(); ++k) {
+        const double ds = ds_[limits_.equations[k].row];
+        most = std::max(most, std::abs(missed_[k] + ds)), all = std::max({all, std::abs(missed_[k]), std::abs(ds)});
+    }
+    return all > 0.0 ? most / all : most;
+}
+
 void Barrier::correct_equations(double alpha) {
     for (std::size_t k = 0; k < missed_.size(); ++k) {
         const auto [row, value] = limits_.equations[k];
@@ -160,7 +177,7 @@ void Barrier::begin_equations() {
     }
 }
 
-Barrier::Passes Barrier::resolve_equations(const Increment& step) {
+Barrier::Passes Barrier::resolve_equations(const Increment& step, const Accuracy& accuracy) {
     limits_.along(step, ds_);
     double change = 0, most = 0, all = 0, difference = 0;
     for (std::size_t k = 0; k < missed_.size(); ++k) {
@@ -171,7 +188,7 @@ Barrier::Passes Barrier::resolve_equations(const Increment& step) {
         change = std::max(change, std::abs(pass_[row])), most = std::max(most, std::abs(dlambda_[k]));
         all = std::max(all, std::abs(z_upper[row]));
     }
-    if (!(change > resolved * most && change > resolved_of_all * all)) return Passes::enough;
+    if (!(change > accuracy.of_step * most && change > accuracy.of_all * all)) return Passes::enough;
     return difference > repeated * change ? Passes::more : Passes::repeat;
 }
 

@@ -59,11 +59,21 @@ public:
     // `add_gradients`.
     void start_equations();
     void correct_equations(double alpha);
+    // Of another right-hand side, to which inequalities give nothing: minus these, by the equations' order.
+    void start_equations(const Numbers& rhs);
+    // The largest by which a step misses the equations, by the largest of their terms.
+    double missed(const Increment& step);
+    const Numbers& equation_step() const { return dlambda_; }
     // The equations' multipliers along the direction. Another pass may change them, and has what this one changed added
     // to its right-hand side; where passes change nothing but always the same, as of rows that repeat others, that is
     // taken back.
     enum class Passes { enough, more, repeat };
-    Passes resolve_equations(const Increment& step);
+    struct Accuracy {  // of the multipliers' step, and of the multipliers themselves: a change by this part is none
+        double of_step, of_all;
+        static Accuracy of_newton() { return {1e-4, 1e-12}; }
+        static Accuracy full() { return {1e-14, 0.0}; }
+    };
+    Passes resolve_equations(const Increment& step, const Accuracy& accuracy);
     void take_back(int passes);
     void add_pass(Residual& out) const { limits_.add_transposed(pass_, out); }
     bool has_equations() const { return !missed_.empty(); }

@@ -285,6 +285,23 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "solve", [](Programme& p, int refinements) { return p.riccati.solve(refinements); },
             nb::arg("refinements") = 1, Released())
+        .def(
+            "solve_for",
+            [](Programme& p, const std::vector<Input>& rhs, int count) {
+                if (rhs.size() != std::tuple_size_v<Programme::Parts>)
+                    throw std::invalid_argument("solve_for: wrong number of parts");
+                Programme::Parts parts;
+                double left = 0;
+                std::transform(rhs.begin(), rhs.end(), parts.begin(), to_numbers);
+                {
+                    nb::gil_scoped_release released;
+                    std::tie(parts, left) = p.solve_for(parts, count);
+                }
+                std::vector<Output> found;
+                for (const Numbers& part : parts) found.push_back(to_array(part));
+                return std::make_pair(std::move(found), left);
+            },
+            nb::arg("rhs"), nb::arg("count"))
         .def("factorise_well", &factorise_well, nb::arg("shift"), nb::arg("augmentation"), Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())

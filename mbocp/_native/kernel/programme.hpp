@@ -1,6 +1,9 @@
 // A stagewise programme with its iterate, and all that can be done to them; what Python sees.
 #pragma once
 
+#include <array>
+#include <stdexcept>
+
 #include "adjoint_sweep.hpp"
 #include "evaluator.hpp"
 #include "forward_sweep.hpp"
@@ -64,6 +67,47 @@ public:
             }
         }
         return found;
+    }
+    // K d = rhs with the last factors, for `count` right-hand sides one after the other. Parts of rows and of unknowns
+    // are the states of the nodes 1..N, algebraic unknowns, controls, multipliers of the steps, of the end condition,
+    // and of the limits that are equations. Also the largest that is left of one.
+    using Parts = std::array<Numbers, 6>;
+    std::pair<Parts, double> solve_for(const Parts& rhs, int count) {
+        const std::size_t nodes = problem.of_nodes(problem.ndx) - problem.ndx;
+        const std::array<std::size_t, 6> sizes{nodes,
+                                               iterate.y.size(),
+                                               iterate.u.size(),
+                                               iterate.m.size(),
+                                               iterate.eta.size(),
+                                               barrier.equation_step().size()};
+        Parts found;
+        double left = 0;
+        for (std::size_t part = 0; part < sizes.size(); ++part) {
+            if (rhs[part].size() != sizes[part] * count) throw std::invalid_argument("solve_for: wrong length");
+            found[part].reserve(rhs[part].size());
+        }
+        Residual residual(problem);
+        Numbers equations(sizes[5]);
+        const int ndx = problem.ndx, ny = problem.kind().ny, nu = problem.kind().nu;
+        for (int k = 0; k < count; ++k) {
+            const auto of = [&](std::size_t part) { return rhs[part].data() + sizes[part] * k; };
+            for (int n = 0; n < problem.N; ++n) {
+                double* w = residual.w.data() + problem.m_offset[n];
+                std::copy_n(of(0) + static_cast<std::size_t>(n) * ndx, ndx, w);
+                std::copy_n(of(1) + problem.y_offset[n], ny, w + ndx);
+                std::copy_n(of(2) + problem.u_offset[n], nu, residual.s.data() + problem.s_offset(n) + ndx);
+            }
+            std::copy_n(of(3), sizes[3], residual.c.begin());
+            std::copy_n(of(4), sizes[4], residual.g.begin());
+            std::copy_n(of(5), sizes[5], equations.begin());
+            left = std::max(left, riccati.solve_for(residual, equations));
+            const Increment& d = riccati.direction();
+            const std::array<const double*, 6> steps{d.dx.data() + ndx, d.dy.data(),   d.du.data(),
+                                                     d.dm.data(),       d.deta.data(), barrier.equation_step().data()};
+            for (std::size_t part = 0; part < sizes.size(); ++part)
+                found[part].insert(found[part].end(), steps[part], steps[part] + sizes[part]);
+        }
+        return {std::move(found), left};
     }
     Numbers reduced_hessian(double shift) {
         riccati.forget();

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <stdexcept>
 
 namespace mbocp {
@@ -141,8 +142,32 @@ Direction Riccati::correct(double alpha, const Numbers& c, const Numbers& g) {
     return finish(0);
 }
 
-// The direction for rhs_, refined where its residual is not at round-off.
+double Riccati::solve_for(const Residual& rhs, const Numbers& equations) {
+    if (known_ == Known::nothing) throw std::logic_error("solve_for: the last factorisation failed or is missing");
+    known_ = Known::factors;
+    const auto negative = [](const Numbers& from, Numbers& to) {
+        std::transform(from.begin(), from.end(), to.begin(), std::negate<>());
+    };
+    negative(rhs.c, rhs_.c), negative(rhs.w, rhs_.w), negative(rhs.s, rhs_.s);
+    negative(rhs.x_terminal, rhs_.x_terminal), negative(rhs.g, rhs_.g);
+    if (!barrier_.empty()) {
+        barrier_.start_equations(equations);
+        barrier_.add_gradients(rhs_);
+    }
+    const double left = refine(most_passes, Barrier::Accuracy::full()).linear_residual;
+    return std::max(left, barrier_.missed(direction_));
+}
+
 Direction Riccati::finish(int refinements) {
+    Direction d = refine(refinements, Barrier::Accuracy::of_newton());
+    measure(d);
+    if (!barrier_.empty()) barrier_.find_step(direction_, d);
+    d.finite = std::isfinite(d.increment) && std::isfinite(d.linear_residual);
+    return d;
+}
+
+// The direction for rhs_, refined where its residual is not at round-off.
+Direction Riccati::refine(int refinements, const Barrier::Accuracy& accuracy) {
     Direction d;
     if (known_ != Known::backward) backward(rhs_);
     known_ = Known::factors;
@@ -157,7 +182,7 @@ Direction Riccati::finish(int refinements) {
         const bool is_exact = pass >= refinements || !(check_.largest > 1e-11 * scale);
         if (is_last || (is_exact && !barrier_.has_equations())) break;
         if (barrier_.has_equations()) {
-            const Barrier::Passes passes = barrier_.resolve_equations(direction_);
+            const Barrier::Passes passes = barrier_.resolve_equations(direction_, accuracy);
             if (is_exact && passes == Barrier::Passes::enough) break;
             if (passes == Barrier::Passes::more && pass >= most_passes) break;
             is_last = passes == Barrier::Passes::repeat;
@@ -171,9 +196,6 @@ Direction Riccati::finish(int refinements) {
         for (int n = 0; n < problem_.N; ++n) check_.add_stage(n, rhs_, direction_, weights_.shift);
         check_.add_end(rhs_, direction_);
     }
-    measure(d);
-    if (!barrier_.empty()) barrier_.find_step(direction_, d);
-    d.finite = std::isfinite(d.increment) && std::isfinite(d.linear_residual);
     return d;
 }
 

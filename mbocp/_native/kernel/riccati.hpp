@@ -28,6 +28,10 @@ public:
     Direction solve(int refinements);
     // The direction for other values of the constraints: alpha times those of the iterate, plus these.
     Direction correct(double alpha, const Numbers& c, const Numbers& g);
+    // KKT d = rhs of another right-hand side, in which `equations` belongs to the limits that are equations: d in
+    // `direction`, their multipliers in the barrier. The programme is evaluated again before the next Newton step.
+    // Returns the largest entry of what is left, by the largest of the terms.
+    double solve_for(const Residual& rhs, const Numbers& equations);
 
     const Increment& direction() const { return direction_; }
     const Elimination& elimination() const { return *elimination_; }
@@ -42,6 +46,7 @@ private:
     void backward(const Residual& rhs);
     void forward(const Residual& rhs, Increment& out, KktCheck* check);
     Direction finish(int refinements);
+    Direction refine(int refinements, const Barrier::Accuracy& accuracy);
     void measure(Direction& d) const;
 
     const Problem& problem_;

@@ -6,6 +6,7 @@ active limits are equations, and the others are none.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
+_FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _ANY = 1.0  # barrier parameter: equations have none
 
 
@@ -48,6 +50,22 @@ def hold_active_limits(
     """
     if why_limits_cannot_be_kept(programme):
         return None
+    pulls, held, sides = active_limits(programme, iterate)
+    native = hold(programme, iterate, pulls, held, sides)
+    return (native, held) if native.evaluate().finite else None
+
+
+def active_limits(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, BoolArray, Array]:
+    """Multipliers of all limits, which are active, and the sides at which they are.
+
+    Returns
+    -------
+    pulls : ndarray, shape (N, nx + nu + nh)
+        Positive at an upper bound.
+    held : ndarray of bool, shape (N, nx + nu + nh)
+    sides : ndarray, shape (N, nx + nu + nh)
+        Of those that are not active any.
+    """
     bounds = programme.bounds
     pulls, distances = np.zeros(bounds.limited.shape), np.full(bounds.limited.shape, np.inf)
     if iterate.bounds is not None and not bounds.is_empty:
@@ -55,18 +73,43 @@ def hold_active_limits(
         pulls[bounds.limited] = multipliers_in_rows(iterate.bounds, plain)[: np.count_nonzero(bounds.limited)]
         distances = _distances(plain, iterate, pulls)
     held = (np.abs(pulls) > programme.control_weight * distances) | bounds.are_equations
-    sides = np.where(pulls > 0.0, bounds.upper, bounds.lower)
-    fixed = replace(
-        programme,
-        num_guards=0,
-        bounds=bounds.with_sides(np.where(held, sides, -np.inf), np.where(held, sides, np.inf)),
-    )
+    return pulls, held, np.where(pulls > 0.0, bounds.upper, bounds.lower)
+
+
+def hold(
+    programme: StagewiseProgramme, iterate: Iterate, pulls: Array, held: BoolArray, sides: Array
+) -> KernelProgramme:
+    """Kernel programme at an iterate with some limits as equations, and no others; see `active_limits`."""
+    lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
+    fixed = replace(programme, num_guards=0, bounds=programme.bounds.with_sides(lower, upper))
     native = kernel_programme(fixed, has_limits=bool(held.any()))
     iterate.load_into(native)
     if held.any():
         native.start_limits(_ANY)
         native.z_upper = pulls[held]
-    return (native, held) if native.evaluate().finite else None
+    return native
+
+
+def factorise_held(
+    native: KernelProgramme, programme: StagewiseProgramme, shifts: Sequence[float] = (0.0,)
+) -> bool:
+    """Whether some weight of the end condition, and some shift, give the signs of a minimum.
+
+    Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
+    Shifts of the Hessian in the states are by the weight of the controls.
+    """
+    unit = programme.control_weight / programme.dt
+    for shift in shifts:
+        weight = _FIRST_WEIGHT
+        while weight <= _LAST_WEIGHT:
+            weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
+            native.factorise(*weights)
+            native.weigh(native.barrier)
+            found = native.factorise(*weights)
+            if found.ok and found.negative == programme.ng:
+                return True
+            weight *= 100.0
+    return False
 
 
 def _distances(programme: StagewiseProgramme, iterate: Iterate, pulls: Array) -> Array:
