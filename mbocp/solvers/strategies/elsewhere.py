@@ -108,8 +108,12 @@ class Elsewhere:
         ElsewhereEnded
             If it was ended.
         """
-        self._say(task)
-        message, failure = self._wait_for_end(hear, until)
+        try:
+            self._say(task)
+            message, failure = self._wait_for_end(hear, until)
+        except KeyboardInterrupt:  # between two messages: who is to speak next is not known any more
+            self.close()
+            raise ElsewhereEnded(is_interrupted=True) from None
         if isinstance(message, _End):
             self.close()
         if failure is not None and not isinstance(failure, KeyboardInterrupt):
