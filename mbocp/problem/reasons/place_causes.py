@@ -112,7 +112,7 @@ def _at_via_point(problem: Problem, point: ViaConstraint) -> Iterator[Cause]:
 
 
 def fall_causes(problem: Problem) -> Iterator[Cause]:
-    """Goals beside the parabola, in place or in speed: whatever motors do within the robot."""
+    """Goals beside the parabola on which a robot that nothing holds or pushes flies, in place or in speed."""
     root = _flying_root(problem)
     goal = problem.goal
     if root is None or not goal.is_exact or goal.periodic is not None or problem.start_free is not None:

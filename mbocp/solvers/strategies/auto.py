@@ -16,7 +16,7 @@ from mbocp.solvers.strategies.registry import make_solver
 
 _PATIENCE = 200  # iterations without progress, of the phase after which there is no other
 _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
-WINDOW = 40  # iterations in which progress is wanted ...
+_WINDOW = 40  # iterations in which progress is wanted ...
 _PROGRESS = 0.5  # ... by this factor in the residual, ...
 _GAIN = 0.02  # ... or by this part of the cost, ...
 _FEASIBLE_PART = 0.5  # ... while violations are no more than this part of the residual
@@ -76,7 +76,7 @@ class _Runs:
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
         limited = replace(self.phases.settings.within(self.phases.taken), is_careful=is_last)
         solver = make_solver(name, limited.with_patience() if name == "monolithic" else limited, switch)
-        watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
+        watch = partial(has_stalled, window=_PATIENCE if is_last else _WINDOW) if switch is None else None
         self.tried.append((name, solver.name))
         self.results.append(self.phases.run(solver, name, start, should_stop=watch))
         return self.results[-1]
@@ -112,7 +112,7 @@ def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:
     return replace(best, status=last.status, advice=last.advice) if best.status is Status.SWITCHED else best
 
 
-def has_stalled(history: Sequence[IterationRecord], window: int = WINDOW) -> bool:
+def has_stalled(history: Sequence[IterationRecord], window: int = _WINDOW) -> bool:
     """Whether over the last iterations neither the residual has halved nor the cost fallen by much.
 
     Far from a minimum the residual may stand still for long while the cost falls from step to step. Near a
