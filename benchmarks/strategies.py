@@ -17,8 +17,7 @@ from mbocp.guesses import iterate_from_solution
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import Iterate
-from mbocp.solvers.staggered.multiplier import EndCondition
-from mbocp.solvers.staggered.sweep import Sweeps
+from mbocp.solvers.staggered.sweep import EndCondition, Sweeps
 
 __all__ = ["GROWTH", "METHODS", "STEPS", "growth_table", "robot_table", "seconds_of"]
 

@@ -39,7 +39,7 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.reading import judge
 from mbocp.solvers import GlobalisedNewton, Status
-from mbocp.solvers.strategies.cost_unit import cost_factor
+from mbocp.solvers.strategies.units import cost_factor
 from mbocp.solving import solve
 from mbocp.terms.written import AUTO
 

@@ -86,21 +86,4 @@ def _fill(entries: tuple[tuple[int, float], ...]) -> Array:
 
 SLOPES: Array = frozen_array([_fill(row) for row in _ROWS], shape=(12, 12), name="a")
 WEIGHTS: Array = frozen_array(_fill(_WEIGHTS), shape=(12,), name="b")
-NODES: Array = frozen_array(
-    [
-        0.0,
-        0.05260015195876773,
-        0.0789002279381516,
-        0.1183503419072274,
-        0.2816496580927726,
-        0.3333333333333333,
-        0.25,
-        0.3076923076923077,
-        0.6512820512820513,
-        0.6,
-        0.8571428571428571,
-        1.0,
-    ],
-    shape=(12,),
-    name="c",
-)
+NODES: Array = frozen_array(SLOPES.sum(axis=1))  # as for all Runge-Kutta methods

@@ -4,28 +4,41 @@ Each round solves with some steps, and again with each of them halved. The diffe
 error of the finer, see `mbocp.accuracy.costs`; its local errors are those of `mbocp.accuracy.errors`. Where
 either is too large, `mbocp.accuracy.mesh` says which steps would do, and the next round begins from the
 interpolated motion. Where both seem to be small enough, coarser steps are solved, too, and the order is the
-one that is seen. Steps that are more than needed are trimmed at the end, see `mbocp.accuracy.trimming`.
-Lengths of steps are parameters, and functions are those of one step: after the first solve nothing is
-compiled.
+one that is seen. Lengths of steps are parameters, and functions are those of one step: after the first solve
+nothing is compiled.
+
+In the end there are as few steps as the accuracy needs: errors just below what was asked for. What the cost
+tends to is known from the rounds, and so is where errors are. So any other steps are judged by one solve:
+their cost against that limit, and what it is unsure by. From the motion that was found they take a few
+iterations. Their number is what the errors of the last round ask for; where they come out otherwise, it is
+corrected by the ratio.
 """
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from mbocp.accuracy.meshes import MOST_STEPS, Mesh, first_mesh
+import numpy as np
+
+from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
 from mbocp.accuracy.of_solution import with_accuracy
-from mbocp.accuracy.rounds import Round, asked_of, is_rough
-from mbocp.accuracy.trimming import trim
+from mbocp.accuracy.rounds import Round, asked_of, is_rough, step_errors_of
 from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Status
+from mbocp.solvers.strategies.units import is_no_cost
 
 _ROUNDS = 8
 _MORE = 4  # times as many steps where the first do not lead to a motion
 _CHECKS, _CHECKS_ROUGH = 1, 2  # solves with fewer steps, by which orders are seen
+_TRIES = 3  # of fewer steps at the end
+_AIM_STEP, _AIM_COST = 0.9, 0.99  # of what is asked, then
+_WORTH, _WORTH_MORE = 0.99, 0.95  # of the steps: fewer, or the first solve and others win nothing
+_MOST_CHANGE = 2.0  # of what is aimed at, from one try to the next
 
 
 @dataclass(frozen=True)
@@ -156,3 +169,62 @@ class _Search:
             if not found[-1].is_stationary:
                 break
         return found
+
+
+def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], deadline: float) -> Round:
+    """Look for fewer steps that have what was asked for, too; return their round, or the one that is known.
+
+    Parameters
+    ----------
+    found : Round
+        With what was asked for.
+    mesh : Mesh
+        Its coarser steps.
+    solve : callable
+        Solves with other steps, from a solution.
+    deadline : float
+        Time of `time.perf_counter` after which no solve begins.
+    """
+    asked, best, worth = asked_of(found.problem), found, _WORTH
+    most, before = _most(found), None
+    step, cost = _AIM_STEP * asked, _AIM_COST * most
+    for _ in range(_TRIES):
+        fewer = found.fewest(mesh, step, cost) if cost > 0.0 else mesh.halve()
+        is_late = time.perf_counter() > deadline
+        if is_late or fewer == before or fewer.num_steps > worth * len(best.solution.us):
+            break
+        solution = solve(fewer, best.solution)
+        if not solution.is_stationary:
+            break
+        one, before = _judge(found, fewer, solution, deadline), fewer
+        if one.is_enough:
+            best, worth = one, _WORTH_MORE
+        away, local = abs(solution.cost - found.limit.value), float(one.errors.largest.max())
+        cost *= _correct(_AIM_COST * most, away)
+        step *= _correct(_AIM_STEP * asked, local)
+    return best
+
+
+def _most(found: Round) -> float:
+    """What a cost may be away from the limit at most, in its unit."""
+    cost = found.solution.cost
+    return math.inf if is_no_cost(cost) else asked_of(found.problem) * abs(cost) - found.limit.unsure
+
+
+def _judge(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Round:
+    """A solution with other steps, its cost against what those of the round tend to."""
+    solved = mesh.of(found.problem)
+    return replace(
+        found,
+        solved=solved,
+        solution=solution,
+        errors=step_errors_of(solved, solution, deadline=deadline),
+        error=found.limit.error_of(solution.cost),
+        sure=1.0,
+    )
+
+
+def _correct(aim: float, came_to: float) -> float:
+    """Factor for what is aimed at next, where the last aim came to something else."""
+    ratio = aim / came_to if came_to > 0.0 else _MOST_CHANGE
+    return float(np.clip(ratio, 1.0 / _MOST_CHANGE, _MOST_CHANGE))

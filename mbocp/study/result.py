@@ -179,8 +179,8 @@ def _as_array(entries: list[Any]) -> NDArray[Any]:
         return np.array(["" if entry is None else entry for entry in entries], dtype=kind)
     shape = _shape_of(present)
     if shape is not None:
-        filled = [np.full(shape, np.nan) if entry is None else _with_nan(entry) for entry in entries]
-        return np.array(filled, dtype=np.float64)
+        filled = [np.full(shape, np.nan) if entry is None else entry for entry in entries]
+        return np.array(filled, dtype=np.float64)  # None within a list is NaN
     array = np.empty(len(entries), dtype=np.object_)
     array[:] = entries
     return array
@@ -199,13 +199,7 @@ def _kind_of(entries: list[Any], present: list[Any]) -> type[np.generic] | None:
 def _shape_of(present: list[Any]) -> tuple[int, ...] | None:
     """Return the shape of numbers or lists of numbers; None where they have none in common."""
     try:
-        shapes = {np.array(_with_nan(entry), dtype=np.float64).shape for entry in present}
+        shapes = {np.array(entry, dtype=np.float64).shape for entry in present}
     except (TypeError, ValueError):  # words, tables or ragged lists
         return None
     return shapes.pop() if len(shapes) == 1 else None if present else ()
-
-
-def _with_nan(entry: Any) -> Any:
-    if isinstance(entry, list):
-        return [_with_nan(part) for part in entry]
-    return np.nan if entry is None else entry

@@ -1,4 +1,4 @@
-"""The study file as pydantic models: which keys there are and what kind of value each takes.
+"""The study file as pydantic models, and the lines that it comes to: what kind of value each key takes.
 
 The tables that go by problem keys (`fixed`, `grid`, `sample`, ...) are only known to be tables here;
 `mbocp.study.values` looks at what is in them.
@@ -7,9 +7,20 @@ The tables that go by problem keys (`fixed`, `grid`, `sample`, ...) are only kno
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    StrictBool,
+    StrictInt,
+    StrictStr,
+    ValidationError,
+)
 
 from mbocp._numbers import as_float, is_number
 from mbocp._text import show
@@ -17,6 +28,9 @@ from mbocp._text import show
 Keys: TypeAlias = dict[str, Any]
 Entries: TypeAlias = list[dict[str, Any]]
 Names: TypeAlias = list[str]
+
+_MAX_TASKS = 10**9  # of a study
+_MAX_COUNT = 2**53  # of anything that is counted: beyond it, numbers of other programs are not exact
 
 
 def _positive(value: Any) -> float:
@@ -75,3 +89,60 @@ class StudyTable(_Table):
     sample: Keys | None = None
     list: Entries = []  # noqa: A003, RUF100
     summary: SummaryTable = SummaryTable()
+
+
+_Count = Annotated[StrictInt, Field(ge=0, le=_MAX_COUNT)]
+_Number = FiniteFloat | None
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(extra="allow")
+
+    name: StrictStr = ""
+    digest: StrictStr = ""
+    tasks: Annotated[StrictInt, Field(ge=0, le=_MAX_TASKS)] = 0
+    varied: list[StrictStr] = []
+    by: list[StrictStr] = []
+    record: list[StrictStr] = []
+    goal_distance: _Number = None
+    tables: dict[str, Any] = {}
+
+
+class _Row(BaseModel):
+    """All but the index may be missing: an earlier mbocp wrote less."""
+
+    model_config = ConfigDict(extra="allow")
+
+    index: _Count
+    values: dict[str, Any] = {}
+    status: StrictStr = ""
+    converged: StrictBool = False
+    iterations: _Count | None = None
+    solver_time_s: _Number = None
+    total_time_s: _Number = None
+    cost: _Number = None
+    residual: _Number = None
+    constraint_violation: _Number = None
+    manifold_drift: _Number = None
+    limit_violation: _Number = None
+    goal_distance: _Number = None
+    message: StrictStr | None = None
+    record: dict[str, Any] = {}
+
+
+def is_header(line: Mapping[str, Any]) -> bool:
+    """Whether it says what a study is."""
+    return _fits(_Header, line)
+
+
+def is_row(line: Mapping[str, Any]) -> bool:
+    """Whether it says what came of a task."""
+    return _fits(_Row, line)
+
+
+def _fits(model: type[BaseModel], line: Mapping[str, Any]) -> bool:
+    try:
+        model.model_validate(line)
+    except ValidationError:
+        return False
+    return True

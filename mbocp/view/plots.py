@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -21,7 +22,7 @@ from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.terms import RATE_TERMS
 from mbocp.view.figures import panels as panels
-from mbocp.view.figures.lines import FEW, LinePanel
+from mbocp.view.figures.lines import FEW, SHORT_NOTE, LinePanel
 from mbocp.view.figures.path import FramePaths, frame_paths
 from mbocp.view.figures.style import (
     WARNING,
@@ -34,7 +35,8 @@ from mbocp.view.figures.style import (
     save_figure,
     strip_legend,
 )
-from mbocp.view.figures.zigzag import SHORT_NOTE
+
+Tile: TypeAlias = LinePanel | Callable[[Axes], None]  # a function draws anything else, legend included
 
 _LETTERS = 11  # on a line of the title, by inch
 
@@ -64,7 +66,7 @@ def plot_multipliers(solution: Solution) -> Figure:
 
 def plot_convergence(solution: Solution) -> Figure:
     """Residual, increment and cost over the iterations."""
-    return _stack(solution, [panels.convergence_panel(solution), panels.cost_panel(solution)])
+    return _stack(solution, [partial(panels.draw_convergence, solution), partial(panels.draw_cost, solution)])
 
 
 def plot_invariants(solution: Solution, robot: Robot | None = None) -> Figure:
@@ -72,10 +74,10 @@ def plot_invariants(solution: Solution, robot: Robot | None = None) -> Figure:
 
     With `robot` the violation of its holonomic constraints is there, too.
     """
-    rows: list[panels.Panel | LinePanel] = [panels.hamiltonian_panel(solution)]
+    rows: list[Tile] = [partial(panels.draw_hamiltonian, solution)]
     if solution.control_momenta.size:
         rows.append(panels.momentum_panel(solution))
-    rows.append(panels.drift_panel(solution, robot))
+    rows.append(partial(panels.draw_drift, solution, robot))
     return _stack(solution, rows)
 
 
@@ -116,24 +118,22 @@ def plot_solution(
 
 def overview(solution: Solution, robot: Robot | None = None, *, style: str | Path | None = None) -> Figure:
     """Everything about a solution on one page; `style` as in `plot_solution`."""
-    tiles: list[panels.Panel | LinePanel] = [
+    tiles: list[Tile] = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
         *panels.control_panels(solution),
         *panels.rate_limit_panels(solution, robot),
     ]
     tiles += _first_of_each_symbol(panels.multiplier_panels(solution))
-    tiles += [panels.convergence_panel(solution), panels.hamiltonian_panel(solution)]
+    tiles += [partial(draw, solution) for draw in (panels.draw_convergence, panels.draw_hamiltonian)]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
-        tiles.append(panels.drift_panel(solution, robot))
+        tiles.append(partial(panels.draw_drift, solution, robot))
     with house_style(style):
         paths = frame_paths(robot, solution.qs) if robot is not None and robot.trace_frames else None
         figure, places, path_place = _page(len(tiles), paths)
         shared: dict[str, Any] = {}
         for tile, place in zip(tiles, places, strict=False):
-            axes = figure.add_subplot(place)
-            _draw(tile, axes, shared)
-            _mark_phases(tile, axes, solution)
+            _draw(tile, figure.add_subplot(place), shared, solution)
         if paths is not None:
             in_space = figure.add_subplot(path_place, projection=paths.projection)
             paths.draw(in_space)
@@ -175,39 +175,33 @@ def _page(num_tiles: int, paths: FramePaths | None) -> tuple[Figure, list[Any], 
     return figure, free, grid[:high, columns - wide :] if paths is not None else None
 
 
-def _stack(solution: Solution, tiles: Sequence[panels.Panel | LinePanel]) -> Figure:
+def _stack(solution: Solution, tiles: Sequence[Tile]) -> Figure:
     """Put panels one below the other."""
     with house_style():
         figure = new_figure(7.2, 2.5 * max(len(tiles), 1) + 0.9)
         shared: dict[str, Any] = {}
         for i, tile in enumerate(tiles):
-            axes = figure.add_subplot(len(tiles), 1, i + 1)
-            _draw(tile, axes, shared)
-            _mark_phases(tile, axes, solution)
+            _draw(tile, figure.add_subplot(len(tiles), 1, i + 1), shared, solution)
         _shared_legend(figure, shared)
         _title(figure, solution)
     return figure
 
 
-def _draw(tile: panels.Panel | LinePanel, axes: Axes, shared: dict[str, Any]) -> None:
+def _draw(tile: Tile, axes: Axes, shared: dict[str, Any], solution: Solution) -> None:
     """Draw a panel with its legend above it, or, if that is too long, keep the legend for the whole page."""
-    if isinstance(tile, panels.Panel):
-        tile.draw(axes)
-    elif len(tile.names) <= FEW:
+    if not isinstance(tile, LinePanel):
+        tile(axes)
+        return
+    if len(tile.names) <= FEW:
         strip_legend(axes, tile.draw(axes, [line_style(i) for i in range(len(tile.names))]), tile.names)
     else:  # a name has one style on the whole page
         places = {name: i for i, name in enumerate(dict.fromkeys([*shared, *tile.names]))}
         handles = tile.draw(axes, [line_style(places[name]) for name in tile.names])
         for name, handle in zip(tile.names, handles, strict=True):
             shared.setdefault(name, handle)
-    if isinstance(tile, LinePanel) and tile.faint is not None:
+    if tile.faint is not None:
         note_in_corner(axes, SHORT_NOTE)
-
-
-def _mark_phases(tile: panels.Panel | LinePanel, axes: Axes, solution: Solution) -> None:
-    """Phases of the motion in a panel of curves over time."""
-    if isinstance(tile, LinePanel):
-        mark_phases(axes, solution.phase_times, float(solution.t[0]))
+    mark_phases(axes, solution)
 
 
 def _shared_legend(figure: Figure, shared: dict[str, Any]) -> None:

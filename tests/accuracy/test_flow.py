@@ -107,4 +107,4 @@ def test_loops_stay_closed_and_energy_stays() -> None:
 def test_the_method_has_the_numbers_of_scipy() -> None:
     np.testing.assert_array_equal(SLOPES, DOP853.A[:12, :12])
     np.testing.assert_array_equal(WEIGHTS, DOP853.B)
-    np.testing.assert_array_equal(NODES, DOP853.C[:12])
+    np.testing.assert_allclose(NODES, DOP853.C[:12], rtol=0.0, atol=1e-15)  # sums of rows

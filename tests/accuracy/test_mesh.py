@@ -8,10 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.accuracy.mesh import Wanted, control_shares, halve, lengths_for
+from mbocp.accuracy.mesh import Wanted, _Lengths, control_shares, lengths_for
 
 LENGTHS = st.lists(st.floats(0.05, 0.2), min_size=3, max_size=30).map(np.array)
 MOST = 20_000
+
+
+def halve(dts: np.ndarray) -> np.ndarray:
+    return _Lengths(dts).halve().dts
 
 
 @given(LENGTHS, st.integers(0, 2**32 - 1), st.floats(1e-8, 1e-2), st.sampled_from([1, 2, 4, 6]))

@@ -18,7 +18,7 @@ from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from mbocp.robot.collision.hull import hull_of
 from mbocp.terms import Point
-from mbocp.view.meshcat.collision import obstacle_commands, obstacle_points
+from mbocp.view.meshcat.goals import obstacle_commands, obstacle_points
 from tests.problem.test_obstacles import box, planar, problem
 from tests.robot.collision.test_hull import clouds, obj
 

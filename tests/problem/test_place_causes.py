@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from benchmarks.explain import planted, sound, verdict
 from mbocp.problem import Problem
 from mbocp.problem.reasons.causes import causes_of
-from mbocp.problem.reasons.place_causes import _ball
-from mbocp.robot import load_robot
+from mbocp.robot import Robot, load_robot
+from mbocp.robot.collision.reach import reach
 
 ROBOTS = {
     name: load_robot(name) for name in ("ur5", "double_pendulum", "panda", "cart_pendulum_rigid", "delta")
@@ -38,9 +38,15 @@ def test_no_frame_leaves_its_ball(name: str, seed: int) -> None:
     upper = np.where(np.isfinite(robot.limits.position_upper), robot.limits.position_upper, 3.0)
     q = robot.normalise(rng.uniform(lower, upper)) if robot.nq == robot.nv else robot.q0
     for frame in robot.frame_names:
-        center, reach = _ball(robot, robot.frame_id(frame))
+        center, radius = ball(robot, frame)
         at = robot.frame_placement(frame, q).translation
-        assert np.linalg.norm(at - center) <= reach + 1e-9
+        assert np.linalg.norm(at - center) <= radius + 1e-9
+
+
+def ball(robot: Robot, name: str) -> tuple[np.ndarray, float]:
+    frame, limits = robot.model.frames[robot.frame_id(name)], robot.limits
+    ends = limits.position_lower, limits.position_upper
+    return reach(robot.model, frame.parentJoint, frame.placement.translation, *ends)
 
 
 def box(name: str, axis: str, low: float, high: float, **span: float) -> dict[str, Any]:
@@ -61,10 +67,10 @@ def test_out_of_reach_names_the_distance() -> None:
     far = box("far", "x", 30.0, 40.0, **{"from": 0.4, "until": 0.6})
     (cause,) = causes_of(problem(path=[far]))
     assert (cause.kind, cause.where, cause.is_certain) == ("reach", "far", True)
-    center, reach = _ball(ROBOTS["double_pendulum"], ROBOTS["double_pendulum"].frame_id("link2"))
+    center, radius = ball(ROBOTS["double_pendulum"], "link2")
     assert f"{30.0 - center[0]:.4g} m from the base" in cause.words
-    assert f"reach {reach:.4g} m" in cause.words
-    assert kinds(path=[box("near", "x", reach * 0.5, 40.0, **{"from": 0.4, "until": 0.6})]) == []
+    assert f"reach {radius:.4g} m" in cause.words
+    assert kinds(path=[box("near", "x", radius * 0.5, 40.0, **{"from": 0.4, "until": 0.6})]) == []
 
 
 def test_all_that_was_planted_is_named_and_nothing_else() -> None:

@@ -15,6 +15,7 @@ import mbocp
 from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
+from mbocp.solvers.strategies.elsewhere import Elsewhere
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -56,6 +57,23 @@ def test_ctrl_c_ends_it() -> None:
     s = mbocp.solve(endless(), callback=press_later)
     assert s.status is Status.INTERRUPTED
     check_last_told(s)
+
+
+def test_ctrl_c_between_two_messages_leaves_none_of_them_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    say = Elsewhere._say
+
+    def say_and_press(process: Elsewhere, value: object) -> None:
+        say(process, value)
+        if value is True:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as pressed:
+        pressed.setattr(Elsewhere, "_say", say_and_press)
+        assert mbocp.solve(endless(power=10.0)).status is Status.INTERRUPTED
+    heard: list[int] = []
+    s = mbocp.solve(endless(power=11.0), callback=lambda record: heard.append(record.iteration))
+    assert s.converged
+    assert heard == list(range(s.iterations + 1))
 
 
 def test_what_a_callback_raises_ends_it() -> None:

@@ -17,7 +17,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.native import kernel
 from mbocp.solvers import GlobalisedNewton
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.strategies.progress import has_stalled, is_nearly_feasible
+from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelNewtonState

@@ -13,14 +13,14 @@ from mbocp.guesses.make import make_guess
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.strategies.homotopy import (
+from mbocp.solvers.strategies.iterating import SolverResult
+from mbocp.solvers.strategies.within_limits import (
     bring_limits_back,
     can_leave_out_limits,
     measure_excess,
     widen,
     without_limits,
 )
-from mbocp.solvers.strategies.iterating import SolverResult
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

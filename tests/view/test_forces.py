@@ -10,7 +10,7 @@ import pytest
 import mbocp
 from mbocp.robot import Label
 from mbocp.solution.facts import Facts
-from mbocp.view.forces import ForceMark, forces_of, in_time
+from mbocp.view.marks import ForceMark, forces_of, in_time
 from mbocp.view.meshcat.arrows import force_arrows
 from mbocp.view.motion import sample_motion
 

@@ -7,8 +7,7 @@ import pytest
 
 from mbocp import load_robot
 from mbocp.view import browser
-from mbocp.view.forces import ForceMark
-from mbocp.view.marks import Marks
+from mbocp.view.marks import ForceMark, Marks
 from mbocp.view.replay import write_replay
 from tests.view.test_replay_browser import browse, picture
 

@@ -19,10 +19,9 @@ from mbocp.integrators import SCHEMES
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
-from mbocp.problem.reasons.fall_causes import fall_causes
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.problem.reasons.momentum_causes import momentum_causes
-from mbocp.problem.reasons.place_causes import place_causes
+from mbocp.problem.reasons.place_causes import fall_causes, place_causes
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 

@@ -1,12 +1,12 @@
-"""Places that a problem asks for and forbids at once, or that no pose reaches; each is a proof."""
+"""Places that a problem asks for and forbids at once, or that no motion reaches; each is a proof."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.problem.path import PathConstraint
@@ -14,7 +14,9 @@ from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot
+from mbocp.robot.collision.reach import length_of, reach
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.large import working_data
 
 _SLACK = 1e-6  # [m, m/s, rad] by which bounds may miss each other
 _AXES = "xyz"
@@ -67,36 +69,17 @@ def _common_rows(a: PathConstraint, b: PathConstraint) -> Iterator[tuple[int, in
 
 def _out_of_reach(robot: Robot, path: PathConstraint) -> Iterator[Cause]:
     """A box that a frame cannot get to, for its links are too short all together."""
-    center, reach = _ball(robot, path.frame)
+    frame, limits = robot.model.frames[path.frame], robot.limits
+    ends = limits.position_lower, limits.position_upper
+    center, radius = reach(robot.model, frame.parentJoint, frame.placement.translation, *ends)
     at = center[list(path.axes)]
     away = float(np.linalg.norm(np.fmax(np.fmax(path.lower - at, at - path.upper), 0.0)))
-    if away > reach + _SLACK:
-        frame = robot.model.frames[path.frame].name
+    if away > radius + _SLACK:
         words = (
-            f"path {path.name!r}: {frame} would have to be {away:.4g} m from the base of {robot.name}, and "
-            f"its links reach {reach:.4g} m"
+            f"path {path.name!r}: {frame.name} would have to be {away:.4g} m from the base of {robot.name}, "
+            f"and its links reach {radius:.4g} m"
         )
-        yield Cause("reach", path.name, words, True, away / max(reach, _SLACK))
-
-
-def _ball(robot: Robot, frame: int) -> tuple[Array, float]:
-    """Centre, shape (3,), and radius of a ball that a frame cannot leave [m]; infinite for a moving base."""
-    model = robot.model
-    shown = model.frames[frame]
-    chain = [j for j in model.supports[shown.parentJoint] if j != 0]
-    if not chain:
-        return np.array(shown.placement.translation), 0.0
-    reach = float(np.linalg.norm(shown.placement.translation))
-    reach += sum(float(np.linalg.norm(model.jointPlacements[j].translation)) for j in chain[1:])
-    for j in chain:
-        kind = joint_kind(model, j)
-        if kind.word == "prismatic":
-            q = model.joints[j].idx_q
-            ends = robot.limits.position_lower[q], robot.limits.position_upper[q]
-            reach += float(np.max(np.abs(ends)))
-        elif kind.word not in ("revolute", "continuous", "spherical"):
-            return np.zeros(3), math.inf
-    return np.array(model.jointPlacements[chain[0]].translation), reach
+        yield Cause("reach", path.name, words, True, away / max(radius, _SLACK))
 
 
 def _at_via_point(problem: Problem, point: ViaConstraint) -> Iterator[Cause]:
@@ -126,3 +109,79 @@ def _at_via_point(problem: Problem, point: ViaConstraint) -> Iterator[Cause]:
         if (values < clearance.lower - _SLACK).any():
             words = clearance.refusal(values, where)
             yield Cause("via", point.name, words, True, 1.0)
+
+
+def fall_causes(problem: Problem) -> Iterator[Cause]:
+    """Goals beside the parabola on which a robot that nothing holds or pushes flies, in place or in speed."""
+    root = _flying_root(problem)
+    goal = problem.goal
+    if root is None or not goal.is_exact or goal.periodic is not None or problem.start_free is not None:
+        return
+    robot, gravity = problem.robot, np.array(problem.robot.model.gravity.linear)
+    data, name = working_data(robot.model), robot.model.names[root]
+    pin.centerOfMass(robot.model, data, np.array(problem.q_start), np.array(problem.v_start))
+    c0, rate = data.com[0].copy(), data.vcom[0].copy()
+    nothing = (
+        f"nothing pushes the base of {robot.name} ({name} has no motor): its centre of mass flies on its own"
+    )
+    # Steps of first order miss the parabola by half a step.
+    late = float(np.linalg.norm(gravity)) * problem.dt
+    place = _place_at_goal(problem, root)
+    if place is not None and problem.duration_range is None:
+        T = problem.duration
+        flown = c0 + rate * T + 0.5 * gravity * T**2
+        missed = float(np.linalg.norm(place[0] - flown)) - place[1]
+        if missed > late * T + _SLACK:
+            least = "" if place[1] == 0.0 else "at least "
+            line = f"{nothing}, and is {least}{missed:.3g} m from where the goal has it after {T:.4g} s"
+            yield Cause("fall", name, line, True, 1.0 + missed)
+            return
+    if goal.rate_active.all() and not goal.value.any():
+        T = _best_time(problem, rate, gravity)
+        speed = float(np.linalg.norm(rate + gravity * T))
+        if speed > late + _SLACK:
+            line = f"{nothing}, at {speed:.3g} m/s after {T:.4g} s, and the goal has it at rest"
+            yield Cause("fall", name, line, True, 1.0 + speed)
+
+
+def _place_at_goal(problem: Problem, root: int) -> tuple[Array, float] | None:
+    """Where the goal has the centre of mass, and how far from there it may be [m]; None: anywhere.
+
+    A goal of the base alone leaves the rest of the robot free, as far as that reaches.
+    """
+    robot, goal = problem.robot, problem.goal
+    model, q = robot.model, np.array(goal.q)
+    entry = model.joints[root]
+    if goal.q_active.all():
+        return pin.centerOfMass(model, working_data(model), q).copy(), 0.0
+    if not goal.q_active[entry.idx_v : entry.idx_v + entry.nv].all():
+        return None
+    masses = np.array([inertia.mass for inertia in model.inertias[1:]])
+    levers = [float(np.linalg.norm(inertia.lever)) for inertia in model.inertias[1:]]
+    ends = robot.limits.position_lower, robot.limits.position_upper
+    chains = [length_of(model, list(support)[2:], *ends) for support in model.supports[1:]]
+    reaches = np.array(levers) + chains
+    return q[entry.idx_q : entry.idx_q + 3], float(masses @ reaches / masses.sum())
+
+
+def _flying_root(problem: Problem) -> int | None:
+    """Joint of the one base that floats, if nothing holds or pushes the robot."""
+    robot = problem.robot
+    roots = [j for j in range(1, robot.model.njoints) if robot.model.parents[j] == 0]
+    if len(roots) != 1 or joint_kind(robot.model, roots[0]).word != "floating":
+        return None
+    own = robot.model.joints[roots[0]]
+    where = slice(own.idx_v, own.idx_v + own.nv)
+    is_pushed = robot.actuation.frame_actuators or robot.actuation.selection[where].any()
+    is_held = (
+        robot.nc or robot.forces or robot.drives or problem.timeline.switches is not None or problem.phase
+    )
+    return None if is_pushed or is_held else int(roots[0])
+
+
+def _best_time(problem: Problem, rate: Array, gravity: Array) -> float:
+    """Of the durations that may be, the one at which the centre of mass is slowest [s]."""
+    least, most = problem.duration_range or (problem.duration, problem.duration)
+    size = float(gravity @ gravity)
+    turns = -float(rate @ gravity) / size if size else least
+    return float(np.clip(turns, least, most))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -46,26 +47,23 @@ def relaxations(problem: Problem) -> Iterator[Relaxation]:
     for letter, key in LIMITS.items():
         if widest.finite(letter).any():
             most = _WIDEST.get(letter, _WIDEST_OTHER)
-            yield Relaxation(key.removeprefix("limits."), most, _limits_of(problem, letter))
+            yield Relaxation(key.removeprefix("limits."), most, partial(_with_wider_limits, problem, letter))
     for constraint in problem.frame_constraints:
         if not np.array_equal(constraint.lower, constraint.upper):
-            yield Relaxation(f"path {constraint.name}", _WIDEST_OTHER, _path_of(problem, constraint.name))
+            yield Relaxation(
+                f"path {constraint.name}", _WIDEST_OTHER, partial(_with_wider_path, problem, constraint.name)
+            )
     if problem.obstacle or problem.self_collision is not None:
-        yield Relaxation("obstacle", 2.0, _without_obstacles(problem), is_gradual=False)
+        yield Relaxation(
+            "obstacle", 2.0, lambda _: problem.with_(obstacle=(), self_collision=None), is_gradual=False
+        )
     if not problem.phase and not problem.via:
-        yield Relaxation("duration", _LONGEST, _duration_of(problem))
+        yield Relaxation("duration", _LONGEST, partial(_with_more_time, problem))
 
 
-def _without_obstacles(problem: Problem) -> Callable[[float], Problem]:
-    return lambda _: problem.with_(obstacle=(), self_collision=None)
-
-
-def _limits_of(problem: Problem, letter: str) -> Callable[[float], Problem]:
-    def relaxed(factor: float) -> Problem:
-        phases = tuple(replace(p, limits=_wider(p.limits, letter, factor)) for p in problem.phase)
-        return problem.with_(limits=_wider(problem.limits, letter, factor), phase=phases)
-
-    return relaxed
+def _with_wider_limits(problem: Problem, letter: str, factor: float) -> Problem:
+    phases = tuple(replace(p, limits=_wider(p.limits, letter, factor)) for p in problem.phase)
+    return problem.with_(limits=_wider(problem.limits, letter, factor), phase=phases)
 
 
 def _wider(bounds: Bounds, letter: str, factor: float) -> Bounds:
@@ -86,28 +84,20 @@ def _spread(lower: Array, upper: Array, factor: float) -> tuple[Array, Array]:
     return lower - half, upper + half
 
 
-def _path_of(problem: Problem, name: str) -> Callable[[float], Problem]:
-    def relaxed(factor: float) -> Problem:
-        def widened(constraint: PathConstraint) -> PathConstraint:
-            lower, upper = np.asarray(constraint.lower), np.asarray(constraint.upper)
-            if constraint.kind == "position":
-                lower, upper = _spread(lower, upper, factor)
-            else:
-                lower, upper = np.where(np.isfinite(lower), lower / factor, lower), factor * upper
-            return replace(constraint, lower=lower, upper=upper)
+def _with_wider_path(problem: Problem, name: str, factor: float) -> Problem:
+    def widened(constraint: PathConstraint) -> PathConstraint:
+        lower, upper = np.asarray(constraint.lower), np.asarray(constraint.upper)
+        if constraint.kind == "position":
+            lower, upper = _spread(lower, upper, factor)
+        else:
+            lower, upper = np.where(np.isfinite(lower), lower / factor, lower), factor * upper
+        return replace(constraint, lower=lower, upper=upper)
 
-        path = tuple(
-            widened(c) if isinstance(c, PathConstraint) and c.name == name else c for c in problem.path
-        )
-        return problem.with_(path=path)
-
-    return relaxed
+    path = tuple(widened(c) if isinstance(c, PathConstraint) and c.name == name else c for c in problem.path)
+    return problem.with_(path=path)
 
 
-def _duration_of(problem: Problem) -> Callable[[float], Problem]:
-    def relaxed(factor: float) -> Problem:
-        T, bounds = factor * problem.duration, problem.duration_range
-        longer = None if bounds is None else (bounds[0], factor * bounds[1])
-        return problem.with_(duration=T, duration_range=longer)
-
-    return relaxed
+def _with_more_time(problem: Problem, factor: float) -> Problem:
+    bounds = problem.duration_range
+    longer = None if bounds is None else (bounds[0], factor * bounds[1])
+    return problem.with_(duration=factor * problem.duration, duration_range=longer)

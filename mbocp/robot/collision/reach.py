@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
@@ -9,15 +11,6 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 
 _TURNING = ("revolute", "continuous", "spherical")
-
-
-def ancestors(model: pin.Model, joint: int) -> tuple[int, ...]:
-    """Joints on the way from the world to a joint, which is the last of them; empty for the world."""
-    found = []
-    while joint > 0:
-        found.append(joint)
-        joint = int(model.parents[joint])
-    return tuple(reversed(found))
 
 
 def reach(model: pin.Model, joint: int, point: Array, q_lower: Array, q_upper: Array) -> tuple[Array, float]:
@@ -37,13 +30,18 @@ def reach(model: pin.Model, joint: int, point: Array, q_lower: Array, q_upper: A
     tuple of (ndarray, float)
         The radius is infinite where a joint floats, or slides without limits.
     """
-    chain = ancestors(model, joint)
+    _, *chain = model.supports[joint]
     if not chain:
         return np.array(point), 0.0
-    lengths = [float(np.linalg.norm(model.jointPlacements[k].translation)) for k in chain[1:]]
-    slides = [_travel(model, k, q_lower, q_upper) for k in chain]
-    radius = float(np.linalg.norm(point)) + sum(lengths) + sum(slides)
+    below = length_of(model, chain[1:], q_lower, q_upper)
+    radius = float(np.linalg.norm(point)) + below + _travel(model, chain[0], q_lower, q_upper)
     return np.array(model.jointPlacements[chain[0]].translation), radius
+
+
+def length_of(model: pin.Model, chain: Sequence[int], q_lower: Array, q_upper: Array) -> float:
+    """How far the last of some joints can be from the body that carries the first, see `reach` [m]."""
+    lengths = (float(np.linalg.norm(model.jointPlacements[k].translation)) for k in chain)
+    return sum(lengths) + sum(_travel(model, k, q_lower, q_upper) for k in chain)
 
 
 def _travel(model: pin.Model, joint: int, q_lower: Array, q_upper: Array) -> float:

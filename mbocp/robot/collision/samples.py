@@ -12,7 +12,7 @@ from mbocp.robot.collision.geometry import triangles_of
 
 _PLASTIC = 1.22074408460575947536  # real root of x^4 = x + 1: the most even sequence in three dimensions
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # [rad]
-_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 
 
 def sequence(count: int, start: int = 0) -> Array:
@@ -34,6 +34,12 @@ def directions(count: int) -> Array:
     angle = _GOLDEN * np.arange(count)
     across = np.sqrt(1.0 - z**2)
     return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+
+
+def box_around(shape: coal.CollisionGeometry) -> Array:
+    """Corners of the box around a shape along its own axes, shape (8, 3) [m]."""
+    shape.computeLocalAABB()
+    return np.asarray(np.where(CORNERS > 0.0, shape.aabb_local.max_, shape.aabb_local.min_))
 
 
 def surface_points(shape: pin.GeometryObject, count: int, start: int = 0) -> Array:
@@ -65,7 +71,7 @@ def surface_points(shape: pin.GeometryObject, count: int, start: int = 0) -> Arr
 def _box(half: Array, count: int, start: int) -> Array:
     areas = np.array([half[1] * half[2], half[0] * half[2], half[0] * half[1]])
     shares = np.repeat(areas / areas.sum(), 2) / 2.0  # of the faces at -x, +x, -y, ...
-    points = [_CORNERS]
+    points = [CORNERS]
     for face, share in enumerate(shares):
         on_face = 2.0 * sequence(max(int(share * count), 16), start) - 1.0
         on_face[:, face // 2] = 1.0 if face % 2 else -1.0

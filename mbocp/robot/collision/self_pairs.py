@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints
-from mbocp.robot.collision.reach import ancestors
 from mbocp.robot.collision.spheres import LinkSpheres
 
 _POSES = 400
@@ -115,7 +114,7 @@ def _poses(model: pin.Model, q0: Array, q_lower: Array, q_upper: Array) -> list[
     for _ in range(_POSES):
         turn = rng.uniform(-np.pi, np.pi, model.nv)
         for joint in range(1, model.njoints):
-            if len(ancestors(model, joint)) == 1 and joints.joint_kind(model, joint).word == "floating":
+            if model.parents[joint] == 0 and joints.joint_kind(model, joint).word == "floating":
                 turn[joints.velocity_slice(model, joint)] = 0.0  # where the whole robot is does not matter
         q = pin.integrate(model, np.array(q0), turn)
         for joint in range(1, model.njoints):

@@ -14,7 +14,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
 from mbocp.robot.collision.kept import kept
-from mbocp.robot.collision.samples import surface_points
+from mbocp.robot.collision.samples import box_around, surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere
 
@@ -183,11 +183,5 @@ def _size(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> float:
     pin.updateGeometryPlacements(model, data, geometry, drawn, np.array(q))
     corners = []
     for shape, place in zip(geometry.geometryObjects, drawn.oMg, strict=True):
-        shape.geometry.computeLocalAABB()
-        box = shape.geometry.aabb_local
-        low, high = np.array(box.min_), np.array(box.max_)
-        corners += [place.act(np.where(mask, high, low)) for mask in _MASKS]
+        corners += [place.act(corner) for corner in box_around(shape.geometry)]
     return float(np.linalg.norm(np.ptp(np.array(corners), axis=0)))
-
-
-_MASKS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.bool_)

@@ -15,7 +15,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.newton_method.limits import multipliers_in_rows, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limits import bounded_values, multipliers_in_rows, why_limits_cannot_be_kept
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
@@ -114,12 +114,7 @@ def factorise_held(
 
 def _distances(programme: StagewiseProgramme, iterate: Iterate, pulls: Array) -> Array:
     """How far limits are from the motion, on the side that pulls; infinite where there are none."""
-    bounds = programme.bounds
-    native = kernel_programme(programme, has_limits=True)
-    iterate.load_into(native)
-    native.start_limits(_ANY, 0.0)
-    values = np.zeros(bounds.limited.shape)
-    values[bounds.limited] = native.slack
+    bounds, values = programme.bounds, bounded_values(programme, iterate)
     of_side = np.where(pulls > 0.0, bounds.upper - values, values - bounds.lower)
     grain = _GRAIN * np.maximum(1.0, np.abs(values))
     return np.where(bounds.limited, np.maximum(of_side, grain), np.inf)

@@ -208,6 +208,19 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     return None
 
 
+def bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+    """States, controls and path functions of an iterate that are bounded, within bounds; else zeros.
+
+    The shape is (N, nx + nu + nh).
+    """
+    native, limited = kernel_programme(programme, has_limits=True), programme.bounds.limited
+    iterate.load_into(native)
+    native.start_limits(_ANY, 0.0)
+    values = np.zeros(limited.shape)
+    values[limited] = native.slack[: np.count_nonzero(limited)]
+    return values
+
+
 def multipliers_in_rows(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
     """Multipliers in the order of the kernel's rows."""
     of_steps = np.hstack([bounds.xs[1:], bounds.us, bounds.path])

@@ -343,16 +343,6 @@ class _Entries:
         rows, columns = np.concatenate(self._rows), np.concatenate(self._columns)
         sparse = ca.Sparsity.triplet(*shape, rows.tolist(), columns.tolist())
         sparsity = ca.Sparsity.dense(*shape) if is_dense else sparse
-        places = np.array(sparsity.get_nz((rows + columns * sparsity.shape[0]).tolist()), dtype=np.int64)
-        pool = ca.vertcat(*self._values, 0.0)
-        absent = rows.size  # the zero at the end
-        total = None
-        order = np.argsort(places, kind="stable")
-        rank = np.arange(rows.size) - np.searchsorted(places[order], places[order])
-        for layer in range(int(rank.max(initial=-1)) + 1):
-            taken = order[rank == layer]
-            sources = np.full(sparsity.nnz(), absent, dtype=np.int64)
-            sources[places[taken]] = taken
-            part = pool.nz[sources.tolist()]
-            total = part if total is None else total + part
-        return ca.MX(sparsity, total if total is not None else ca.MX.zeros(sparsity.nnz()))
+        places, size = sparsity.get_nz((rows + columns * sparsity.shape[0]).tolist()), rows.size
+        adds = ca.DM.triplet(places, list(range(size)), ca.DM.ones(size), sparsity.nnz(), size)
+        return ca.MX(sparsity, ca.densify(adds @ ca.vertcat(*self._values)))

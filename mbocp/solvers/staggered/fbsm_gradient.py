@@ -31,8 +31,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.protocol import Measures
 from mbocp.solvers.records import Status
-from mbocp.solvers.staggered.multiplier import EndCondition
-from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
+from mbocp.solvers.staggered.sweep import EndCondition, Kept, Sweeps, init_sweeps
 from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 

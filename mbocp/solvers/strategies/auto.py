@@ -8,15 +8,22 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.records import Status
+from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
-from mbocp.solvers.strategies.progress import WINDOW, has_stalled
 from mbocp.solvers.strategies.registry import make_solver
 
 _PATIENCE = 200  # iterations without progress, of the phase after which there is no other
 _GRADIENT_STEPS = 25  # of the gradient phases, as in the paper's hybrids
+_WINDOW = 40  # iterations in which progress is wanted ...
+_PROGRESS = 0.5  # ... by this factor in the residual, ...
+_GAIN = 0.02  # ... or by this part of the cost, ...
+_FEASIBLE_PART = 0.5  # ... while violations are no more than this part of the residual
+_SLOW_GAIN = 1e-4  # of the cost: what is far above round-off gets ...
+_LONG_WINDOW = 100  # ... more iterations, if the motion is nearly feasible
+_NEARLY = 0.1  # of the largest violation on the way: less is nearly feasible
+_LATELY = 10  # iterations: violations go up and down from step to step, and the smallest of a few counts
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class _Runs:
         switch = Switch(0.0, 0.0, _GRADIENT_STEPS) if name == "fbsm_bb" else None
         limited = replace(self.phases.settings.within(self.phases.taken), is_careful=is_last)
         solver = make_solver(name, limited.with_patience() if name == "monolithic" else limited, switch)
-        watch = partial(has_stalled, window=_PATIENCE if is_last else WINDOW) if switch is None else None
+        watch = partial(has_stalled, window=_PATIENCE if is_last else _WINDOW) if switch is None else None
         self.tried.append((name, solver.name))
         self.results.append(self.phases.run(solver, name, start, should_stop=watch))
         return self.results[-1]
@@ -103,3 +110,36 @@ def _best(results: Sequence[SolverResult], *, is_spent: bool) -> SolverResult:
         advice = f"{reached}; raise it; what came nearest ended so: {best.advice}"
         return replace(best, status=Status.MAX_ITERATIONS, advice=advice)
     return replace(best, status=last.status, advice=last.advice) if best.status is Status.SWITCHED else best
+
+
+def has_stalled(history: Sequence[IterationRecord], window: int = _WINDOW) -> bool:
+    """Whether over the last iterations neither the residual has halved nor the cost fallen by much.
+
+    Far from a minimum the residual may stand still for long while the cost falls from step to step. Near a
+    saddle, where the Hessian is indefinite and the gradient small, the cost falls by little at first.
+    """
+    if not _stands_still(history, window):
+        return False
+    before, now = history[-window - 1], history[-1]
+    is_slow = before.cost - now.cost > _SLOW_GAIN * abs(before.cost) and is_nearly_feasible(history)
+    return not is_slow or (len(history) > _LONG_WINDOW and _stands_still(history, max(window, _LONG_WINDOW)))
+
+
+def is_nearly_feasible(history: Sequence[IterationRecord]) -> bool:
+    """Whether a run violates its equations no more than by a small part of what it has on its way."""
+    return _least_violation(history) <= _NEARLY * max(r.primal for r in history)
+
+
+def _stands_still(history: Sequence[IterationRecord], window: int) -> bool:
+    if len(history) <= window:
+        return False
+    residuals = [r.residual if math.isfinite(r.residual) else math.inf for r in history]
+    if min(residuals[-window:]) <= _PROGRESS * min(residuals[:-window]):
+        return False
+    before, now = history[-window - 1], history[-1]
+    is_feasible = _least_violation(history) <= max(_FEASIBLE_PART * now.residual, before.primal)
+    return not (is_feasible and now.cost < before.cost - _GAIN * abs(before.cost))
+
+
+def _least_violation(history: Sequence[IterationRecord]) -> float:
+    return min(r.primal for r in history[-_LATELY:])

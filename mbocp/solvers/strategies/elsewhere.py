@@ -9,7 +9,6 @@ import math
 import os
 import pickle
 import queue
-import struct
 import subprocess
 import threading
 import time
@@ -17,12 +16,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from typing import IO, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from mbocp._processes import python_command
 
-_START = "from mbocp.solvers.strategies.child import main\nmain()\n"
-_LENGTH = struct.Struct("<Q")  # bytes that follow
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+_START = "from mbocp.solvers.strategies.elsewhere import work\nwork(int(sys.argv[1]))\n"
 _GRACE = 0.5  # [s] for a task that is to stop in the midst of an iteration
 
 
@@ -107,8 +108,12 @@ class Elsewhere:
         ElsewhereEnded
             If it was ended.
         """
-        self._say(task)
-        message, failure = self._wait_for_end(hear, until)
+        try:
+            self._say(task)
+            message, failure = self._wait_for_end(hear, until)
+        except KeyboardInterrupt:  # between two messages: who is to speak next is not known any more
+            self.close()
+            raise ElsewhereEnded(is_interrupted=True) from None
         if isinstance(message, _End):
             self.close()
         if failure is not None and not isinstance(failure, KeyboardInterrupt):
@@ -142,47 +147,45 @@ class Elsewhere:
 
     def close(self) -> None:
         """End the process, whatever it does; it may be called from another thread."""
-        process = self._process
-        if process is not None:
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
-                if stream is not None:
-                    with suppress(OSError):
-                        stream.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
 
     def _say(self, value: object) -> None:
         """Send a value, to a process that is started for the first one."""
         try:
             if self._process is None:
-                self._process = _start()
-                threading.Thread(
-                    target=_listen, args=(self._process.stdout, self._inbox), daemon=True
-                ).start()
-            if self._process.stdin is None:
-                raise OSError("no pipes")
-            send(self._process.stdin, value)
+                self._process, self._connection = _start()
+                listen = threading.Thread(target=_listen, args=(self._connection, self._inbox), daemon=True)
+                listen.start()
+            self._connection.send(value)
         except (OSError, pickle.PickleError, AttributeError, TypeError, ValueError) as error:
             self.close()
             raise ElsewhereError(f"a process to solve in: {error}") from error
 
 
-def _start() -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        python_command(_START),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        env=dict(os.environ),
-        start_new_session=True,
-    )
+def _start() -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start a process, and open the way to it; its output goes nowhere."""
+    from multiprocessing.connection import Pipe  # slow to import, and few solves want it
+
+    ours, theirs = Pipe()
+    with theirs:
+        process = subprocess.Popen(
+            python_command(_START, str(theirs.fileno())),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,
+        )
+    return process, ours
 
 
-def _listen(stream: IO[bytes], inbox: queue.Queue[object]) -> None:
-    """Take in what a process sends, until it ends."""
-    with suppress(OSError, EOFError, ValueError, pickle.PickleError):
+def _listen(connection: Connection, inbox: queue.Queue[object]) -> None:
+    """Take in what comes, until the other side ends."""
+    with connection, suppress(OSError, EOFError, ValueError, pickle.PickleError):
         while True:
-            inbox.put(receive(stream))
+            inbox.put(connection.recv())
     inbox.put(_End.GONE)
 
 
@@ -194,25 +197,30 @@ def _next(inbox: queue.Queue[object], until: float) -> object:
         return _End.SILENT
 
 
-def send(stream: IO[bytes], value: object) -> None:
-    """Write a value."""
-    content = pickle.dumps(value)
-    stream.write(_LENGTH.pack(len(content)))
-    stream.write(content)
-    stream.flush()
+def work(handle: int) -> None:
+    """Do what comes in until nothing does any more, or the parent ends: all that the process does."""
+    from multiprocessing.connection import Connection
+
+    connection, inbox = Connection(handle), queue.Queue[Any]()
+    threading.Thread(target=_listen_to_parent, args=(connection, inbox), daemon=True).start()
+
+    def tell(value: object) -> None:
+        connection.send(Told(value))
+        if not inbox.get():
+            raise KeyboardInterrupt
+
+    while True:
+        task = inbox.get()
+        try:
+            answer: object = Answer(task.run(tell))
+        except Exception as error:  # the parent does the task itself, and raises it
+            answer = Failure(f"{type(error).__name__}: {error}")
+        connection.send(answer)
 
 
-def receive(stream: IO[bytes]) -> object:
-    """Read what `send` wrote.
-
-    Raises
-    ------
-    EOFError
-        If the other side has closed.
-    """
-    size = stream.read(_LENGTH.size)
-    if len(size) < _LENGTH.size:
-        raise EOFError("the other side has closed")
-    content = stream.read(_LENGTH.unpack(size)[0])
-    value: object = pickle.loads(content)  # our own process wrote it
-    return value
+def _listen_to_parent(connection: Connection, inbox: queue.Queue[Any]) -> None:
+    try:
+        while True:
+            inbox.put(connection.recv())
+    except Exception:  # it has ended, or closed
+        os._exit(0)

@@ -15,10 +15,9 @@ from mbocp.programme.units import Units
 from mbocp.solvers.records import Status
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.auto import Auto
-from mbocp.solvers.strategies.cost_unit import run_with_tiny_costs
 from mbocp.solvers.strategies.phases import Outcome, Phases, Start, Strategy, how_it_ended
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
-from mbocp.solvers.strategies.units import run_in
+from mbocp.solvers.strategies.units import run_in, run_with_tiny_costs
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""Curves over time: which of them share a panel, and how such a panel is drawn."""
+"""Curves over time: which of them share a panel, and how such a panel is drawn.
+
+Undamped adjoints of index 3 jump to one side and the other of a smooth mean, which is drawn in their place.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mbocp._arrays import Array
-from mbocp.solution import Column
+from mbocp.solution import Column, Solution
 from mbocp.view.figures.style import (
     GREY,
     LineStyle,
@@ -21,11 +24,18 @@ from mbocp.view.figures.style import (
     plain_text,
     shorten,
 )
+from mbocp.view.marks import in_time
 
 FEW = 4  # curves whose names fit over a panel
 _ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
 _FAINT: Any = {"alpha": 0.3, "linewidth": 0.6}
 _MAX_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
+SHORT_NOTE = "mean of neighbours; faint: as computed"
+_FEWEST = 8  # values of which one can say that they zigzag
+_MOST_TIMES = 3
+_ALTERNATES = 0.9  # part of the steps at which the sign changes; of noise it is two thirds
+_VISIBLE = 0.02  # of the range of the mean: smaller jumps are drawn as they are
+_FORCE = "J/m"  # unit of multipliers of positions: newtons
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,3 +166,60 @@ def line_panels(
             )
         )
     return panels
+
+
+def without_zigzag(values: Array) -> Array:
+    """Return the columns that zigzag as weighted means of neighbours, the others as they are.
+
+    Means are taken until they zigzag no more, three times at most: each takes away what alternates with an
+    amplitude linear in time. The two values at each end, where start and goal have equations of their own,
+    follow the line through the next two means.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m, k)
+
+    Returns
+    -------
+    ndarray, shape (m, k)
+        `values` itself where no column zigzags.
+    """
+    if len(values) < _FEWEST or not np.isfinite(values).all():
+        return values
+    means = values
+    for _ in range(_MOST_TIMES):
+        smoother = _means(means)
+        if smoother is means:
+            break
+        means = smoother
+    return means
+
+
+def _means(values: Array) -> Array:
+    jumps = (values[:-2] - 2 * values[1:-1] + values[2:]) / 4
+    inner = (values[1:-1] + jumps)[1:-1]
+    lead, tail = inner[0] - inner[1], inner[-1] - inner[-2]
+    means = np.vstack([inner[0] + 2 * lead, inner[0] + lead, inner, inner[-1] + tail, inner[-1] + 2 * tail])
+    alternates = np.mean(jumps[:-1] * jumps[1:] < 0, axis=0) > _ALTERNATES
+    visible = np.median(np.abs(jumps), axis=0) > _VISIBLE * np.ptp(means, axis=0)
+    found = alternates & visible
+    return np.where(found, means, values) if found.any() else values
+
+
+def force_panels(solution: Solution) -> list[LinePanel]:
+    """Return one panel with the size of each force [N]; none where nothing is held, and no force is bounded.
+
+    Impulses are no forces: in steps of no duration the force of the step before goes on.
+    """
+    asked = {*solution.facts.held, *solution.facts.contacts}
+    columns: dict[str, list[int]] = {}
+    for k, column in enumerate(solution.labels.lam):
+        owner = column.name if column.name in asked else column.name.rpartition(".")[0]
+        if owner in asked and column.unit == _FORCE:
+            columns.setdefault(owner, []).append(k)
+    if not columns:
+        return []
+    sizes = [np.linalg.norm(solution.lams[:, found], axis=1) for found in columns.values()]
+    values = in_time(np.column_stack(sizes), np.diff(solution.t))
+    names = tuple(plain_text(name) for name in columns)
+    return [LinePanel("Forces of constraints", "$|f|$ [N]", names, solution.t, values, step=True)]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,8 +16,7 @@ from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
 from mbocp.solution.records import dual_columns
 from mbocp.terms import RATE_TERMS
-from mbocp.view.figures.forces import force_panels
-from mbocp.view.figures.lines import LinePanel, line_panels
+from mbocp.view.figures.lines import SHORT_NOTE, LinePanel, force_panels, line_panels, without_zigzag
 from mbocp.view.figures.style import (
     GREY,
     PALETTE,
@@ -29,7 +28,6 @@ from mbocp.view.figures.style import (
     plain_text,
     strip_legend,
 )
-from mbocp.view.figures.zigzag import SHORT_NOTE, without_zigzag
 
 _MAX_CONSTRAINTS = 6  # more would need a legend that is larger than the plot
 _FINE = 4  # pieces in which the polynomial of a step is drawn
@@ -42,13 +40,6 @@ _RATES = {  # title and symbol, by key in [limits]
     "effort_rate": ("Rate of the control", r"$\Delta u / \Delta t$"),
     "power": ("Power", "$P$"),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """Anything else: a function that draws into axes, legend included."""
-
-    draw: Callable[[Axes], None]
 
 
 def state_panels(solution: Solution) -> list[LinePanel]:
@@ -227,63 +218,49 @@ def _mark_solves(axes: Axes, solution: Solution) -> None:
         note_beside_title(axes, f"{len(counts)} solves, one after the other")
 
 
-def convergence_panel(solution: Solution) -> Panel:
-    """Return residual and increment over the iterations."""
-
-    def draw(axes: Axes) -> None:
-        k = np.arange(float(len(solution.history)))
-        _mark_solves(axes, solution)
-        for index, (name, label, marker) in enumerate(
-            (("residual", "residual", "o"), ("increment", "increment", "s"))
-        ):
-            y = np.array([getattr(record, name) for record in solution.history], dtype=float)
-            _log_curve(axes, k, y, label, index, marker)
-        tolerance = solution.options.get("tolerance")
-        handles, labels = axes.get_legend_handles_labels()
-        if handles and isinstance(tolerance, float) and tolerance > 0:
-            handles.append(axes.axhline(tolerance, color=GREY, linestyle="--", linewidth=0.9))
-            labels.append("tolerance")
-        finish_axes(axes, title="Convergence", ylabel="Euclidean norm", xlabel="iteration")
-        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-        if handles:
-            strip_legend(axes, handles, labels)
-        else:
-            _empty(axes, "no history")
-
-    return Panel(draw)
+def draw_convergence(solution: Solution, axes: Axes) -> None:
+    """Draw residual and increment over the iterations."""
+    k = np.arange(float(len(solution.history)))
+    _mark_solves(axes, solution)
+    for index, (name, marker) in enumerate({"residual": "o", "increment": "s"}.items()):
+        y = np.array([getattr(record, name) for record in solution.history], dtype=float)
+        _log_curve(axes, k, y, name, index, marker)
+    tolerance = solution.options.get("tolerance")
+    handles, labels = axes.get_legend_handles_labels()
+    if handles and isinstance(tolerance, float) and tolerance > 0:
+        handles.append(axes.axhline(tolerance, color=GREY, linestyle="--", linewidth=0.9))
+        labels.append("tolerance")
+    finish_axes(axes, title="Convergence", ylabel="Euclidean norm", xlabel="iteration")
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    if handles:
+        strip_legend(axes, handles, labels)
+    else:
+        _empty(axes, "no history")
 
 
-def cost_panel(solution: Solution) -> Panel:
-    """Return the cost over the iterations."""
-
-    def draw(axes: Axes) -> None:
-        cost = np.array([record.cost for record in solution.history], dtype=float)
-        marker = "o" if len(cost) <= _MAX_MARKERS else ""
-        axes.plot(np.arange(len(cost)), cost, marker=marker, markersize=3.5, color=PALETTE[0])
-        calm_limits(axes, cost)
-        finish_axes(axes, title="Cost", ylabel="$J$", xlabel="iteration")
-        axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-
-    return Panel(draw)
+def draw_cost(solution: Solution, axes: Axes) -> None:
+    """Draw the cost over the iterations."""
+    cost = np.array([record.cost for record in solution.history], dtype=float)
+    marker = "o" if len(cost) <= _MAX_MARKERS else ""
+    axes.plot(np.arange(len(cost)), cost, marker=marker, markersize=3.5, color=PALETTE[0])
+    calm_limits(axes, cost)
+    finish_axes(axes, title="Cost", ylabel="$J$", xlabel="iteration")
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
 
 
-def hamiltonian_panel(solution: Solution) -> Panel:
-    """Return the control Hamiltonian over time."""
-
-    def draw(axes: Axes) -> None:
-        values = solution.control_hamiltonians
-        means = without_zigzag(values[:, None])[:, 0]
-        axes.plot(solution.t[:-1], means, color=PALETTE[0])
-        calm_limits(axes, values)
-        if (means != values).any() and np.isfinite(values).all():
-            axes.plot(solution.t[:-1], values, color=PALETTE[0], alpha=0.3, linewidth=0.6)
-            note_beside_title(axes, SHORT_NOTE)
-        finish_axes(axes, title="Control Hamiltonian", ylabel=r"$\mathcal{H}$ [cost/s]")
-        mark_time(axes, solution.t)
-        if not np.isfinite(values).any():
-            _empty(axes, "not evaluated")
-
-    return Panel(draw)
+def draw_hamiltonian(solution: Solution, axes: Axes) -> None:
+    """Draw the control Hamiltonian over time."""
+    values = solution.control_hamiltonians
+    means = without_zigzag(values[:, None])[:, 0]
+    axes.plot(solution.t[:-1], means, color=PALETTE[0])
+    calm_limits(axes, values)
+    if (means != values).any() and np.isfinite(values).all():
+        axes.plot(solution.t[:-1], values, color=PALETTE[0], alpha=0.3, linewidth=0.6)
+        note_beside_title(axes, SHORT_NOTE)
+    finish_axes(axes, title="Control Hamiltonian", ylabel=r"$\mathcal{H}$ [cost/s]")
+    mark_time(axes, solution.t)
+    if not np.isfinite(values).any():
+        _empty(axes, "not evaluated")
 
 
 def momentum_panel(solution: Solution) -> LinePanel:
@@ -312,32 +289,26 @@ def _violations(solution: Solution, robot: Robot | None) -> list[tuple[str, Arra
     return [(name, np.abs(violation[:, i])) for i, name in enumerate(names)]
 
 
-def drift_panel(solution: Solution, robot: Robot | None) -> Panel:
-    """Return errors in logarithmic scale: drift of control momenta and rotations, constraints.
+def draw_drift(solution: Solution, robot: Robot | None, axes: Axes) -> None:
+    """Draw errors in logarithmic scale: drift of control momenta and rotations, constraints.
 
     Without `robot`, those of constraints are left out.
     """
-
-    def draw(axes: Axes) -> None:
-        momenta = solution.control_momenta
-        shown = momenta.shape[1]
-        for i, name in enumerate(solution.control_momentum_names):
-            _log_points(
-                axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i
-            )
-        for name, values in _violations(solution, robot):
-            _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
-            shown += 1
-        _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)
-        what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
-        finish_axes(
-            axes, title=what, ylabel=r"$|\xi_n - \xi_0|$, $|\Phi|$" if solution.nc else r"$|\xi_n - \xi_0|$"
-        )
-        mark_time(axes, solution.t)
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            strip_legend(axes, handles, labels, per_row=2)
-        else:
-            _empty(axes, "exactly zero" if momenta.size or solution.manifold_drift == 0.0 else "none")
-
-    return Panel(draw)
+    momenta = solution.control_momenta
+    shown = momenta.shape[1]
+    for i, name in enumerate(solution.control_momentum_names):
+        _log_points(axes, solution.t, np.abs(momenta[:, i] - momenta[0, i]), rf"$\xi$ {plain_text(name)}", i)
+    for name, values in _violations(solution, robot):
+        _log_points(axes, solution.t, values, rf"$\Phi$ {plain_text(name)}", shown)
+        shown += 1
+    _log_points(axes, solution.t, solution.manifold_drifts, "rotations", shown)
+    what = "Drift of invariants, violation of constraints" if solution.nc else "Drift of invariants"
+    finish_axes(
+        axes, title=what, ylabel=r"$|\xi_n - \xi_0|$, $|\Phi|$" if solution.nc else r"$|\xi_n - \xi_0|$"
+    )
+    mark_time(axes, solution.t)
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        strip_legend(axes, handles, labels, per_row=2)
+    else:
+        _empty(axes, "exactly zero" if momenta.size or solution.manifold_drift == 0.0 else "none")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.solution import Solution
 from mbocp.solution.atomic import replace_file
 
 # Okabe and Ito's palette, which people with any colour vision can tell apart; yellow is too pale for a line.
@@ -199,18 +200,10 @@ def mark_time(axes: Axes, t: Array) -> None:
     axes.set_xlim(t[0] - margin, t[-1] + margin)
 
 
-def mark_phases(axes: Axes, phases: Mapping[str, tuple[float, float]], start: float) -> None:
-    """Draw a line where each phase but the last ends, and write the phases' names above the axes' floor.
-
-    Parameters
-    ----------
-    axes : Axes
-    phases : mapping of str to (float, float)
-        When each begins and ends [s], counted from the start.
-    start : float
-        Time of the start [s].
-    """
-    for i, (name, (begins, ends)) in enumerate(phases.items()):
+def mark_phases(axes: Axes, solution: Solution) -> None:
+    """Draw a line where each phase but the last ends, and write the phases' names above the axes' floor."""
+    start = float(solution.t[0])
+    for i, (name, (begins, ends)) in enumerate(solution.phase_times.items()):
         if i:
             axes.axvline(start + begins, color=GREY, linewidth=0.8, linestyle=":")
         middle = start + (begins + ends) / 2

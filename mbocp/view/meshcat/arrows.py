@@ -1,7 +1,7 @@
-"""Forces as arrows whose place, direction and length follow the motion, at one scale for all.
+"""Nodes whose place, direction and length follow the motion: rods and springs between frames, and forces.
 
-They are seen through bodies, as what is gripped hides the frame that holds it: they are drawn last, without
-comparing depths, with their front faces alone.
+Forces are arrows at one scale for all. They are seen through bodies, as what is gripped hides the frame that
+holds it: they are drawn last, without comparing depths, with their front faces alone.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.view.forces import ForceMark
+from mbocp.robot import Connector
+from mbocp.view.marks import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
-from mbocp.view.meshcat.connectors import directions
-from mbocp.view.meshcat.shapes import cone, nice_length, tube
+from mbocp.view.meshcat.shapes import coil, cone, nice_length, tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion import Motion
 
@@ -28,6 +29,7 @@ _COLOUR = (0.80, 0.10, 0.45)  # RGB
 _CENTIMETRE = 0.01  # [m]
 _DRAWN_LAST = 10  # renderOrder of three.js, where bodies have 0
 _FRONT_FACES = 0  # of three.js
+_LINE_RADIUS = 0.0015  # of the scene's size
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,3 +108,54 @@ def _forces(mark: ForceMark, motion: Motion) -> Array:
     frame = motion.model.frames[mark.other]
     turned = motion.rotations[:, frame.parentJoint] @ frame.placement.rotation
     return np.asarray(np.einsum("fij,fj->fi", turned, forces))
+
+
+def connector_commands(
+    connectors: Sequence[Connector], motion: Motion, root: str, size: float
+) -> tuple[list[Command], list[Track]]:
+    """Draw and animate rods, springs and lines.
+
+    Parameters
+    ----------
+    root : str
+        Node of the scene.
+    size : float
+        Extent of the scene [m], which sets the thickness of lines.
+    """
+    commands: list[Command] = []
+    tracks: list[Track] = []
+    for index, connector in enumerate(connectors):
+        path = f"{root}/connectors/{index}_{connector.kind}"
+        start = motion.frame_positions(connector.frame_a)
+        span = motion.frame_positions(connector.frame_b) - start
+        lengths = np.linalg.norm(span, axis=1)
+        usual = float(np.median(lengths)) or 1.0  # drawn at this length, so that stretching deforms it least
+        stretch = np.ones((len(lengths), 3))
+        stretch[:, 2] = np.maximum(lengths / usual, 1e-6)  # a scale of zero has no inverse
+        values = {"position": start, "quaternion": directions(span, lengths), "scale": stretch}
+        drawn, moved = animate(path, _draw_connector(connector, usual, size), values, motion.times)
+        commands += drawn
+        tracks += moved
+    return commands, tracks
+
+
+def _draw_connector(connector: Connector, length: float, size: float) -> dict[str, Any]:
+    if connector.kind == "spring":
+        shape = coil(length, connector.radius)
+    else:
+        radius = _LINE_RADIUS * size if connector.kind == "line" else connector.radius
+        shape = tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]]), radius, sides=16)
+    *colour, opacity = connector.color
+    return shape_object(shape, mg.MeshPhongMaterial(color=colour_number(colour), opacity=opacity))
+
+
+def directions(span: Array, lengths: Array) -> Array:
+    """Quaternions xyzw (F, 4) that turn +z along `span` (F, 3), each the nearest to the one before."""
+    quaternions = np.empty((len(span), 4))
+    direction, turn = np.array([0.0, 0.0, 1.0]), pin.Quaternion.Identity()
+    for i, (vector, length) in enumerate(zip(span, lengths, strict=True)):
+        if length > 1e-9:
+            turn = (pin.Quaternion.FromTwoVectors(direction, vector / length) * turn).normalized()
+            direction = vector / length
+        quaternions[i] = turn.coeffs()
+    return quaternions

@@ -1,19 +1,24 @@
-"""Goals of frames in a replay: the axes of poses, balls and boxes at via points, lines."""
+"""What a robot is to reach and to keep away from, in a replay: poses, via points, lines, obstacles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.meshes.parts import MeshPart
+from mbocp.robot import LinkSpheres, Robot
+from mbocp.robot.collision.hull import Hull
+from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.collision.samples import CORNERS, box_around
 from mbocp.view.marks import Marks
-from mbocp.view.meshcat.collision import obstacle_points
 from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
 from mbocp.view.meshcat.shapes import tube
-from mbocp.view.meshcat.viewer import mg
+from mbocp.view.meshcat.viewer import load_primitive, mg
+from mbocp.view.meshcat.visuals import MergedGeometry
 from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:
@@ -24,8 +29,12 @@ _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
 _FAINT = 0.3  # opacity
 _BALL = 0.012
 _VIA, _LINE = (0.95, 0.55, 0.1), (0.3, 0.3, 0.3)  # RGB
-_CORNERS = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 8).T
 _COLOURS = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.3, 0.85))  # x, y, z
+_SPHERE = (0.10, 0.45, 0.85)  # RGB
+_OPACITY = 0.35
+_OBSTACLE = (0.80, 0.36, 0.22)  # RGB
+_SOLID = 0.75  # opacity
+_PLATE = 2.0  # side of the plate that stands for a halfspace, in sizes of the scene
 
 
 def goal_placements(robot: Robot, goals: Sequence[FrameTarget], q: Array) -> list[pin.SE3]:
@@ -75,7 +84,7 @@ def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
     for mark, placed in zip(marks.via, _via_placements(robot, marks, motion), strict=True):
         sides = mark.goal.position_tolerance
         base = _reference(robot, mark.goal, _at(motion, mark.share))
-        corners = np.zeros((1, 3)) if sides is None else _CORNERS * sides
+        corners = np.zeros((1, 3)) if sides is None else CORNERS * sides
         points += [*(placed.translation + corners @ base.rotation.T)]
     points += [point for line in marks.lines for point in line]
     points += obstacle_points(robot, marks.obstacles)
@@ -129,10 +138,81 @@ def _at(motion: Motion, share: float) -> Array:
 
 def _edges(sides: Array) -> list[Array]:
     """The twelve edges of a box with these half sides, each of shape (2, 3)."""
-    pairs = [(a, b) for i, a in enumerate(_CORNERS) for b in _CORNERS[:i] if np.sum(a != b) == 1]
+    pairs = [(a, b) for i, a in enumerate(CORNERS) for b in CORNERS[:i] if np.sum(a != b) == 1]
     return [np.array(pair) * sides for pair in pairs]
 
 
 def _tube(line: Array, radius: float, colour: tuple[float, float, float]) -> Any:
     material = mg.MeshLambertMaterial(vertexColors=True)
     return shape_object(tube(line, radius, np.tile(colour, (len(line), 1))), material)
+
+
+def obstacle_points(robot: Robot, obstacles: Sequence[Obstacle]) -> list[Array]:
+    """Corners of the boxes around obstacles that stand in the world, each of shape (3,) [m]."""
+    found: list[Array] = []
+    for obstacle in obstacles:
+        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        if obstacle.shape == "halfspace" or frame.parentJoint:
+            continue
+        placed = frame.placement * obstacle.placement
+        found += [placed.act(corner) for corner in box_around(obstacle.geometry)]
+    return found
+
+
+def obstacle_commands(
+    robot: Robot, obstacles: Sequence[Obstacle], node: Callable[[int], str], size: float
+) -> Iterator[Command]:
+    """Draw obstacles, in the world or with the joint that carries them; of a halfspace a plate.
+
+    Parameters
+    ----------
+    robot : Robot
+    obstacles : sequence of Obstacle
+    node : callable
+        Path of a joint's node by the index of the joint.
+    size : float
+        Extent of the scene [m].
+    """
+    for number, obstacle in enumerate(obstacles):
+        frame = robot.model.frames[robot.frame_id(obstacle.frame)]
+        joint, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+        is_plate = obstacle.shape == "halfspace"
+        opacity = _OPACITY if is_plate else _SOLID
+        material = mg.MeshPhongMaterial(color=colour_number(_OBSTACLE), transparent=True, opacity=opacity)
+        if is_plate:
+            drawn = mg.Box([_PLATE * size, _PLATE * size, 1e-3 * size])
+        elif obstacle.hull is not None:
+            drawn = MergedGeometry([_flat_sides(obstacle.hull)], [None])
+        else:
+            drawn = load_primitive(pin.GeometryObject(obstacle.name, joint, placed, obstacle.geometry))
+        path = f"{node(joint)}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
+        yield set_object(path, shape_object(drawn, material))
+        yield set_transform(path, placed.rotation, placed.translation)
+
+
+def sphere_commands(
+    robot: Robot, spheres: Sequence[LinkSpheres], node: Callable[[int], str]
+) -> Iterator[Command]:
+    """Draw spheres that move with their joints.
+
+    Parameters
+    ----------
+    robot : Robot
+    spheres : sequence of LinkSpheres
+    node : callable
+        Path of a joint's node by the index of the joint.
+    """
+    material = mg.MeshPhongMaterial(color=colour_number(_SPHERE), transparent=True, opacity=_OPACITY)
+    for link in spheres:
+        placement = robot.model.frames[link.frame].placement
+        for number, (center, radius) in enumerate(zip(link.centers, link.radii, strict=True)):
+            path = f"{node(link.joint)}/spheres/{link.link.replace('/', '|')}_{number}"
+            yield set_object(path, shape_object(mg.Sphere(float(radius)), material))
+            yield set_transform(path, np.eye(3), placement.act(np.array(center)))
+
+
+def _flat_sides(hull: Hull) -> MeshPart:
+    """A hull whose triangles have no corner in common, so that edges are seen."""
+    vertices = hull.vertices[hull.faces.ravel()]
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    return MeshPart(vertices, faces, np.repeat(hull.normals, 3, axis=0), None, None)

@@ -13,8 +13,7 @@ from mbocp._arrays import Array
 from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
-from mbocp.view.meshcat.arrows import force_arrows
-from mbocp.view.meshcat.collision import obstacle_commands, sphere_commands
+from mbocp.view.meshcat.arrows import connector_commands, force_arrows
 from mbocp.view.meshcat.commands import (
     Command,
     Track,
@@ -23,7 +22,6 @@ from mbocp.view.meshcat.commands import (
     set_transform,
     shape_object,
 )
-from mbocp.view.meshcat.connectors import connector_commands
 from mbocp.view.meshcat.ghosts import (
     Other,
     ghost_commands,
@@ -34,7 +32,15 @@ from mbocp.view.meshcat.ghosts import (
     path_points,
     robot_commands,
 )
-from mbocp.view.meshcat.goals import axis_points, goal_commands, goal_placements, mark_commands, mark_points
+from mbocp.view.meshcat.goals import (
+    axis_points,
+    goal_commands,
+    goal_placements,
+    mark_commands,
+    mark_points,
+    obstacle_commands,
+    sphere_commands,
+)
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.viewer import mg

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.meshes.parts import Indices
 from mbocp.view.meshcat.viewer import mg
 
 Colour = tuple[float, float, float]
@@ -45,37 +46,33 @@ def tube(points: Array, radius: float, colours: Array | None = None, sides: int 
     tint = None
     if colours is not None:
         tint = np.vstack([np.repeat(colours, sides, axis=0), colours[:1], colours[-1:]])
-    return mg.TriangularMeshGeometry(vertices, _tube_faces(count, sides), tint)
+    a, b, end = *_neighbours(sides), (count - 1) * sides
+    first, last = np.full(sides, count * sides), np.full(sides, count * sides + 1)
+    caps = [np.stack([first, b, a], axis=1), np.stack([last, end + a, end + b], axis=1)]
+    return mg.TriangularMeshGeometry(vertices, np.vstack([_strips(count, sides), *caps]), tint)
 
 
 def cone(radius: float, length: float, sides: int = 16) -> mg.Geometry:
     """A closed cone along z, its base at z = 0 [m]."""
-    angles, k = 2.0 * np.pi * np.arange(sides) / sides, np.arange(sides)
+    angles, (k, after) = 2.0 * np.pi * np.arange(sides) / sides, _neighbours(sides)
     ring = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros(sides)])
     vertices = np.vstack([ring, [[0.0, 0.0, length], [0.0, 0.0, 0.0]]])
-    after, tip, base = (k + 1) % sides, np.full(sides, sides), np.full(sides, sides + 1)
+    tip, base = np.full(sides, sides), np.full(sides, sides + 1)
     faces = np.vstack([np.column_stack([k, after, tip]), np.column_stack([after, k, base])])
     return mg.TriangularMeshGeometry(vertices, faces)
 
 
-def _tube_faces(count: int, sides: int) -> Array:
-    k = np.arange(sides)
-    a, b = k, (k + 1) % sides
-    faces = [
-        np.concatenate(
-            [
-                np.stack([i + a, i + b, i + sides + b], axis=1),
-                np.stack([i + a, i + sides + b, i + sides + a], axis=1),
-            ]
-        )
-        for i in sides * np.arange(count - 1)
-    ]
-    first, last, end = count * sides, count * sides + 1, (count - 1) * sides
-    caps = [
-        np.stack([np.full(sides, first), b, a], axis=1),
-        np.stack([np.full(sides, last), end + a, end + b], axis=1),
-    ]
-    return np.concatenate(faces + caps)
+def _neighbours(sides: int) -> tuple[Indices, Indices]:
+    """Numbers of a ring's points, and of the points after them."""
+    numbers = np.arange(sides, dtype=np.int64)
+    return numbers, np.roll(numbers, -1)
+
+
+def _strips(count: int, sides: int) -> Indices:
+    """Triangles between rings of points, each ring with the next."""
+    ring = sides * np.arange(count - 1)[:, None]
+    a, b = (ring + k for k in _neighbours(sides))
+    return np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1).reshape(-1, 3)
 
 
 def _any_normal(tangent: Array) -> Array:
@@ -120,17 +117,8 @@ def floor_disc(centre: Array, reach: float, inner: Colour, outer: Colour, rings:
     radii = np.linspace(0.0, 1.0, rings + 1)
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sectors)])
     vertices = np.asarray(centre) + reach * np.einsum("r,sk->rsk", radii, circle).reshape(-1, 3)
-    k = np.arange(sectors)
-    turned = (k + 1) % sectors
-    faces = [
-        np.vstack(
-            [np.stack([i + k, j + k, j + turned], axis=1), np.stack([i + k, j + turned, i + turned], axis=1)]
-        )
-        for i, j in zip(sectors * np.arange(rings), sectors * np.arange(1, rings + 1), strict=True)
-    ]
-    return mg.TriangularMeshGeometry(
-        vertices, np.concatenate(faces), _fade(np.repeat(radii, sectors), inner, outer)
-    )
+    upwards = _strips(rings + 1, sectors)[:, ::-1]
+    return mg.TriangularMeshGeometry(vertices, upwards, _fade(np.repeat(radii, sectors), inner, outer))
 
 
 def _fade(distance: Array, inner: Colour, outer: Colour) -> Array:

@@ -27,6 +27,7 @@ from mbocp.meshes.pictures import Picture, picture_folders, read_picture
 from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
 from mbocp.meshes.stl import binary_stl
 from mbocp.robot import Robot
+from mbocp.robot.collision.samples import CORNERS, box_around
 from mbocp.view.meshcat.commands import colour_number, shape_object
 from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
 
@@ -34,7 +35,6 @@ _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there 
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default
 SCENE_LIMIT = 256 * MEGABYTE  # of all meshes and pictures of a page [bytes]
 _GREY = (0.8, 0.8, 0.8)
-_CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
 
 
 class MeshLibrary:
@@ -74,10 +74,9 @@ class MeshLibrary:
     def corners(self, visual: pin.GeometryObject) -> Array:
         """Corners of the visual's bounding box in its joint's frame, shape (8, 3) [m]."""
         try:
-            low, high = self._bounds(visual)
+            corners = self._box(visual)
         except UNREADABLE:  # a plane, which has no end: count its origin
-            low = high = np.zeros(3)
-        corners = low + _CUBE * (high - low)
+            corners = np.zeros((8, 3))
         return np.asarray(corners @ visual.placement.rotation.T + visual.placement.translation)
 
     def _shape(self, visual: pin.GeometryObject) -> dict[str, Any] | None:
@@ -124,16 +123,15 @@ class MeshLibrary:
             raise ValueError(f"all meshes and pictures have more than {SCENE_LIMIT / MEGABYTE:g} MB")
         self._size += size
 
-    def _bounds(self, visual: pin.GeometryObject) -> tuple[Array, Array]:
+    def _box(self, visual: pin.GeometryObject) -> Array:
         if Path(visual.meshPath).suffix.lower() in READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
-            return points.min(axis=0), points.max(axis=0)
+            return np.asarray(np.where(CORNERS > 0.0, points.max(axis=0), points.min(axis=0)))
         shape = self._load(visual) if visual.meshPath else visual.geometry
-        shape.computeLocalAABB()
-        low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
-        if np.any(low > high) or np.max(np.abs([low, high])) > _ENDLESS:
+        corners = box_around(shape)
+        if np.any(corners[0] > corners[-1]) or np.abs(corners).max() > _ENDLESS:
             raise ValueError(f"visual {visual.name!r} has no extent")
-        return low, high
+        return corners
 
     def _load(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
         return load_by_coal(Path(visual.meshPath), visual.meshScale)

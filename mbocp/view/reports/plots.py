@@ -7,7 +7,8 @@ import html
 import io
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from mbocp.view.figures.lines import LinePanel, line_panels
 from mbocp.view.figures.style import house_style, line_style, mark_phases, new_figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from mbocp.problem import Problem
@@ -61,7 +63,7 @@ def _tie(tiles: Sequence[LinePanel], solution: Solution) -> Iterator[str]:
             axes = figure.add_subplot()
             styles = [line_style(i) for i in range(len(tile.names))]
             tile.draw(axes, styles)
-            mark_phases(axes, solution.phase_times, float(solution.t[0]))
+            mark_phases(axes, solution)
             picture = _picture(figure)
             box = axes.get_position()
         shown = tile.names[:_MAX_NAMES]
@@ -97,18 +99,18 @@ def why_zigzag(solution: Solution) -> str:
 
 def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
     """Convergence, Hamiltonian and drifts as HTML."""
-    tiles: list[tuple[str, panels.Panel]] = [
-        ("convergence", panels.convergence_panel(solution)),
-        ("cost of the iterates", panels.cost_panel(solution)),
-        ("control Hamiltonian", panels.hamiltonian_panel(solution)),
+    tiles: list[tuple[str, Callable[[Axes], None]]] = [
+        ("convergence", partial(panels.draw_convergence, solution)),
+        ("cost of the iterates", partial(panels.draw_cost, solution)),
+        ("control Hamiltonian", partial(panels.draw_hamiltonian, solution)),
     ]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
-        tiles.append(("drift of what is conserved", panels.drift_panel(solution, robot)))
-    for title, tile in tiles:
+        tiles.append(("drift of what is conserved", partial(panels.draw_drift, solution, robot)))
+    for title, draw in tiles:
         with house_style():
             figure = new_figure(*_SIZE)
             axes = figure.add_subplot()
-            tile.draw(axes)
+            draw(axes)
             picture = _picture(figure)
         yield _figure(picture, title)
 
