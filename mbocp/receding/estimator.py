@@ -18,7 +18,7 @@ from mbocp.programme.native import kernel
 from mbocp.receding.estimator_functions import NUM_MOMENTS, EstimatorLayout, load_estimator_functions
 from mbocp.receding.kalman import LinearStage, lower_root
 from mbocp.receding.status import HorizonState, HorizonStatus
-from mbocp.receding.unknowns import numbers_function, unknowns_of, with_constants
+from mbocp.receding.unknowns import unknowns_of, with_payloads
 from mbocp.robot import Robot, load_robot
 
 if TYPE_CHECKING:
@@ -249,14 +249,8 @@ class MovingHorizonEstimator:
 
     def robot(self) -> Robot:
         """Return the robot with the payloads of the last estimate, whose masses are not below zero."""
-        p = np.array(self._horizon.x[-1, -len(self.names) :]) if self.names else np.zeros(0)
-        for k, unknown in enumerate(self._unknowns):
-            p[k] = max(p[k], 0.0) if unknown.kind == "mass" else p[k]
-        return with_constants(self._robot, self._unknowns, np.asarray(self._numbers_of(p)).ravel(), p)
-
-    @cached_property
-    def _numbers_of(self) -> Any:
-        return numbers_function(self._robot, self._unknowns)
+        p = self._horizon.x[-1, self._layout.nq + self._layout.nv :].tolist()
+        return with_payloads(self._robot, self._unknowns, p)
 
     def _kernel(self) -> tuple[KernelProgramme, KernelHorizon]:
         native, at, of = kernel(), self._layout, self._functions.stage_function

@@ -27,10 +27,10 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.formulation.sources import sources_digest
-from mbocp.mechanics import JointMechanics, symbols_of
+from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.receding import unknowns as own_unknowns
-from mbocp.receding.unknowns import Unknown, friction_in, numbers_in
+from mbocp.receding.unknowns import Unknown, friction_in, payload_forces
 from mbocp.robot import Robot
 
 NUM_MOMENTS = 5  # S_0 to S_4
@@ -131,10 +131,8 @@ class _Stage:
 
     def __init__(self, robot: Robot, unknowns: Sequence[Unknown], *, has_v: bool) -> None:
         self.layout = at = EstimatorLayout(robot.nq, robot.nv, robot.nu, len(unknowns))
-        self._numbers = symbols_of(robot)
-        takes = any(unknown.kind in ("mass", "com") for unknown in unknowns)
-        self._mechanics = JointMechanics(robot, numbers=self._numbers if takes else None)
-        self._space, self._unknowns, self._takes, self._has_v = self._mechanics.space, unknowns, takes, has_v
+        self._mechanics = JointMechanics(robot)
+        self._space, self._unknowns, self._has_v = self._mechanics.space, unknowns, has_v
         self.x0, self.x1 = ca.SX.sym("x0", at.nx), ca.SX.sym("x1", at.nx)
         self.w, self.m = ca.SX.sym("w", at.nw), ca.SX.sym("m", at.ndx)
         self.theta = ca.SX.sym("theta", at.num_theta)
@@ -228,11 +226,7 @@ class _Stage:
         there = self._space.integrate(q, turn)
         rows = mechanics.inverse_dynamics(there, v, a) - mechanics.force(there, v, u)
         rows -= friction_in(self._unknowns, p, v)
-        if self._takes:
-            numbers = numbers_in(mechanics.robot, self._unknowns, p)
-            rows = ca.Function("rows", [q, turn, v, a, p, u, self._numbers], [rows])(
-                q, turn, v, a, p, u, numbers
-            )
+        rows += payload_forces(mechanics, self._unknowns, p, there, v, a)
         slopes = ca.jacobian(rows, ca.vertcat(turn, v, a, p))
         still = ca.SX.zeros(at.nv)
         rows, slopes = ca.Function("still", [q, turn, v, a, p, u], [rows, slopes])(q, still, v, a, p, u)

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
-from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.mechanics.payload_numbers import body_numbers, payload_moments
+from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.resistance import FRICTION_SPEED
-from mbocp.symbolic import values_of, with_values
 
 _PAYLOAD = {"mass": ("",), "com": (".x", ".y", ".z")}  # keys, and what the names of their numbers end with
 _FRICTION = ("viscous", "coulomb")
@@ -101,41 +100,53 @@ def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
             yield f"friction.{kind}", tuple(found)
 
 
-def numbers_in(robot: Robot, unknowns: Iterable[Unknown], p: ca.SX) -> ca.SX:
-    """Return `robot.varying_values` as they follow from the constants p, shape (len(unknowns),)."""
-    moves = dict[int, dict[str, list[ca.SX]]]()
-    for k, unknown in enumerate(unknowns):
-        if unknown.kind in _PAYLOAD:
-            size = len(_PAYLOAD[unknown.kind])
-            of_payload = moves.setdefault(unknown.owner, {})
-            of_payload.setdefault(unknown.kind, [ca.SX(0)] * size)[unknown.entry] = p[k] - unknown.value
-    changes = dict[int, ca.SX]()  # of each body that carries some
-    for index, of_payload in moves.items():
-        payload = robot.payloads[index]
-        frame = robot.model.frames[robot.frame_id(payload.frame)]
-        given = {key: ca.vertcat(*columns) for key, columns in of_payload.items()}
-        change = payload_moments(frame.placement, payload, given) - payload_moments(
-            frame.placement, payload, {}
-        )
-        joint = int(frame.parentJoint)
-        changes[joint] = changes.get(joint, ca.SX.zeros(13)) + change
-    bodies = {joint: body_numbers(robot.model.inertias[joint], change) for joint, change in changes.items()}
-    constants = values_of(robot.model, robot.varying)
-    return ca.vertcat(
-        ca.SX.zeros(0, 1),
-        *[
-            bodies[number.owner][number.entry]
-            if number.of == "inertia" and number.owner in bodies
-            else constant
-            for number, constant in zip(robot.varying, constants, strict=True)
-        ],
-    )
+def payload_forces(
+    mechanics: JointMechanics, unknowns: Sequence[Unknown], p: ca.SX, q: ca.SX, v: ca.SX, a: ca.SX
+) -> ca.SX:
+    """Return the forces that move the payloads beyond those of the robot, shape (nv,) [N, N m].
+
+    They are linear in masses, so that one below zero, which a bad guess may be, is no harm.
+    """
+    found = ca.SX.zeros(v.shape)
+    for index in dict.fromkeys(unknown.owner for unknown in unknowns if unknown.kind in _PAYLOAD):
+        payload = mechanics.robot.payloads[index]
+        mass, com = ca.SX(payload.mass), ca.SX(payload.com)
+        for k, unknown in enumerate(unknowns):
+            if unknown.kind == "mass" and unknown.owner == index:
+                mass = p[k]
+            if unknown.kind == "com" and unknown.owner == index:
+                com[unknown.entry] = p[k]
+        old_mass, old_com = payload.mass, ca.SX(payload.com)
+        m, h = mass - old_mass, mass * com - old_mass * old_com
+        second = mass * _second_moment(com) - old_mass * _second_moment(old_com)
+        V, A, jacobian = _frame_motion(mechanics, mechanics.robot.frame_id(payload.frame), q, v, a)
+
+        def momentum(twist: ca.SX, m: ca.SX = m, h: ca.SX = h, second: ca.SX = second) -> tuple[ca.SX, ca.SX]:
+            return m * twist[:3] + ca.cross(twist[3:], h), ca.cross(h, twist[:3]) + second @ twist[3:]
+
+        (linear, angular), (force, torque) = momentum(V), momentum(A)
+        force += ca.cross(V[3:], linear)
+        torque += ca.cross(V[3:], angular) + ca.cross(V[:3], linear)
+        found += jacobian.T @ ca.vertcat(force, torque)
+    return found
 
 
-def numbers_function(robot: Robot, unknowns: Sequence[Unknown]) -> ca.Function:
-    """Return the same as a function of numbers."""
-    p = ca.SX.sym("p", len(unknowns))
-    return ca.Function("numbers", [p], [numbers_in(robot, unknowns, p)])
+def _frame_motion(
+    mechanics: JointMechanics, frame: int, q: ca.SX, v: ca.SX, a: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Twist of a frame in its axes, its derivative as if gravity were an acceleration, and its Jacobian."""
+    functions = mechanics.functions
+    at, rate, turn = (ca.SX.sym(name, value.shape) for name, value in (("q", q), ("v", v), ("turn", v)))
+    twist = mechanics.evaluate(functions.frame_velocity(frame, "local"), mechanics.integrate(at, turn), rate)
+    along = ca.Function("along", [at, rate, turn], [ca.jtimes(twist, turn, rate)])
+    jacobian = mechanics.evaluate(functions.frame_jacobian(frame, "local"), q)
+    gravity = mechanics.frame_rotation(frame, q).T @ ca.DM(mechanics.robot.model.gravity.linear)
+    A = jacobian @ a + along(q, v, ca.SX.zeros(v.shape)) - ca.vertcat(gravity, ca.SX.zeros(3))
+    return jacobian @ v, A, jacobian
+
+
+def _second_moment(c: ca.SX) -> ca.SX:
+    return ca.dot(c, c) * ca.SX.eye(3) - ca.mtimes(c, c.T)
 
 
 def friction_in(unknowns: Iterable[Unknown], p: ca.SX, v: ca.SX) -> ca.SX:
@@ -150,25 +161,25 @@ def friction_in(unknowns: Iterable[Unknown], p: ca.SX, v: ca.SX) -> ca.SX:
     return force
 
 
-def with_constants(robot: Robot, unknowns: Iterable[Unknown], numbers: Array, values: Array) -> Robot:
-    """Return the robot with other payloads, whose masses are not below zero.
-
-    Parameters
-    ----------
-    robot : Robot
-    unknowns : iterable of Unknown
-    numbers : ndarray
-        Values of `robot.varying`.
-    values : ndarray
-        Of the unknowns.
-    """
-    payloads = list(robot.payloads)
-    for unknown, value in zip(unknowns, values.tolist(), strict=True):
-        if unknown.kind == "mass":
-            payloads[unknown.owner] = replace(payloads[unknown.owner], mass=value)
-        if unknown.kind == "com":
-            x, y, z = (value if k == unknown.entry else c for k, c in enumerate(payloads[unknown.owner].com))
-            payloads[unknown.owner] = replace(payloads[unknown.owner], com=(x, y, z))
+def with_payloads(robot: Robot, unknowns: Iterable[Unknown], values: Sequence[float]) -> Robot:
+    """Return the robot with payloads as the constants say, of masses that are not below zero."""
+    payloads, model = list(robot.payloads), robot.model.copy()
+    for unknown, value in zip(unknowns, values, strict=True):
+        payload = payloads[unknown.owner] if unknown.kind in _PAYLOAD else None
+        if payload is not None and unknown.kind == "mass":
+            payloads[unknown.owner] = replace(payload, mass=max(value, 0.0))
+        elif payload is not None:
+            x, y, z = (value if k == unknown.entry else c for k, c in enumerate(payload.com))
+            payloads[unknown.owner] = replace(payload, com=(x, y, z))
+    for old, new in zip(robot.payloads, payloads, strict=True):
+        if new is not old:
+            frame, tip = model.frames[robot.frame_id(old.frame)], model.frames[robot.frame_id(old.name)]
+            before, after = (
+                frame.placement.act(pin.Inertia(one.mass, np.array(one.com), one.inertia_matrix))
+                for one in (old, new)
+            )
+            joint = frame.parentJoint
+            model.inertias[joint] = model.inertias[joint] - before + after
+            tip.placement = frame.placement * new.tip
     spec = {**robot.spec, "payload": [payload.table for payload in payloads]}
-    model = with_values(robot.model, robot.varying, numbers)
     return replace(robot, model=model, payloads=tuple(payloads), spec=spec)

@@ -19,7 +19,6 @@ from mbocp.formulation.gains import tangents
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.integrators import VELOCITY_TAU
-from mbocp.mechanics.payload_numbers import body_numbers, payload_moments
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.limits import LIMITS
@@ -469,14 +468,33 @@ def _derivatives_of_body(
     """
     sizes = {"mass": 1, "com": 3, "inertia": 6}
     moved = ca.SX.sym(key, sizes[key])
-    change = payload_moments(placement, payload, {key: moved}) - payload_moments(placement, payload, {})
-    com = ca.SX(payload.com) + (moved if key == "com" else ca.SX.zeros(3))
-    centre = ca.DM(placement.translation) + ca.DM(placement.rotation) @ com
+    moves = {name: moved if name == key else ca.SX.zeros(size) for name, size in sizes.items()}
+    R, mass = placement.rotation, payload.mass + moves["mass"]
+    centre = placement.translation + ca.mtimes(R, ca.SX(payload.com) + moves["com"])
+    xx, yy, zz, xy, xz, yz = ca.vertsplit(ca.SX(payload.inertia) + moves["inertia"])
+    own = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    before = placement.act(pin.SE3(np.eye(3), np.array(payload.com))).translation
+    whole = body.mass + moves["mass"]
+    lever = (body.mass * body.lever - payload.mass * before + mass * centre) / whole
+    about_origin = (
+        body.inertia
+        + body.mass * _second_moment(ca.SX(body.lever))
+        - R @ payload.inertia_matrix @ R.T
+        - payload.mass * _second_moment(ca.SX(before))
+        + ca.mtimes([R, own, R.T])
+        + mass * _second_moment(centre)
+    )
+    moments = about_origin - whole * _second_moment(lever)
+    entries = [moments[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
     tip = centre if payload.position is None else ca.SX(3, 1)
-    parts = (body_numbers(body, change), tip)
+    parts = (ca.vertcat(whole, lever, *entries), tip)
     slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(part, moved)) for part in parts])
     of_body, of_frame = slopes(np.zeros(sizes[key]))
     return np.asarray(of_body), np.asarray(of_frame)
+
+
+def _second_moment(c: ca.SX) -> ca.SX:
+    return ca.dot(c, c) * ca.SX.eye(3) - ca.mtimes(c, c.T)
 
 
 PARAMETERS: tuple[type[Parameter], ...] = (
