@@ -227,7 +227,8 @@ class _Stage:
         rows = mechanics.inverse_dynamics(there, v, a) - mechanics.force(there, v, u)
         rows -= friction_in(self._unknowns, p, v)
         rows += payload_forces(mechanics, self._unknowns, p, there, v, a)
-        slopes = ca.jacobian(rows, ca.vertcat(turn, v, a, p))
+        rows = ca.cse(rows)  # payloads move with frames that the robot's own equations know, too
+        rows, slopes = ca.cse([rows, ca.jacobian(rows, ca.vertcat(turn, v, a, p))])
         still = ca.SX.zeros(at.nv)
         rows, slopes = ca.Function("still", [q, turn, v, a, p, u], [rows, slopes])(q, still, v, a, p, u)
         return ca.Function("balance", [ca.vertcat(q, v, a, p), u], [rows, slopes])
