@@ -1,4 +1,4 @@
-"""A horizon that moves on: an optimal control problem solved again and again, from where the robot is."""
+"""Horizons that move on: one that controls a robot from where it is, and one that estimates where that is."""
 
 from mbocp.receding.estimator import Estimate, MovingHorizonEstimator
 from mbocp.receding.horizon import HorizonStep, RecedingHorizon

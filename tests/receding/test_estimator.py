@@ -16,9 +16,12 @@ import mbocp
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.programme.compiler import compiler
 from mbocp.receding import MovingHorizonEstimator
+from mbocp.receding.estimator_functions import EstimatorLayout, load_estimator_functions
+from mbocp.receding.unknowns import unknowns_of
 from mbocp.robot import Payload, Robot
 from tests.mechanics.models import chain, point_mass, robot, weightless
 
+pytestmark = pytest.mark.usefixtures("interpreted")
 HERE = Path(__file__).parent
 LOAD = {"frame": "tool0", "name": "load", "com": [0.0, 0.0, 0.05]}
 PERIOD = 1e-3  # [s]
@@ -204,6 +207,38 @@ def test_attitudes_and_circles_are_estimated_on_their_groups(period):
     assert found.deviations["payload.load.mass"] < 0.3
 
 
+def test_the_place_of_a_weight_and_dry_friction_are_found():
+    """Of a lever that swings about a level axis, one way and the other."""
+    own = robot(chain("RY")[0])
+    truth = Payload(frame="body", name="load", mass=1.0, com=(0.4, 0.0, -0.1))
+    heavy, guess = own.with_payload(truth), own.with_payload(Payload(frame="body", name="load", mass=1.0))
+    estimator = MovingHorizonEstimator(
+        guess,
+        measured={"q": 1e-5},
+        unknowns={"payload.load.com": 0.5, "friction.coulomb.0_RY": 5.0},
+        disturbance=1e-3,
+        steps=50,
+    )
+    names = ("payload.load.com.x", "payload.load.com.y", "payload.load.com.z", "friction.coulomb.0_RY")
+    assert estimator.names == names
+    rng, q, v, dry = np.random.default_rng(6), np.zeros(1), np.zeros(1), 2.0
+    estimator.update(q)
+    for k in range(1500):
+        given = np.array([30.0 * np.sin(0.006 * k)])
+        force = given - dry * np.tanh(v / 0.1)
+        ((q, v, y),) = simulate(heavy, q, v, [force], rng, 1e-5, substeps=1)
+        found = estimator.update(y, given, dt=PERIOD)
+    off = np.abs(np.array(list(found.parameters.values())) - [0.4, 0.0, -0.1, dry])
+    assert found.unobserved == ("payload.load.com.y",)  # along the axis
+    assert (off < [0.01, 0.01, 0.01, 0.05]).all(), off
+    laden = estimator.robot()
+    np.testing.assert_allclose(
+        pin.crba(laden.model, laden.model.createData(), q),
+        pin.crba(heavy.model, heavy.model.createData(), q),
+        rtol=0.02,
+    )
+
+
 def test_what_no_sample_tells_is_named():
     """A weight in the axis of an upright joint does not show, and one beside it does."""
     own = robot(chain("RZ")[0])
@@ -223,6 +258,34 @@ def test_what_no_sample_tells_is_named():
     assert found[0.0].parameters["payload.load.mass"] == pytest.approx(1.0)
     assert found[0.5].unobserved == ()
     assert found[0.5].deviations["payload.load.mass"] < 0.05
+
+
+def test_derivatives_are_those_of_differences_on_the_group():
+    """Of rows and gradient, in both states along their tangents, in noise and in constants."""
+    model, _ = chain("FreeFlyer RUBY")
+    own = robot(model).with_payload(Payload(frame="body", name="load", mass=0.7, com=(0.1, 0.2, 0.3)))
+    words = ("payload.load.mass", "payload.load.com", "friction.viscous", "friction.coulomb")
+    constants = unknowns_of(own, words)
+    at = EstimatorLayout(own.nq, own.nv, own.nu, len(constants))
+    of = load_estimator_functions(own, constants, has_v=True).stage_function
+    rng, n = np.random.default_rng(7), at.ndx
+    theta, rho = rng.uniform(0.5, 1.0, at.num_theta), rng.uniform(0.5, 1.0, at.num_rho)
+    for name, value in {"h": 0.1, "rate": 10.0, "moves": 1.0, "arrives": 0.5, "reference": own.q0}.items():
+        rho[at.rho[name]] = value
+    x = np.concatenate([own.q0, np.zeros(own.nv), [unknown.value for unknown in constants]])
+    moved = of("retract")
+    x0, x1 = (moved.evaluate([x, 0.1 * rng.standard_normal(n)], 1, False)[0] for _ in range(2))
+    w, linear, size = rng.standard_normal(at.nw), of("linear"), 1e-6
+    _, slopes, gradient, _ = linear.evaluate([x0, x1, w, theta, rho], 1, False)
+
+    def values(d):
+        ends = [moved.evaluate([x, part], 1, False)[0] for x, part in ((x1, d[:n]), (x0, d[n : 2 * n]))]
+        return of("values").evaluate([ends[1], ends[0], np.zeros(0), w + d[2 * n :], theta, rho], 1, False)
+
+    for k, unit in enumerate(size * np.eye(2 * n + at.nw)):
+        (c, cost), (c_before, cost_before) = values(unit), values(-unit)
+        np.testing.assert_allclose(slopes.reshape(-1, n)[k], (c - c_before) / (2 * size), atol=1e-6)
+        np.testing.assert_allclose(gradient[k], (cost - cost_before) / (2 * size), atol=1e-5)
 
 
 def test_a_lost_sample_is_bridged():
