@@ -6,18 +6,18 @@ import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
 from mbocp.programme.native import kernel
 from mbocp.receding.estimator_functions import NUM_MOMENTS, EstimatorLayout, load_estimator_functions
 from mbocp.receding.kalman import LinearStage, lower_root
-from mbocp.receding.status import HorizonState, HorizonStatus
+from mbocp.receding.status import HorizonStatus
 from mbocp.receding.unknowns import unknowns_of, with_payloads
 from mbocp.robot import Robot, load_robot
 
@@ -30,6 +30,7 @@ _FIRST = 2  # stages before the steps
 _UNSEEN = 0.9  # of the standard deviation without any sample: above, samples say next to nothing
 _ROUND_OFF = 1e-6  # of the length of a step
 _LONGEST = 1e3  # [s] between samples
+_GUESSED = 1.0  # standard deviation of the first configuration, where it is not measured [rad, m]
 _MOST_STEPS, _MOST_ITERATIONS = 10_000, 1_000_000
 
 
@@ -101,7 +102,8 @@ class MovingHorizonEstimator:
         Steps of the horizon, motions of constant acceleration. Any number of samples may lie in one.
     measured : mapping
         Standard deviations of samples: `q` along its tangent [rad, m] and, if it is measured, `v`
-        [rad/s, m/s]; a number, or one for each component, `inf` for what is not measured.
+        [rad/s, m/s]; a number, or one for each component, `inf` for joints that are not measured, which
+        begin near the first sample.
     unknowns : mapping of str to float, optional
         Constants to find, with the standard deviation of what the robot has for them:
         `payload.NAME.mass`, `payload.NAME.com`, `friction.viscous`, `friction.coulomb`, and of one joint
@@ -154,6 +156,7 @@ class MovingHorizonEstimator:
             key: _deviations(f"measured.{key}", value, own.nv, most=math.inf)
             for key, value in measured.items()
         }
+        _check_whole(own, np.isinf(self._sigma["q"]))
         self._speed = _deviations("speed", speed, 1)[0]
         words = [unknown.group for unknown in self._unknowns]
         prior = [_deviations(f"unknowns.{word}", unknowns[word], 1) for word in words]
@@ -175,7 +178,7 @@ class MovingHorizonEstimator:
         self._programme, self._horizon = self._kernel()
         self._root = self._root_before = np.zeros((at.ndx, at.ndx))  # L of the first step, and of the newest
         self._x = self._start(own.q0, np.zeros(at.nv))  # mean at the first step
-        self._u, self._last_q = np.zeros(at.nu), np.array(own.q0)
+        self._u = np.zeros(at.nu)
         self._time = -1.0  # since the first sample; there is none yet
 
     def update(
@@ -199,7 +202,7 @@ class MovingHorizonEstimator:
         v : array_like, shape (nv,), optional
             Measured velocity [m/s, rad/s], where `measured` has it.
         dt : float, optional
-            Time since the sample before [s]; one step of the horizon by default. The first has none.
+            Time since the sample before [s]; one step of the horizon by default. The first needs none.
         iterations : int, optional
             Gauss-Newton steps at most, in place of those of the estimator.
         time_limit : float, optional
@@ -215,37 +218,31 @@ class MovingHorizonEstimator:
             sample = None
         given = None if u is None else _numbers("u", u, own.nu, wrong)
         self._u = self._u if given is None else given
-        length = min(_time("dt", dt, self._step, wrong), _LONGEST)
+        length = min(_time("dt", dt, self._step, wrong) or self._step, _LONGEST)
+        if dt == 0:
+            wrong.append("dt: got 0, expected the time since the sample before")
         limit = _time("time_limit", time_limit, math.inf, wrong) * _MICROSECOND
         count = self._iterations if iterations is None else iterations
         if not (isinstance(count, int) and 0 <= count <= _MOST_ITERATIONS):
             wrong.append(f"iterations: got {iterations}, expected 0 to {_MOST_ITERATIONS}")
             count = self._iterations
         shift = 0.0
-        if self._time < 0.0:
-            count = 0
-            if sample is None:
-                wrong.append("q: the first sample must have it")
-            else:
-                self._begin(sample, rate)
-        elif length > 0.0:
-            shift = float(self._make_room(length))
+        if self._time >= 0.0 and not self._has_room(length):
+            shift = float(self._make_room())
+            if not shift:
+                wrong.append("the estimate was not finite, and begins anew")
+        if self._time >= 0.0:
             self._add(sample, rate, length)
+        elif sample is None:
+            count = 0
+            wrong.append("q: the first sample must have it")
+        else:
+            count = 0
+            self._begin(sample, rate)
         self._of_all["arrival"][:] = self._root.T[np.triu_indices(len(self._root))]
         self._programme.set_parameters(self._theta, self._rows.ravel(), np.zeros(0))
         found = self._horizon.step(self._x, shift, count, limit)
-        return self._estimate(
-            HorizonStatus(
-                cast(HorizonState, "bad_input" if wrong else found.outcome.name),
-                found.iterations,
-                found.increment,
-                found.length,
-                found.violation,
-                0.0,
-                found.seconds,
-                "; ".join(wrong),
-            )
-        )
+        return self._estimate(HorizonStatus.of(found, wrong))
 
     def robot(self) -> Robot:
         """Return the robot with the payloads of the last estimate, whose masses are not below zero."""
@@ -292,33 +289,41 @@ class MovingHorizonEstimator:
         return x
 
     def _begin(self, q: Array, v: Array | None) -> None:
-        """Take the first sample for what is known before."""
+        """Take the first sample for what is known before; for what is not measured it is a guess."""
         at, sigma = self._layout, self._sigma
         measured = {key: np.isfinite(values) for key, values in sigma.items()}
-        std_q = np.where(measured["q"], sigma["q"], 1.0)
+        std_q = np.where(measured["q"], sigma["q"], _GUESSED)
         std_v, rate = np.full(at.nv, self._speed), np.zeros(at.nv)
         if v is not None:
             std_v = np.where(measured["v"], sigma["v"], self._speed)
             rate = np.where(measured["v"], v, 0.0)
         self._x = self._start(q, rate)
         self._root = self._root_before = np.diag(np.concatenate([std_q, std_v, self._prior]))
-        self._last_q, self._time = q, 0.0
+        self._time = 0.0
 
-    def _make_room(self, dt: float) -> bool:
-        """Begin a new step if the newest one has no room for so much time.
+    def _has_room(self, dt: float) -> bool:
+        """Return whether so much time fits into the newest step; a new one takes any."""
+        h = float(self._newest["h"][0])
+        return h == 0.0 or h + dt <= (1.0 + _ROUND_OFF) * self._step
 
-        What the oldest one says goes to where the first stages begin.
+    def _make_room(self) -> bool:
+        """Begin a new step, and let the first stages begin where the oldest one ends, as its samples say.
+
+        Where that is not finite nothing is kept, and False returned.
         """
-        h = self._newest["h"][0]
-        if h == 0.0 or h + dt <= (1.0 + _ROUND_OFF) * self._step:
+        rows, x, mean = self._rows, self._horizon.x, self._x
+        before, root = lower_root(self._root_after_newest()()), self._root
+        if rows[_FIRST, self._layout.rho["moves"]][0]:
+            (off,) = self._difference.evaluate([np.array(x[_FIRST]), mean], 1, False)
+            moved, columns = _filtered(self._stage(_FIRST), off, root)
+            if np.isfinite(moved).all():
+                (mean,) = self._retract.evaluate([np.array(x[_FIRST + 1]), moved], 1, False)
+            root = lower_root(columns)
+        if not (np.isfinite(before).all() and np.isfinite(root).all()):
+            rows[_FIRST:] = 0.0
+            self._time = -1.0
             return False
-        at, rows, x = self._layout, self._rows, self._horizon.x
-        self._root_before = lower_root(self._root_after_newest()())
-        if rows[_FIRST, at.rho["moves"]][0]:
-            (off,) = self._difference.evaluate([np.array(x[_FIRST]), self._x], 1, False)
-            moved, root = self._stage(_FIRST)().filter(off, self._root)
-            self._root = lower_root(root)
-            (self._x,) = self._retract.evaluate([np.array(x[_FIRST + 1]), moved], 1, False)
+        self._x, self._root, self._root_before = mean, root, before
         rows[_FIRST:-1] = rows[_FIRST + 1 :]
         rows[-1] = 0.0
         return True
@@ -330,13 +335,11 @@ class MovingHorizonEstimator:
         t = before + dt
         self._time += dt
         if before == 0.0:
-            row["reference"][:] = self._last_q
+            row["reference"][:] = self._horizon.x[-1, : self._layout.nq]
         row["h"][0], row["rate"][0], row["moves"][0] = t, 1.0 / t, 1.0
         row["u"][:] = (before * row["u"] + dt * self._u) / t
         if q is None:
-            self._last_q = np.array(self._horizon.x[-1, : self._layout.nq])
             return
-        self._last_q = q
         row["moments"] += t ** np.arange(NUM_MOMENTS)
         off = pin.difference(self._robot.model, row["reference"], q)
         for values, weights, key in ((off, (1.0, t, t * t / 2), "of_q"), (v, (1.0, t), "of_v")):
@@ -367,8 +370,16 @@ class MovingHorizonEstimator:
         )
 
 
+def _filtered(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
+    """Mean and root after a stage; NaN where its functions are not finite or its steps have no solution."""
+    try:
+        return stage().filter(mean, root)
+    except (np.linalg.LinAlgError, RuntimeError):
+        return np.full_like(mean, np.nan), np.full_like(root, np.nan)
+
+
 def _root_after(stage: Callable[[], LinearStage], root: Array) -> Array:
-    return stage().filter(np.zeros(len(root)), root)[1]
+    return _filtered(stage, np.zeros(len(root)), root)[1]
 
 
 def _robot_of(given: Robot | Problem | str) -> Robot:
@@ -379,6 +390,17 @@ def _robot_of(given: Robot | Problem | str) -> Robot:
         if is_there:
             raise ProblemError(f"estimator: robot {robot.name!r} has {what}, which it does not know")
     return robot
+
+
+def _check_whole(robot: Robot, is_unmeasured: BoolArray) -> None:
+    """Refuse a part of an attitude or pose: its logarithm needs the rest of it."""
+    for name in robot.joint_names:
+        of_v, of_q = robot.velocity_indices(name), robot.configuration_indices(name)
+        is_vector = of_q.stop - of_q.start == of_v.stop - of_v.start
+        if is_unmeasured[of_v].any() and not (is_vector or is_unmeasured[of_v].all()):
+            raise ProblemError(
+                f"measured.q: joint {name!r} has some components that are inf; give all or none"
+            )
 
 
 def _check_words(name: str, given: Mapping[str, Any], known: Collection[str]) -> None:

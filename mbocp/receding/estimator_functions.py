@@ -193,13 +193,12 @@ class _Stage:
         )
         base = ca.SX.sym("base", at.nq)
         of_middle = ca.vertcat(self._space.difference(base, middle[: at.nq]), middle[at.nq :])
-        balance, slopes = self._balance()(middle, own["u"])
         rest = ca.vertcat(
             self._space.difference(q1, self._space.integrate(q0, h / 2 * (v0 + v1))),
             (1 - moves) * (v0 - v1) - moves * root * self._of_all["disturbance"] * noise_v,
             p0 + root * self._of_all["drift"] * noise_p - p1,
         )
-        coefficients, target = self._motion(*self._parts(moved0), q1, v1)
+        coefficients, W, moments = self._motion(*self._parts(moved0)[:2], v1)
         J = ca.jacobian(coefficients, z)
         found = [rest, ca.jacobian(rest, z), coefficients, J, middle, ca.jacobian(of_middle, z)]
         rest, drest, coefficients, J, middle, dmiddle = self._at_zero(found, [base, middle[: at.nq]])
@@ -208,7 +207,6 @@ class _Stage:
         scale = moves * h
         drest[at_v, :] += scale * (slopes @ dmiddle)
         rest[at_v] += scale * balance
-        W, moments = target
         Wa = W @ coefficients
         cost = ca.dot(self.w, self.w) / 2 + ca.dot(coefficients, Wa / 2 - moments) + own["squares"]
         gradient = J.T @ (Wa - moments)
@@ -233,9 +231,7 @@ class _Stage:
         rows, slopes = ca.Function("still", [q, turn, v, a, p, u], [rows, slopes])(q, still, v, a, p, u)
         return ca.Function("balance", [ca.vertcat(q, v, a, p), u], [rows, slopes])
 
-    def _motion(
-        self, q0: ca.SX, v0: ca.SX, p0: ca.SX, q1: ca.SX, v1: ca.SX
-    ) -> tuple[ca.SX, tuple[ca.SX, ca.SX]]:
+    def _motion(self, q0: ca.SX, v0: ca.SX, v1: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Coefficients in time of the motion within the stage, weights of their squares and of themselves."""
         own, nv = self._own, self.layout.nv
         coefficients = ca.vertcat(self._space.difference(own["reference"], q0), v0, (v1 - v0) * own["rate"])
@@ -247,7 +243,7 @@ class _Stage:
             rates = ca.blockcat([[0, 0, 0], [0, S[0], S[1]], [0, S[1], S[2]]])
             W += ca.kron(ca.sparsify(rates), ca.diag(of_v))
             moments[nv:] += ca.repmat(of_v, 2) * own["of_v"]
-        return coefficients, (W, moments)
+        return coefficients, W, moments
 
     def _at_zero(self, expressions: list[ca.SX], base: list[ca.SX]) -> list[ca.SX]:
         """Expressions at zero tangents, where a base is what is given for it there."""

@@ -12,7 +12,7 @@ import pinocchio as pin
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
-from mbocp.robot.resistance import FRICTION_SPEED
+from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 
 _PAYLOAD = {"mass": ("",), "com": (".x", ".y", ".z")}  # keys, and what the names of their numbers end with
 _FRICTION = ("viscous", "coulomb")
@@ -49,9 +49,7 @@ class Unknown:
 
 
 def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
-    """Constants by their words: `payload.NAME.mass`, `.com`, `friction.viscous`, `friction.coulomb`.
-
-    The name of a joint may stand behind a word of friction.
+    """Return constants by their words, see `MovingHorizonEstimator`.
 
     Raises
     ------
@@ -76,7 +74,8 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
 
 def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     for index, payload in enumerate(robot.payloads):
-        for key, ends in _PAYLOAD.items():
+        carries = payload.name in {other.frame for other in robot.payloads}  # they would move with it
+        for key, ends in (("mass", _PAYLOAD["mass"]),) if carries else _PAYLOAD.items():
             word, values = f"payload.{payload.name}.{key}", np.atleast_1d(getattr(payload, key))
             yield (
                 word,
@@ -91,11 +90,9 @@ def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     for kind, attribute in zip(_FRICTION, ("damping", "friction"), strict=True):
         found = list[Unknown]()
         for name, dof in single.items():
-            value, speed = (
-                getattr(own.get(dof), attribute, 0.0),
-                getattr(own.get(dof), "speed", FRICTION_SPEED),
-            )
-            found.append(Unknown(f"friction.{kind}.{name}", "", value, kind, dof, speed=speed))
+            loss = own.get(dof, JointResistance(name, dof))
+            value = float(getattr(loss, attribute))
+            found.append(Unknown(f"friction.{kind}.{name}", "", value, kind, dof, speed=loss.speed))
         if found:
             yield f"friction.{kind}", tuple(found)
 
@@ -117,18 +114,23 @@ def payload_forces(
             if unknown.kind == "com" and unknown.owner == index:
                 com[unknown.entry] = p[k]
         old_mass, old_com = payload.mass, ca.SX(payload.com)
-        m, h = mass - old_mass, mass * com - old_mass * old_com
-        second = mass * _second_moment(com) - old_mass * _second_moment(old_com)
+        inertia = (
+            mass - old_mass,
+            mass * com - old_mass * old_com,
+            mass * _second_moment(com) - old_mass * _second_moment(old_com),
+        )
         V, A, jacobian = _frame_motion(mechanics, mechanics.robot.frame_id(payload.frame), q, v, a)
-
-        def momentum(twist: ca.SX, m: ca.SX = m, h: ca.SX = h, second: ca.SX = second) -> tuple[ca.SX, ca.SX]:
-            return m * twist[:3] + ca.cross(twist[3:], h), ca.cross(h, twist[:3]) + second @ twist[3:]
-
-        (linear, angular), (force, torque) = momentum(V), momentum(A)
-        force += ca.cross(V[3:], linear)
-        torque += ca.cross(V[3:], angular) + ca.cross(V[:3], linear)
-        found += jacobian.T @ ca.vertcat(force, torque)
+        (linear, angular), (force, torque) = _momentum(inertia, V), _momentum(inertia, A)
+        turning = ca.cross(V[3:], angular) + ca.cross(V[:3], linear)
+        found += jacobian.T @ ca.vertcat(force + ca.cross(V[3:], linear), torque + turning)
     return found
+
+
+def _momentum(inertia: tuple[ca.SX, ca.SX, ca.SX], twist: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Momentum about a frame's origin, by mass, first and second moments there."""
+    mass, first, second = inertia
+    v, w = twist[:3], twist[3:]
+    return mass * v + ca.cross(w, first), ca.cross(first, v) + second @ w
 
 
 def _frame_motion(

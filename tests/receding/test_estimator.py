@@ -303,6 +303,19 @@ def test_a_lost_sample_is_bridged():
     assert (found.standard_deviations > before.standard_deviations).all()
 
 
+def test_what_has_no_solution_is_said():
+    """A base without mass: its accelerations do not follow from forces."""
+    estimator = MovingHorizonEstimator(
+        robot(chain("FreeFlyer RUBY")[0]), measured={"q": 1e-4}, disturbance=1e-2
+    )
+    q, told = pin.neutral(estimator._robot.model), set()
+    for _ in range(40):
+        found = estimator.update(q, np.zeros(7), dt=PERIOD)
+        told.add(found.status.state)
+        assert found.standard_deviations.shape == (14,)
+    assert told - {"moved_on", "improved", "converged"}
+
+
 BAD_SAMPLES = {
     "q: got shape (2,), expected (3,)": {"q": np.zeros(2)},
     "q: not finite": {"q": np.full(3, math.nan)},
@@ -310,6 +323,7 @@ BAD_SAMPLES = {
     "u: got shape (), expected (3,)": {"u": 1.0},
     "v: `measured` does not have it": {"v": np.zeros(3)},
     "dt: got -1, expected a time >= 0": {"dt": -1},
+    "dt: got 0, expected the time since": {"dt": 0},
     "time_limit: got soon, expected a time >= 0": {"time_limit": "soon"},
     "iterations: got -2, expected 0 to 1000000": {"iterations": -2},
 }
@@ -354,6 +368,13 @@ def test_what_cannot_be_estimated_is_refused(words, arm):
     with pytest.raises((ProblemError, InvalidValue)) as raised:
         of_arm(given.pop("robot", arm), **given)
     assert words in str(raised.value)
+
+
+def test_a_pose_is_measured_as_a_whole_or_not_at_all():
+    own = robot(chain("FreeFlyer")[0])
+    for sigma in ([1e-4] * 3 + [math.inf] * 3, [math.inf] * 5 + [1.0]):
+        with pytest.raises(ProblemError, match="joint '0_FreeFlyer' has some components that are inf"):
+            MovingHorizonEstimator(own, measured={"q": sigma}, disturbance=1e-2)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD and the counter are for Linux")
