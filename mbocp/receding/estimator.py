@@ -321,6 +321,7 @@ class MovingHorizonEstimator:
             root = lower_root(columns)
         if not (np.isfinite(before).all() and np.isfinite(root).all()):
             rows[_FIRST:] = 0.0
+            rows[_FIRST:, self._layout.rho["reference"]] = self._robot.q0
             self._time = -1.0
             return False
         self._x, self._root, self._root_before = mean, root, before

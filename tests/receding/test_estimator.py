@@ -316,6 +316,22 @@ def test_what_has_no_solution_is_said():
     assert told - {"moved_on", "improved", "converged"}
 
 
+def test_an_estimate_that_is_lost_begins_anew():
+    estimator = MovingHorizonEstimator(
+        robot(weightless(chain("FreeFlyer")[0])), measured={"q": 1e-4}, disturbance=1e-2
+    )
+    q = pin.neutral(estimator._robot.model)
+    for _ in range(5):
+        estimator.update(q, np.zeros(6))
+    estimator._root_before = np.full((12, 12), math.nan)
+    found = estimator.update(q, np.zeros(6))
+    assert found.status.detail == "the estimate was not finite, and begins anew"
+    for _ in range(30):
+        found = estimator.update(q, np.zeros(6))
+        assert found.status.is_good, found.status
+    assert (found.standard_deviations < 1e-2).all()
+
+
 BAD_SAMPLES = {
     "q: got shape (2,), expected (3,)": {"q": np.zeros(2)},
     "q: not finite": {"q": np.full(3, math.nan)},
