@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
     from mbocp.problem import Problem, load_problem
-    from mbocp.receding import RecedingHorizon
+    from mbocp.receding import MovingHorizonEstimator, RecedingHorizon
     from mbocp.robot import Robot, load_robot
     from mbocp.sensitivity import Sensitivities, sensitivities
     from mbocp.solution import Solution
@@ -30,6 +30,7 @@ __version__ = "0.1.0"
 __all__ = [
     "MbocpError",
     "Motions",
+    "MovingHorizonEstimator",
     "NotConverged",
     "Problem",
     "RecedingHorizon",

@@ -12,6 +12,7 @@ import pytest
 from mbocp.accuracy import flow
 from mbocp.formulation import build
 from mbocp.programme.compilation import CompiledFunctions
+from mbocp.receding import estimator_functions
 
 # Results must not depend on when a compiler is through; processes that tests start take it over.
 os.environ.setdefault("MBOCP_FUNCTIONS", "compiled")
@@ -35,5 +36,5 @@ def interpreted_functions(
 @pytest.fixture
 def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Transcribe without a compiler, each shape once; for a few solves that is quicker."""
-    for module in (build, flow):
+    for module in (build, flow, estimator_functions):
         monkeypatch.setattr(module, "load_functions", interpreted_functions)

@@ -30,6 +30,11 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"(?:^    .*\n(?:[ \t]*\n(?=    ))?)+", re.MULTILINE)
 SETTING = re.compile(r"--set ['\"]?([a-z_]+(?:\.\w+)*)=")
 PRELUDES = {  # what the text above a block has said
+    "estimation.md": "import numpy as np\n"
+    "_left = iter(range(20))\n"
+    "is_running = lambda: next(_left, None) is not None\n"
+    "sample = lambda: (robot.q0, np.zeros(6))\n"
+    "def send(q, v, mass): assert q.shape == v.shape == (6,)",
     "problem_files.md": "import mbocp",
     "receding_horizon.md": "import mbocp\n"
     "_left = iter(range(20))\n"

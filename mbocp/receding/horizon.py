@@ -172,18 +172,7 @@ class RecedingHorizon:
             self._pass_numbers()
         if found.outcome.name == "bad_state" and not wrong:
             wrong = ["q or v: not finite"]
-        state = "bad_input" if wrong else found.outcome.name
-        status = HorizonStatus(
-            state,  # type: ignore[arg-type]  # names of the kernel's
-            found.iterations,
-            found.increment,
-            found.length,
-            found.violation,
-            found.barrier,
-            found.seconds,
-            "; ".join(wrong),
-        )
-        return self._step(status)
+        return self._step(HorizonStatus.of(found, wrong))
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder from which a C++ program without Python goes on as this horizon would.

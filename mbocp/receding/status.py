@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast
+
+if TYPE_CHECKING:
+    from mbocp._native._kernel import HorizonStatus as KernelStatus
 
 HorizonState: TypeAlias = Literal[
     "converged", "improved", "out_of_time", "stuck", "not_finite", "bad_input", "moved_on"
@@ -52,6 +56,20 @@ class HorizonStatus:
     barrier: float
     seconds: float
     detail: str = ""
+
+    @classmethod
+    def of(cls, found: KernelStatus, wrong: Sequence[str]) -> HorizonStatus:
+        """Return what the kernel says of a step, and what was wrong with what was given."""
+        return cls(
+            cast(HorizonState, "bad_input" if wrong else found.outcome.name),
+            found.iterations,
+            found.increment,
+            found.length,
+            found.violation,
+            found.barrier,
+            found.seconds,
+            "; ".join(wrong),
+        )
 
     @property
     def is_good(self) -> bool:

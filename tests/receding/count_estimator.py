@@ -1,0 +1,35 @@
+"""Heap allocations of the kernel in a hundred samples of an estimator."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+
+import numpy as np
+
+import mbocp
+
+SAMPLES = 100
+
+
+def main() -> None:
+    count = ctypes.CDLL(None).num_allocations
+    count.restype = ctypes.c_long
+    arm = mbocp.load_robot("ur5", payload=[{"frame": "tool0", "name": "load", "mass": 1.0}])
+    estimator = mbocp.MovingHorizonEstimator(
+        arm, measured={"q": 1e-4}, unknowns={"payload.load.mass": 1.0}, disturbance=0.01
+    )
+    q, rng = np.array(arm.q0), np.random.default_rng(0)
+    for _ in range(30):
+        estimator.update(q + 1e-4 * rng.standard_normal(6), np.zeros(6), dt=0.01)
+    native, theta, rho, x = estimator._horizon, estimator._theta, estimator._rows.ravel(), estimator._x
+    none = np.zeros(0)
+    before = count()
+    for k in range(SAMPLES):
+        estimator._programme.set_parameters(theta, rho, none)
+        native.step(x, float(k % 2), 2, math.inf)
+    print(count() - before)
+
+
+if __name__ == "__main__":
+    main()
