@@ -8,6 +8,7 @@ needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
 
 _FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
+_ROBUST_WEIGHT = 1e5  # likewise, where controls answer to what is uncertain
 _SHIFTS = (
     0.0,
     1e-6,
@@ -50,7 +52,8 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
         Of the robot's controls in every step, by moves of q along the tangent and by v at its begin; of
         controls with k values in a step all of them, one block after the other. Active limits stay active:
         the row of a control at its limit is zero. Linear controls have nu more columns, for what the control
-        is away from its plan at the begin of the step, of which there is nothing in the first. Shape
+        is away from its plan at the begin of the step, of which there is nothing in the first. Of robust
+        problems they are those of the cost alone, without limits and the curvature of the mechanics. Shape
         (0, 0, 0) where states are not (q, v), as in natural coordinates, where steps leave the manifold of
         rotations, or where no weight gives the signs of a minimum.
     """
@@ -61,8 +64,14 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     space = formulation.space
     if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
+    weight = _FIRST_WEIGHT
+    if (
+        problem.robust is not None
+    ):  # the exact Hessian is that of a minimum at the plan, and may not stabilise
+        weight = _ROBUST_WEIGHT
+        iterate = replace(iterate, ms=np.zeros_like(iterate.ms), eta=np.zeros_like(iterate.eta), bounds=None)
     found = hold_active_limits(formulation.programme, iterate)
-    if found is None or not _factorise(found[0], formulation.programme):
+    if found is None or not _factorise(found[0], formulation.programme, weight):
         return np.zeros((0, 0, 0))
     native, held = found
     kind = formulation.programme.kind
@@ -108,14 +117,14 @@ def _answers(layout: StateLayout, nu: int, is_continuous: bool, block: Array, st
     return found
 
 
-def _factorise(native: KernelProgramme, programme: StagewiseProgramme) -> bool:
+def _factorise(native: KernelProgramme, programme: StagewiseProgramme, first: float) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
     Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
     """
     unit = programme.control_weight / programme.dt
     for shift in _SHIFTS:
-        weight = _FIRST_WEIGHT
+        weight = first
         while weight <= _LAST_WEIGHT:
             weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
             native.factorise(*weights)
