@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import Formulation
 from mbocp.formulation.gains import tangents
 from mbocp.formulation.tightening import margins_of, words_of
@@ -31,7 +31,7 @@ from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.functions import load_stage_functions
 from mbocp.sensitivity.kkt import call
 from mbocp.sensitivity.optimum import formulate_as_solved
-from mbocp.sensitivity.parameters import OfRobot, parameters_of
+from mbocp.sensitivity.parameters import PARAMETERS, OfRobot, parameters_of
 from mbocp.solution import Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
@@ -42,7 +42,7 @@ _DAMPED_FROM = 5  # rounds with the mean of the last two tubes: they go back and
 
 
 @dataclass(frozen=True)
-class Robustly:
+class RoomForTubes:
     """Solve; then again within limits that leave room for what the motion strays, until these settle.
 
     Attributes
@@ -63,10 +63,10 @@ class Robustly:
         solution, known = self.once.run(job), None
         for number in range(_ROUNDS):
             if not solution.is_stationary:
-                return solution if known is None else _told_in_vain(solution, known)
+                return solution if known is None else _tell_in_vain(solution, known)
             found = Tubes.of(solution, robust)
             if known is not None and found.is_near(known):
-                return found.told(solution)
+                return found.tell(solution)
             if job.is_late:
                 break
             known = found if known is None or number < _DAMPED_FROM else found.between(known)
@@ -82,7 +82,7 @@ class Robustly:
             for share in shares:
                 problem = replace(job.problem, tube=replace(tube, sigmas=share * tube.sigmas))
                 again = self.once.run(replace(job.anew(), problem=problem, start=solution))
-                solution = _counted(solution, again)
+                solution = _count(solution, again)
                 if not again.is_stationary:
                     break
             if solution.is_stationary or job.is_late:
@@ -90,7 +90,7 @@ class Robustly:
         return solution
 
 
-def _counted(before: Solution, again: Solution) -> Solution:
+def _count(before: Solution, again: Solution) -> Solution:
     """A solution that was found after another, with what both took."""
     return retold(
         again,
@@ -102,7 +102,7 @@ def _counted(before: Solution, again: Solution) -> Solution:
     )
 
 
-def _told_in_vain(solution: Solution, known: Tubes) -> Solution:
+def _tell_in_vain(solution: Solution, known: Tubes) -> Solution:
     """A solution that was not found, with what its limits had to leave."""
     return retold(
         solution,
@@ -173,7 +173,7 @@ class Tubes:
         """Which limits give most: of ranges by the share of each, and of what has one side."""
         programme = self.formulation.programme
         width = programme.bounds.upper - programme.bounds.lower
-        has_range = np.isfinite(width)
+        has_range = np.isfinite(width) & (width > 0.0)
         shares = np.where(has_range, self.margins / np.where(has_range, width, 1.0), 0.0)
         found = []
         for sizes in (shares, np.where(has_range, 0.0, self.margins)):
@@ -184,13 +184,13 @@ class Tubes:
                 found.append(f"{limit} is tighter by {self.margins[stage, entry]:.3g}{share}")
         return "; ".join(found) or "no limit is tighter"
 
-    def told(self, solution: Solution) -> Solution:
+    def tell(self, solution: Solution) -> Solution:
         """The solution with the tube about it."""
         layout, tube = self.formulation.layout, self.tube
-        nu, count = solution.nu, layout.num_own // max(solution.nu, 1)
+        count, nu = _values_of_controls(self.formulation)
         along = np.linalg.pinv(tangents(self.formulation, tube.xs))
         of_q = along @ tube.covariances[:, : layout.nw, : layout.nw] @ np.swapaxes(along, 1, 2)
-        own = tube.spreads[:, : layout.num_own].reshape(-1, count, nu).max(axis=1)
+        own = tube.spreads[:, : layout.num_own].reshape(len(tube.us), count, nu).max(axis=1)
         return retold(
             solution,
             sigma_qs=_roots(of_q),
@@ -205,6 +205,12 @@ def _roots(covariances: Array) -> Array:
     """Standard deviations."""
     found: Array = np.sqrt(np.maximum(np.einsum("nii->ni", covariances), 0.0))
     return found
+
+
+def _values_of_controls(formulation: Formulation) -> tuple[int, int]:
+    """How many values the controls of a step have, and how many controls there are."""
+    nu = formulation.problem.robot.nu
+    return (formulation.layout.num_own // nu if nu else 1), nu
 
 
 def _feedback(formulation: Formulation, iterate: Iterate, solution: Solution, robust: Robust) -> Array:
@@ -234,8 +240,8 @@ def _propagate(
     kind, N = programme.kind, programme.num_steps
     A, B, solved = _steps(programme, iterate)
     D, parameters = _of_parameters(formulation, iterate, robust, solved)
-    k, values = len(parameters), layout.num_own // max(solution.nu, 1)
-    noise = B[:, :, : layout.num_own].reshape(N, kind.ndx, values, solution.nu).sum(axis=2)
+    k, values = len(parameters), _values_of_controls(formulation)
+    noise = B[:, :, : layout.num_own].reshape(N, kind.ndx, *values).sum(axis=2)
     for block in layout.blocks:
         if block.counts_as_control:  # remembered as it was meant
             noise[:, layout.rows[block.name]] = 0.0
@@ -285,13 +291,16 @@ def _of_parameters(
     columns, sizes = [np.zeros((N, kind.ndx, 0))], [np.zeros(0)]
     if not robust.parameters:
         return columns[0], sizes[0]
+    known = [w for kind in PARAMETERS if issubclass(kind, OfRobot) for w in kind.words(formulation)]
     functions = load_stage_functions(formulation)
     points = [iterate.xs[:-1], iterate.xs[1:], iterate.ys, iterate.us]
     given = [*points, iterate.ms, np.zeros(programme.bounds.nh), programme.theta, programme.rho]
+    for word in robust.parameters:
+        if word not in known:
+            expected = f"one of {', '.join(known)}" if known else "none: the robot has no payload that varies"
+            raise InvalidValue("robust.parameters", word, expected)
     for parameter in parameters_of(formulation, tuple(robust.parameters)):
         key = f"robust.parameters.{parameter.word}"
-        if not isinstance(parameter, OfRobot):
-            raise ProblemError(f"{key}: no number of the robot, of which alone steps are uncertain")
         count, written = len(parameter.names), robust.parameters[parameter.word]
         if written.size not in (1, count):
             raise ProblemError(f"{key}: got {written.size} numbers, expected 1 or {count}")

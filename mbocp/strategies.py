@@ -2,13 +2,13 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
-    Refining            one number of steps after another, until the accuracy is reached
-     Robustly           within limits that leave room for what is uncertain
-      WarmStart         from the warm start briefly, from the guess, from the warm start at length
-        OtherWays       on one way around obstacles, or else on others
-          RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
-            WithinSteps with limits that hold within steps
-              ClearOfObstacles or OneSolve
+    Refining              one number of steps after another, until the accuracy is reached
+      RoomForTubes        again within tighter limits, until they leave room for what is uncertain
+        WarmStart         from the warm start briefly, from the guess, from the warm start at length
+          OtherWays       on one way around obstacles, or else on others
+            RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
+              WithinSteps with limits that hold within steps
+                ClearOfObstacles or OneSolve
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ def strategy_for(job: Job) -> Strategy:
     once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
     strategy: Strategy = WarmStart(once, OtherWays(once) if has_rows else once)
     if problem.robust is not None:
-        from mbocp.robust import Robustly
+        from mbocp.robust import RoomForTubes
 
-        strategy = Robustly(strategy)
+        strategy = RoomForTubes(strategy)
     if problem.accuracy is None:
         return strategy
     from mbocp.accuracy.refining import Refining

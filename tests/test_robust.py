@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 import warnings
 from pathlib import Path
@@ -13,8 +14,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks are not part of the package
 
 import mbocp
-from benchmarks.robust import simulate
-from mbocp.exceptions import MbocpError, ProblemError, SolverError
+from benchmarks.robust import robust_table, simulate
+from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
 from mbocp.robust import Tubes
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -218,6 +219,7 @@ def test_confidence_is_a_number_of_deviations_and_results_keep_tubes(tmp_path):
         np.testing.assert_array_equal(getattr(found, name), getattr(solution, name))
     assert (found.sigmas, found.tightest) == (solution.sigmas, solution.tightest)
     np.testing.assert_array_equal(found.problem.robust.q, sure.robust.q)
+    assert pickle.loads(pickle.dumps(sure)).robust.sigmas == sure.robust.sigmas
     assert found.problem.robust.sigmas == sure.robust.sigmas
 
 
@@ -260,9 +262,28 @@ def test_what_has_no_tubes_is_refused():
         solved(pendulum("midpoint").with_(coordinates="natural"))
     with pytest.raises(ProblemError, match='controls = "linear"'):
         solved(pendulum().with_(controls="linear"))
-    with pytest.raises(ProblemError, match="is no parameter"):
+    with pytest.raises(InvalidValue, match=r"robust\.parameters.*ball.*no payload"):
         solved(pendulum(robust={"parameters": {"robot.payload.ball.mass": 0.1}}))
-    with pytest.raises(ProblemError, match="no number of the robot"):
+    with pytest.raises(InvalidValue, match=r"robust\.parameters.*cost\.effort"):
         solved(pendulum(robust={"parameters": {"cost.effort": 0.1}}))
     with pytest.raises(SolverError, match="the solution is robust"):
         mbocp.sensitivities(solved(pendulum()), wrt=["start.q"])
+    with pytest.raises(ProblemError, match="receding horizon: robust"):
+        mbocp.RecedingHorizon(pendulum())
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_many_problems_are_as_robust_as_one():
+    problem = pendulum(limits={"velocity": [0.42, 0.6]}, steps=12)
+    goals = np.array([[0.48, 0.08], [0.5, 0.1]])
+    motions = mbocp.solve_many(problem, goals=goals)
+    alone = mbocp.solve(problem)
+    np.testing.assert_allclose(motions.us[1], alone.us, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_robust_arm_keeps_off_where_another_hits():
+    near, robust = robust_table(100).rows
+    assert float(near[3].rstrip(" %")) > 90.0
+    assert float(robust[3].rstrip(" %")) < 12.0
+    assert float(robust[1]) < 1.1 * float(near[1])

@@ -65,9 +65,8 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
     weight = _FIRST_WEIGHT
-    if (
-        problem.robust is not None
-    ):  # the exact Hessian is that of a minimum at the plan, and may not stabilise
+    if problem.robust is not None:
+        # With the curvature of the mechanics feedback may not stabilise, and there is none at limits.
         weight = _ROBUST_WEIGHT
         iterate = replace(iterate, ms=np.zeros_like(iterate.ms), eta=np.zeros_like(iterate.eta), bounds=None)
     found = hold_active_limits(formulation.programme, iterate)

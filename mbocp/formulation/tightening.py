@@ -40,7 +40,7 @@ def margins_of(programme: StagewiseProgramme, tube: Tube) -> Array:
     return np.where(bounds.limited & ~bounds.are_equations, tube.sigmas * spreads, 0.0)
 
 
-def tightened(programme: StagewiseProgramme, tube: Tube) -> StagewiseProgramme:
+def tighten(programme: StagewiseProgramme, tube: Tube) -> StagewiseProgramme:
     """The programme with bounds that leave room.
 
     Raises

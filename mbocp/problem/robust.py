@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 from mbocp._arrays import Array, frozen_array
 
@@ -32,7 +31,7 @@ class Robust:
     q: Array
     v: Array
     tau: Array
-    parameters: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    parameters: Mapping[str, Array] = field(default_factory=dict)
     sigmas: float
     feedback: str = "gains"
 
@@ -40,7 +39,7 @@ class Robust:
         for name in ("q", "v", "tau"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
         parameters = {word: frozen_array(sizes) for word, sizes in self.parameters.items()}
-        object.__setattr__(self, "parameters", MappingProxyType(parameters))
+        object.__setattr__(self, "parameters", parameters)
 
 
 @dataclass(frozen=True, eq=False)

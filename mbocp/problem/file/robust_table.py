@@ -38,8 +38,10 @@ class DisturbanceTable(Table):
 class RobustTable(Table):
     """What is uncertain, as standard deviations, and how far limits keep off."""
 
-    start: Annotated[SpreadTable, Key("of the state at t = 0")] = SpreadTable.model_construct()
-    disturbance: Annotated[DisturbanceTable, Key("of white noise along the motion")] = (
+    start: Annotated[SpreadTable, Key("of the state at t = 0", default="known")] = (
+        SpreadTable.model_construct()
+    )
+    disturbance: Annotated[DisturbanceTable, Key("of white noise along the motion", default="none")] = (
         DisturbanceTable.model_construct()
     )
     parameters: Annotated[
@@ -47,7 +49,7 @@ class RobustTable(Table):
         Key(
             'of numbers of the robot such as `"robot.payload.crate.mass"`, by the words of '
             "[sensitivities](sensitivities.md)",
-            "of each",
+            "those of the numbers",
             "none",
             takes="table of numbers or lists",
         ),
