@@ -2,12 +2,13 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
-    Refining            one number of steps after another, until the accuracy is reached
-      WarmStart         from the warm start briefly, from the guess, from the warm start at length
-        OtherWays       on one way around obstacles, or else on others
-          RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
-            WithinSteps with limits that hold within steps
-              ClearOfObstacles or OneSolve
+    Refining              one number of steps after another, until the accuracy is reached
+      RoomForTubes        again within tighter limits, until they leave room for what is uncertain
+        WarmStart         from the warm start briefly, from the guess, from the warm start at length
+          OtherWays       on one way around obstacles, or else on others
+            RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
+              WithinSteps with limits that hold within steps
+                ClearOfObstacles or OneSolve
 """
 
 from __future__ import annotations
@@ -39,9 +40,13 @@ def strategy_for(job: Job) -> Strategy:
     # Of several goals each has rows of its own, and what one motion comes near says nothing of the others.
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
-    once = WithinSteps(once) if can_hold_within(problem) else once
+    once = WithinSteps(once) if can_hold_within(problem) and problem.robust is None else once
     once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
-    strategy = WarmStart(once, OtherWays(once) if has_rows else once)
+    strategy: Strategy = WarmStart(once, OtherWays(once) if has_rows else once)
+    if problem.robust is not None:
+        from mbocp.robust import RoomForTubes
+
+        strategy = RoomForTubes(strategy)
     if problem.accuracy is None:
         return strategy
     from mbocp.accuracy.refining import Refining

@@ -51,6 +51,7 @@ LAYERS = (
     "view",
     "guesses",
     "clearing",
+    "robust",
     "strategies",
     "solving",
     "stopping",

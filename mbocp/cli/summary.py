@@ -118,6 +118,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         *_constraint_forces(solution),
         *_mean_squares(solution),
         *_limits(solution),
+        *_robust(solution),
         *_clearance(solution),
         *_drift(solution),
         *_accuracy(solution),
@@ -410,6 +411,13 @@ def _limits(solution: Solution) -> _Rows:
         part, when = f"{100.0 * solution.limit_excess:.3g} %{more}", f"{solution.limit_excess_time:.4g} s"
         listed += f"\nbetween nodes the {solution.limit_excess_of} leaves its limit by {part}, at {when}"
     return [("limits", listed)]
+
+
+def _robust(solution: Solution) -> _Rows:
+    """Which limits leave most room for what is uncertain."""
+    if math.isnan(solution.sigmas):
+        return []
+    return [("robust", f"limits keep off {solution.sigmas:.3g} standard deviations: {solution.tightest}")]
 
 
 def _mean_squares(solution: Solution) -> _Rows:

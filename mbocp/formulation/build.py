@@ -35,6 +35,7 @@ from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import LATER, build_first_functions, build_functions
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
+from mbocp.formulation.tightening import tighten
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
@@ -150,7 +151,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     theta, rho, rho_terminal = _parameters(pieces, layout)
     bounds = state_bounds(problem, space, signature.features, at, pieces.speed_bounds)
     at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
-    return StagewiseProgramme(
+    programme = StagewiseProgramme(
         num_steps=problem.num_steps,
         kind=_kind(pieces, sum(layout.stage.values())),
         ng=signature.end_rows,
@@ -180,6 +181,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         has_free_lengths=problem.timeline.has_free_lengths,
         easing=_easing(problem, signature, layout),
     )
+    return programme if problem.tube is None else tighten(programme, problem.tube)
 
 
 def load_end_functions(

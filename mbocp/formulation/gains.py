@@ -8,6 +8,7 @@ needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,8 +19,11 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import TABLEAUX
 from mbocp.lie import ConfigurationSpace
 from mbocp.programme import Iterate
-from mbocp.solvers.newton_method.held import factorise_held, hold_active_limits
+from mbocp.solvers.newton_method.held import FIRST_WEIGHT, factorise_held, hold_active_limits
 
+_ROBUST_WEIGHT = (
+    1e5  # of the end condition by the weight of the controls, where these answer to what is uncertain
+)
 _SHIFTS = (
     0.0,
     1e-6,
@@ -45,7 +49,8 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
         Of the robot's controls in every step, by moves of q along the tangent and by v at its begin; of
         controls with k values in a step all of them, one block after the other. Active limits stay active:
         the row of a control at its limit is zero. Linear controls have nu more columns, for what the control
-        is away from its plan at the begin of the step, of which there is nothing in the first. Shape
+        is away from its plan at the begin of the step, of which there is nothing in the first. Of robust
+        problems they are those of the cost alone, without limits and the curvature of the mechanics. Shape
         (0, 0, 0) where states are not (q, v), as in natural coordinates, where steps leave the manifold of
         rotations, or where no weight gives the signs of a minimum.
     """
@@ -56,8 +61,13 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     space = formulation.space
     if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
         return np.zeros((0, 0, 0))
+    weight = FIRST_WEIGHT
+    if problem.robust is not None:
+        # With the curvature of the mechanics feedback may not stabilise, and there is none at limits.
+        weight = _ROBUST_WEIGHT
+        iterate = replace(iterate, ms=np.zeros_like(iterate.ms), eta=np.zeros_like(iterate.eta), bounds=None)
     found = hold_active_limits(formulation.programme, iterate)
-    if found is None or not factorise_held(found[0], formulation.programme, _SHIFTS):
+    if found is None or not factorise_held(found[0], formulation.programme, shifts=_SHIFTS, first=weight):
         return np.zeros((0, 0, 0))
     native, held = found
     kind = formulation.programme.kind

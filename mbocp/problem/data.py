@@ -25,6 +25,7 @@ from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.rates import RateLimit, end_jerk_limits, rate_limits
 from mbocp.problem.resolve import free_at_end
+from mbocp.problem.robust import Robust, Tube
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
@@ -109,6 +110,8 @@ class ProblemData:
         Several of which the best is taken; empty where there is one goal.
     limits : Bounds
         On controls, velocities and configurations; none by default.
+    robust : Robust, optional
+        What is uncertain, for which limits leave room.
     obstacle : tuple of Obstacle
         Shapes that the links keep away from.
     self_collision : SelfCollision, optional
@@ -138,6 +141,8 @@ class ProblemData:
     limits_within : str
         Letters of the limits that are to hold within steps, too, "v" for speeds and "a" for accelerations:
         solves ask for it where they would not.
+    tube : Tube, optional
+        By how much limits are tightened: solves find it, see `mbocp.robust`.
 
     Raises
     ------
@@ -169,6 +174,7 @@ class ProblemData:
     scheme_reason: str
     clearance: Clearance | None
     limits: Bounds
+    robust: Robust | None
     obstacle: tuple[Obstacle, ...]
     self_collision: SelfCollision | bool | None
     path: tuple[BoundedTerm, ...]
@@ -182,6 +188,7 @@ class ProblemData:
     source: Path | None
     name: str
     limits_within: str = ""
+    tube: Tube | None = None
 
     @property
     def duration(self) -> float:

@@ -22,7 +22,9 @@ from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 
 _FIELDS = [
-    field.name for field in fields(ProblemData) if field.name not in ("source", "name", "limits_within")
+    field.name
+    for field in fields(ProblemData)
+    if field.name not in ("source", "name", "limits_within", "tube")
 ]
 
 
@@ -74,6 +76,7 @@ class Problem(ProblemData):
         goal: Mapping[str, Any] | None = None,
         cost: Mapping[str, Any] | None = None,
         limits: Mapping[str, Any] | None = None,
+        robust: Mapping[str, Any] | None = None,
         via: Sequence[Mapping[str, Any]] | None = None,
         obstacle: Sequence[Mapping[str, Any]] | None = None,
         self_collision: bool | Mapping[str, Any] | None = None,
@@ -103,7 +106,7 @@ class Problem(ProblemData):
             How controls vary within a step; constant by default.
         phase : sequence of mapping, optional
             The tables `[[phase]]`.
-        ground, gait, start, goal, cost, limits, guess, integrator, solver : mapping, optional
+        ground, gait, start, goal, cost, limits, robust, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
         via, obstacle, path : sequence of mapping, optional
             The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
@@ -128,6 +131,7 @@ class Problem(ProblemData):
             "goal": goal,
             "cost": cost,
             "limits": limits,
+            "robust": robust,
             "via": via,
             "obstacle": obstacle,
             "self_collision": self_collision,

@@ -59,6 +59,22 @@ def formulate_again(solution: Solution) -> tuple[Formulation, Iterate]:
             f"sensitivities: the solution is {solution.status}, and only an optimum has derivatives: "
             f"{solution.advice}"
         )
+    if solution.problem.robust is not None:
+        raise SolverError(
+            "sensitivities: the solution is robust, and the room that its limits leave moves with all "
+            "numbers; solve without [robust]"
+        )
+    return formulate_as_solved(solution)
+
+
+def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
+    """The same of any solution, without the room that limits leave for what is uncertain.
+
+    Raises
+    ------
+    InvalidValue
+        If it does not hold the solver's last iterate, or is one of several goals.
+    """
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")

@@ -65,6 +65,8 @@ class SolutionData:
     clearance_between: str = field(default="", metadata=_TOLD)
     clearance_time: float = field(default=math.nan, metadata=_SIGNED)
     positive_work: float = field(default=math.nan, metadata=_TOLD)
+    sigmas: float = field(default=math.nan, metadata=_TOLD)
+    tightest: str = field(default="", metadata=_TOLD)
     unknowns: int
     wall_time_s: float = math.nan
     phases: tuple[Phase, ...] = ()
@@ -93,6 +95,9 @@ class SolutionData:
     lam_path: Array = field(default_factory=_absent)
     path_names: tuple[str, ...] = ()
     gains: Array = field(default_factory=_absent)
+    sigma_qs: Array = field(default_factory=_absent)
+    sigma_vs: Array = field(default_factory=_absent)
+    sigma_us: Array = field(default_factory=_absent)
     u_values: Array = field(default_factory=_absent)
     u_shares: Array = field(default_factory=_absent)
 

@@ -79,6 +79,11 @@ def _of_limit(letter: str, row: str) -> Quantity:
     )
 
 
+def _spread(letter: str, row: str) -> Quantity:
+    words = f"standard deviation of {letter} about the plan"
+    return Quantity(f"sigma_{letter}", words, (row, letter), letter, may_lack=True, heading=f"sigma_{letter}")
+
+
 # A row is all that files, tables, datasets and checks know of a quantity: a new one is a row here, a field
 # of `mbocp.solution.data.SolutionData`, and the place where it is worked out.
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
@@ -150,6 +155,11 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
             "moves",
             may_lack=True,
         ),
+        "sigma_qs": Quantity(
+            "sigma_q", "standard deviation of q along its tangent", ("node", "v"), "numbers", may_lack=True
+        ),
+        "sigma_vs": _spread("v", "node"),
+        "sigma_us": _spread("u", "step"),
     }
 )
 

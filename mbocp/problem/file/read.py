@@ -37,6 +37,7 @@ from mbocp.problem.file.phase_table import (
     with_via,
 )
 from mbocp.problem.file.profile import Profile, profile_of
+from mbocp.problem.file.robust_table import read_robust
 from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
@@ -142,6 +143,7 @@ READ = (
     Step.of(read_goals, "said_goal", "goals"),
     Step.of(_profile, "profile"),
     Step.of(read_limits, "said_limits"),
+    Step.of(read_robust, "robust"),
     Step.of(_via, "said_via"),
     Step.of(make_cost_reader, "cost_reader"),
     Step.of(read_cost, "said_cost"),

@@ -31,6 +31,7 @@ from mbocp.problem.file.obstacle_table import ObstacleTable, SelfCollisionTable
 from mbocp.problem.file.overrides import SHORT
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HorizonTable, PhaseTable
+from mbocp.problem.file.robust_table import RobustTable
 from mbocp.problem.file.start_table import StartTable
 from mbocp.problem.file.term_table import TermTable
 from mbocp.problem.file.via_table import ViaTable
@@ -88,6 +89,10 @@ class ProblemTable(Table):
         Kind('`"profile"`, or table', _named_limits, Literal["profile"]),
         Key('bounds along the motion; `"profile"` is `profile = true`'),
     ] = LimitsTable.model_construct()
+    robust: Annotated[
+        RobustTable | None,
+        Key("what is uncertain: limits keep off by so much as [motions stray](robust.md)", "", "none"),
+    ] = None
     via: Annotated[list[ViaTable], Key("[via points](#via-points)")] = Field(default_factory=list)
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]

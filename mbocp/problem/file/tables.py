@@ -20,6 +20,7 @@ from mbocp.problem.file.limits_table import write_limits
 from mbocp.problem.file.obstacle_table import obstacle_tables, write_self_collision
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.phase_table import phase_tables
+from mbocp.problem.file.robust_table import write_robust
 from mbocp.problem.file.start_table import write_start
 from mbocp.problem.file.term_table import term_tables
 from mbocp.problem.file.via_table import via_tables
@@ -52,6 +53,7 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
         "cost": write_cost(problem.cost),
         "guess": write_guess(problem.guess),
         "limits": write_limits(problem.limits),
+        "robust": write_robust(problem.robust),
         "integrator": write_integrator(problem),
         "solver": asdict(problem.solver),
     }

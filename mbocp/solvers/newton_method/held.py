@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from mbocp.programme.native import KernelProgramme
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
-_FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
+FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _ANY = 1.0  # barrier parameter: equations have none
 
 
@@ -91,16 +91,21 @@ def hold(
 
 
 def factorise_held(
-    native: KernelProgramme, programme: StagewiseProgramme, shifts: Sequence[float] = (0.0,)
+    native: KernelProgramme,
+    programme: StagewiseProgramme,
+    *,
+    shifts: Sequence[float] = (0.0,),
+    first: float = FIRST_WEIGHT,
 ) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
     Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
-    Shifts of the Hessian in the states are by the weight of the controls.
+    Shifts of the Hessian in the states, and the first weight of the end condition, are by the weight of the
+    controls.
     """
     unit = programme.control_weight / programme.dt
     for shift in shifts:
-        weight = _FIRST_WEIGHT
+        weight = first
         while weight <= _LAST_WEIGHT:
             weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
             native.factorise(*weights)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,6 +28,7 @@ from mbocp.view.marks import in_time
 
 FEW = 4  # curves whose names fit over a panel
 _ROUND_OFF = 1e-6  # relative, by which a solver may miss a limit that it keeps
+_BAND = 0.2
 _FAINT: Any = {"alpha": 0.3, "linewidth": 0.6}
 _MAX_STEPS = 60  # beyond, steps are too short to be seen, and dashes too long
 SHORT_NOTE = "mean of neighbours; faint: as computed"
@@ -56,6 +57,8 @@ class LinePanel:
         Lower and upper limits, infinite where there are none; dashed.
     faint : ndarray, shape (m, len(names)), or None
         Values as computed, of which `values` are means; drawn faintly where they differ.
+    bands : ndarray, shape (m, len(names)), or None
+        How far values stray, drawn as bands about the curves; NaN where nobody says.
     """
 
     title: str
@@ -66,6 +69,7 @@ class LinePanel:
     step: bool = False
     limits: Array | None = None
     faint: Array | None = None
+    bands: Array | None = None
 
     def draw(self, axes: Axes, styles: Sequence[LineStyle]) -> list[Any]:
         """Draw the curves; the caller adds the legend, for which this returns the handles."""
@@ -80,6 +84,12 @@ class LinePanel:
             for i, style in enumerate(styles)
         ]
         calm_limits(axes, values)
+        if self.bands is not None:
+            steps: Literal["post"] | None = "post" if drawstyle == "steps-post" else None
+            bands = self._until_the_end(self.bands, drawstyle)
+            for line, middle, width in zip(handles, values.T, bands.T, strict=True):
+                sides = middle - width, middle + width
+                axes.fill_between(t, *sides, step=steps, color=line.get_color(), alpha=_BAND, linewidth=0)
         if self.faint is not None:
             axes.set_ylim(axes.get_ylim())  # what is computed may be larger by orders
             faint = self._until_the_end(self.faint, drawstyle)
@@ -148,6 +158,7 @@ def line_panels(
     *,
     step: bool = False,
     limits: Array | None = None,
+    bands: Array | None = None,
 ) -> list[LinePanel]:
     """Distribute columns over panels by unit; `limits` has the shape (2, columns)."""
     panels = []
@@ -163,6 +174,7 @@ def line_panels(
                 values=values[:, members],
                 step=step,
                 limits=None if limits is None else limits[:, members],
+                bands=None if bands is None else bands[:, members],
             )
         )
     return panels

@@ -49,7 +49,20 @@ def state_panels(solution: Solution) -> list[LinePanel]:
     free = np.array([-np.inf, np.inf])  # what became an angle has no limits
     limits = [solution.limits_q[:, places[c.name]] if c.name in places else free for c in columns]
     shown = np.column_stack(limits) if limits else None
-    return line_panels("Configuration", "$q$", columns, solution.t, values, limits=shown)
+    bands = _bands(solution, "q", [c.name for c in columns], [c.name for c in solution.labels.v])
+    return line_panels("Configuration", "$q$", columns, solution.t, values, limits=shown, bands=bands)
+
+
+def _bands(
+    solution: Solution, letter: str, shown: Sequence[str] = (), names: Sequence[str] = ()
+) -> Array | None:
+    """How far a robust motion strays from its plan; of shown columns that have no name, nothing is known."""
+    spread: Array = solution.sigmas * getattr(solution, f"sigma_{letter}s")
+    if not spread.size or not shown:
+        return spread if spread.size else None
+    unknown = np.full(len(spread), np.nan)
+    places = dict(zip(names, spread.T, strict=True))
+    return np.column_stack([places.get(name, unknown) for name in shown])
 
 
 def _with_angles(columns: Sequence[Column], values: Array) -> tuple[list[Column], Array]:
@@ -73,14 +86,16 @@ def rate_panels(solution: Solution, rate: str) -> list[LinePanel]:
     if rate == "p":
         return line_panels("Momentum", "$p$", solution.labels.p, solution.t, solution.ps)
     labels, limits = solution.labels.v, solution.limits_v
-    return line_panels("Velocity", "$v$", labels, solution.t, solution.vs, limits=limits)
+    bands = _bands(solution, "v")
+    return line_panels("Velocity", "$v$", labels, solution.t, solution.vs, limits=limits, bands=bands)
 
 
 def control_panels(solution: Solution) -> list[LinePanel]:
     """Return the controls, a panel for each unit, with the limits that the problem enforces."""
     labels, limits = solution.labels.u, solution.limits_u
     if solution.has_constant_controls:
-        return line_panels("Control", "$u$", labels, solution.t, solution.us, step=True, limits=limits)
+        bands, us = _bands(solution, "u"), solution.us
+        return line_panels("Control", "$u$", labels, solution.t, us, step=True, limits=limits, bands=bands)
     t, values = _within_steps(solution)
     return line_panels("Control", "$u$", labels, t, values, limits=limits)
 

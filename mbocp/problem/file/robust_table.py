@@ -1,0 +1,131 @@
+"""`[robust]`: its keys, from what is written to standard deviations, and back."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from mbocp._arrays import Array
+from mbocp._keys import Key, Table
+from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.problem._checks import check_choice, check_non_negative, check_positive, choice, positive
+from mbocp.problem.file.messages import locate
+from mbocp.problem.file.named_values import control_from, weights_from
+from mbocp.problem.robust import FEEDBACKS, Robust
+from mbocp.robot import Robot
+from mbocp.terms.written import Control, Finite, VectorOrNumber
+
+_SIGMAS = 2.0
+_SOMETHING = "a number above 0 in start, disturbance or parameters"
+
+
+class SpreadTable(Table):
+    """Of the state at t = 0."""
+
+    q: Annotated[Control, Key("moves along the tangent of q, by joint", "m, rad")] = 0.0
+    v: Annotated[Control, Key("velocities, by joint", "m/s, rad/s")] = 0.0
+
+
+class DisturbanceTable(Table):
+    """Of white noise: its mean over a time t has a standard deviation of so much by sqrt(t)."""
+
+    tau: Annotated[Control, Key("controls, by name", "N sqrt(s), N m sqrt(s)")] = 0.0
+
+
+class RobustTable(Table):
+    """What is uncertain, as standard deviations, and how far limits keep off."""
+
+    start: Annotated[SpreadTable, Key("of the state at t = 0", default="known")] = (
+        SpreadTable.model_construct()
+    )
+    disturbance: Annotated[DisturbanceTable, Key("of white noise along the motion", default="none")] = (
+        DisturbanceTable.model_construct()
+    )
+    parameters: Annotated[
+        dict[str, VectorOrNumber],
+        Key(
+            'of numbers of the robot such as `"robot.payload.crate.mass"`, by the words of '
+            "[sensitivities](sensitivities.md)",
+            "those of the numbers",
+            "none",
+            takes="table of numbers or lists",
+        ),
+    ] = Field(default_factory=dict)
+    sigmas: Annotated[
+        Finite | None, positive(), Key("standard deviations that limits keep off", default="2")
+    ] = None
+    confidence: Annotated[
+        Finite | None,
+        Key(
+            "instead of `sigmas`: with which probability each limit holds at each node",
+            takes="number between 0.5 and 1",
+        ),
+    ] = None
+    feedback: Annotated[
+        str,
+        choice(FEEDBACKS),
+        Key('what answers to deviations: `"gains"`, the feedback of the optimum, or nothing'),
+    ] = FEEDBACKS[0]
+
+
+def read_robust(robot: Robot, robust_table: RobustTable | None) -> Robust | None:
+    """Make what is uncertain of a table `[robust]`.
+
+    Raises
+    ------
+    MbocpError
+        If a value does not fit the robot, or cannot be right.
+    """
+    table = robust_table
+    if table is None:
+        return None
+    found = Robust(
+        q=_sizes("robust.start.q", weights_from, robot, table.start.q),
+        v=_sizes("robust.start.v", weights_from, robot, table.start.v),
+        tau=_sizes("robust.disturbance.tau", control_from, robot, table.disturbance.tau),
+        parameters={word: _of_parameter(word, sizes) for word, sizes in table.parameters.items()},
+        sigmas=_sigmas(table),
+        feedback=check_choice("robust.feedback", table.feedback, FEEDBACKS),
+    )
+    if not any(sizes.any() for sizes in (found.q, found.v, found.tau, *found.parameters.values())):
+        raise InvalidValue("robust", "nothing uncertain", _SOMETHING)
+    return found
+
+
+def write_robust(robust: Robust | None) -> dict[str, Any] | None:
+    """The table that reads back as the same."""
+    if robust is None:
+        return None
+    return {
+        "start": {"q": robust.q, "v": robust.v},
+        "disturbance": {"tau": robust.tau},
+        "parameters": dict(robust.parameters),
+        "sigmas": robust.sigmas,
+        "feedback": robust.feedback,
+    }
+
+
+def _sizes(key: str, read: Any, robot: Robot, written: Any) -> Array:
+    with locate(key):
+        sizes: Array = read(robot, written, key)
+    check_non_negative(key, sizes)
+    return sizes
+
+
+def _of_parameter(word: str, written: Any) -> Array:
+    sizes = np.atleast_1d(np.asarray(written, dtype=np.float64))
+    check_non_negative(f"robust.parameters.{word}", sizes)
+    return sizes
+
+
+def _sigmas(table: RobustTable) -> float:
+    if table.confidence is None:
+        return _SIGMAS if table.sigmas is None else check_positive("robust.sigmas", table.sigmas)
+    if table.sigmas is not None:
+        raise ProblemError("robust: sigmas and confidence say the same; give one of them")
+    if not 0.5 < table.confidence < 1.0:
+        raise InvalidValue("robust.confidence", table.confidence, "a number between 0.5 and 1")
+    return NormalDist().inv_cdf(table.confidence)
