@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+_SAME = 1e-9  # relative: on both sides of a way the least time may leap
 _TURN = 2.0 * math.pi
 # d / (j T^3) of bang-bang jerks from rest to rest, by how many of the accelerations at the ends are zero.
 _JERKS = {0: 1.0 / 12.0, 1: (1.0 + 2.0 * math.sqrt(2.0) / 3.0) / (2.0 + math.sqrt(2.0)) ** 3, 2: 1.0 / 32.0}
@@ -52,13 +54,13 @@ def least_time(
     3.0
     """
     if is_circle:
-        given = {"from_rate": from_rate, "to_rate": to_rate, "still_ends": still_ends}
+        given: dict[str, Any] = {"from_rate": from_rate, "to_rate": to_rate, "still_ends": still_ends}
         near = (_direct(acceleration, from_rate, to_rate), 0.0)  # the way that takes least, and the shortest
         ways = [at + (distance - at) % _TURN - back for at in near for back in (0.0, _TURN)]
         return min(least_time(way, speed, acceleration, jerk, **given) for way in ways)
     if distance < 0.0:
         to = None if to_rate is None else -to_rate
-        flipped = {"from_rate": -from_rate, "to_rate": to, "still_ends": still_ends}
+        flipped: dict[str, Any] = {"from_rate": -from_rate, "to_rate": to, "still_ends": still_ends}
         return least_time(-distance, speed, acceleration, jerk, **flipped)
     bounds = [distance / speed if math.isfinite(speed) else 0.0]
     if math.isfinite(acceleration) and acceleration > 0.0:
@@ -82,7 +84,10 @@ def _by_acceleration(d: float, v: float, a: float, v0: float, v1: float | None) 
         if peak <= v or v0 > v:
             return (peak - v0) / a
         return (v - v0) / a + (d - (v**2 - v0**2) / (2.0 * a)) / v
-    if d < _direct(a, v0, v1):  # too fast to stop there: first back, then on
+    beyond = d - _direct(a, v0, v1)
+    if abs(beyond) <= _SAME * (1.0 + abs(d)):  # just on the way from one rate to the other
+        return abs(v1 - v0) / a
+    if beyond < 0.0:  # too fast to stop there: first back, then on
         d, v, v0, v1 = -d, math.inf, -v0, -v1
     peak = math.sqrt(max(a * d + (v0**2 + v1**2) / 2.0, 0.0))
     if peak <= v or max(v0, v1) > v:
