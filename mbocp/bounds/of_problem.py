@@ -14,7 +14,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 
 _PARTS = 400  # of the range of a free duration
-_LINEAR = ("midpoint", "se1", "se2")  # schemes whose steps are motions of constant acceleration
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,8 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     if efforts > 0.0:
         words.append("momenta")
     value = value + efforts if math.isnan(task.reached) else min(value + efforts, max(task.reached, value))
-    is_linear = task.problem.scheme in _LINEAR and task.problem.coordinates == "joint"
+    # Steps of this scheme are motions of constant accelerations.
+    is_linear = task.problem.scheme == "midpoint" and task.problem.coordinates == "joint"
     is_both = (
         is_linear and not efforts and method != BY_FORCES and "j" not in task.problem.widest_limits.letters
     )

@@ -62,8 +62,8 @@ class Task:
             return "the start is found with the motion"
         if self.problem.robot.nc or self.problem.timeline.switches is not None:
             return "closed loops, holds and impacts are not looked at"
-        if self.problem.robot.drives:
-            return "controls that prescribe a motion are not looked at"
+        if not all(drive.has_state for drive in self.problem.robot.drives):
+            return "controls that prescribe velocities are not looked at"
         return ""
 
     @property
@@ -104,6 +104,8 @@ class Task:
         selection = np.asarray(robot.actuation.selection) != 0.0
         if robot.forces or robot.elastic or robot.actuation.frame_actuators:
             return "springs or forces at frames act"
+        if robot.drives:
+            return "controls are accelerations"
         if not ((selection.sum(axis=0) == 1).all() and (selection.sum(axis=1) <= 1).all()):
             return "controls act on several joints"
         return why_no_momenta(robot)
