@@ -41,19 +41,23 @@ def least_squares(windows: Windows, weights: Array) -> float:
         Diagonal of alpha; infinite where no force acts.
     """
     K, n = windows.v.centre.shape
-    lam, nu = ca.SX.sym("lam", n, K + 1), ca.SX.sym("nu", n, K)
+    lam, begin, end = (ca.SX.sym(name, n, k) for name, k in (("lam", K + 1), ("begin", K), ("end", K)))
     zero = ca.DM.zeros(n)
-    leaps = ca.horzcat(nu, zero) - ca.horzcat(zero, nu)  # of nu at the edges of windows
-    slope = (lam[:, 1:] - lam[:, :-1]) / windows.length
-    rest = ca.horzcat(*(ca.DM(M) @ slope[:, k] + nu[:, k] for k, M in enumerate(windows.M.centre)))
+    leaps = ca.horzcat(begin, zero) - ca.horzcat(zero, end)  # of nu at the edges of windows
+    slope, drift = (lam[:, 1:] - lam[:, :-1]) / windows.length, (end - begin) / windows.length
+    turned = _each(windows.M.centre, slope)
+    rest = ca.horzcat(turned + begin, turned + end)
+    lines = np.swapaxes(windows.G, 1, 2)
+    pull = ca.horzcat(_each(lines, lam[:, :-1]) - drift, _each(lines, lam[:, 1:]) - drift)
     # Absolute values are further unknowns, bounded from below by both signs.
-    with_sizes = (lam, slope, rest, leaps)
+    with_sizes = (lam, slope, rest, leaps, pull)
     sizes = [ca.SX.sym("size", *one.shape) for one in with_sizes]
-    of_lam, of_slope, of_rest, of_leaps = sizes
+    of_lam, of_slope, of_rest, of_leaps, of_pull = sizes
     value = -ca.dot(leaps, windows.q.centre.T) - ca.dot(of_leaps, windows.q.radius.T)
-    for end, box, sign in ((0, windows.ends[0], -1.0), (K, windows.ends[1], 1.0)):
-        value += sign * ca.dot(lam[:, end], box.centre) - ca.dot(of_lam[:, end], box.radius)
-    lost = ca.dot(rest, windows.v.centre.T) + ca.dot(of_rest, windows.v.radius.T)
+    for k, box, sign in ((0, windows.ends[0], -1.0), (K, windows.ends[1], 1.0)):
+        value += sign * ca.dot(lam[:, k], box.centre) - ca.dot(of_lam[:, k], box.radius)
+    lost = ca.dot(rest, _twice(windows.v.centre)) + ca.dot(of_rest, _twice(windows.v.radius))
+    lost += ca.dot(of_pull, _twice(windows.inside.radius)) - ca.dot(pull, _twice(windows.inside.centre))
     mixed = np.einsum("kij,ki->kj", windows.M.radius, windows.v.size)
     lost += ca.dot(of_slope, mixed.T)
     gained = ca.dot(lam[:, 1:] + lam[:, :-1], windows.w.centre.T / 2.0)
@@ -63,7 +67,7 @@ def least_squares(windows: Windows, weights: Array) -> float:
     rows = [
         ca.vec(size + sign * one) for size, one in zip(sizes, with_sizes, strict=True) for sign in (1, -1)
     ]
-    x = ca.veccat(lam, nu, *sizes)
+    x = ca.veccat(lam, begin, end, *sizes)
     most = np.full(x.numel(), np.inf)
     most[: n * (K + 1)][np.tile(weights == 0.0, K + 1)] = 0.0
     scale = 1.0 / (1.0 + _typical(windows, weights))
@@ -72,28 +76,50 @@ def least_squares(windows: Windows, weights: Array) -> float:
     found = np.array(solver(lbx=-most, ubx=most, lbg=0.0, ubg=np.inf)["x"]).ravel()
     if not np.isfinite(found).all():
         return 0.0
-    lams, nus = found[: n * (K + 1)].reshape(K + 1, n), found[n * (K + 1) :][: n * K].reshape(K, n)
+    lams, nus = found[: n * (K + 1)].reshape(K + 1, n), found[n * (K + 1) :][: 2 * n * K].reshape(2, K, n)
     return max(dual_value(windows, weights, lams, nus), 0.0)
 
 
+def _each(matrices: Array, columns: ca.SX) -> ca.SX:
+    return ca.horzcat(*(ca.DM(matrix) @ columns[:, k] for k, matrix in enumerate(matrices)))
+
+
+def _twice(rows: Array) -> Array:
+    """Half of them for the begin of each window, half for its end."""
+    return np.vstack([rows, rows]).T / 2.0
+
+
 def dual_value(windows: Windows, weights: Array, lams: Array, nus: Array) -> float:
-    """Value of the bound for any lambda at the edges of windows, shape (K + 1, n), and nu, shape (K, n)."""
+    """Value of the bound for any lambda and nu.
+
+    Parameters
+    ----------
+    windows : Windows
+    weights : ndarray, shape (n,)
+    lams : ndarray, shape (K + 1, n)
+        At the edges of windows.
+    nus : ndarray, shape (2, K, n)
+        Where windows begin, and where they end.
+    """
     lams = np.where(weights > 0.0, lams, 0.0)
     h, start, end = windows.length, *windows.ends
     slopes = np.diff(lams, axis=0) / h
-    leaps = np.diff(nus, axis=0, prepend=0.0, append=0.0)
+    zero = np.zeros((1, lams.shape[1]))
+    leaps = np.vstack([nus[0], zero]) - np.vstack([zero, nus[1]])
     rest = np.einsum("kij,kj->ki", windows.M.centre, slopes) + nus
+    at_edges = np.stack([lams[:-1], lams[1:]])
+    pull = np.einsum("kij,eki->ekj", windows.G, at_edges) - (nus[1] - nus[0]) / h
     gained = [
         lams[-1] * end.centre - lams[0] * start.centre,
         -leaps * windows.q.centre,
         h * (lams[1:] + lams[:-1]) / 2.0 * windows.w.centre,
-        -h * rest * windows.v.centre,
+        h / 2.0 * (pull * windows.inside.centre - rest * windows.v.centre),
     ]
     lost = [
         np.abs(lams[-1]) * end.radius + np.abs(lams[0]) * start.radius,
         np.abs(leaps) * windows.q.radius,
         h * (np.abs(lams[1:]) + np.abs(lams[:-1])) / 2.0 * windows.w.radius,
-        h * np.abs(rest) * windows.v.radius,
+        h / 2.0 * (np.abs(pull) * windows.inside.radius + np.abs(rest) * windows.v.radius),
         h * np.einsum("kij,kj->ki", windows.M.radius, np.abs(slopes)) * windows.v.size,
         _paid(lams[:-1], lams[1:], weights, h),
     ]
@@ -114,4 +140,8 @@ def _typical(windows: Windows, weights: Array) -> float:
     alpha = np.where(np.isfinite(weights), weights, 0.0)
     masses = np.diagonal(windows.M.centre, axis1=1, axis2=2).mean(axis=0)
     moved = 6.0 * (masses * (windows.q.centre[-1] - windows.q.centre[0])) ** 2 / T**3
-    return float(np.sum(alpha * (moved + 0.5 * T * np.mean(windows.w.centre**2, axis=0))))
+    return float(np.sum(alpha * (moved + 0.5 * T * np.mean(_opposed(windows) ** 2, axis=0))))
+
+
+def _opposed(windows: Windows) -> Array:
+    return windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)

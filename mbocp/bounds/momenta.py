@@ -96,6 +96,37 @@ def momenta_over(robot: Robot, q: Box) -> Momenta:
     )
 
 
+def gravity_by_lines(robot: Robot, q: Box, gravity: Box) -> tuple[Array, Box]:
+    """Write gravity as G q + rest, G of shape (K, n, n), with rows of zeros where lines help nothing."""
+    model, data = robot.model, robot.model.createData()
+    slopes = slopes_of(model, q.size.max(axis=0))
+    middle = _by_links(model, Box(q.centre, np.zeros_like(q.radius))).gravity
+    G = np.array(
+        [pin.computeGeneralizedGravityDerivatives(model, data, _numbers(model, x)) for x in q.centre]
+    )
+    with np.errstate(invalid="ignore"):
+        left = 0.5 * np.einsum("ilm,kl,km->ki", slopes.of_slopes, q.radius, q.radius)
+        left += 1e-9 * np.einsum("kil,kl->ki", np.abs(G), q.radius)  # G is not exact
+    G[~(left < gravity.radius)] = 0.0
+    wide = Box(np.zeros_like(left), np.where(left < gravity.radius, left, 0.0))
+    line = (Box(G, np.zeros_like(G)) @ q.centre[:, :, None])[:, :, 0]
+    near = Box(*(np.where(left < gravity.radius, *pair) for pair in _pairs(middle, gravity)))
+    return G, near - line + wide
+
+
+def _pairs(a: Box, b: Box) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    return (a.centre, b.centre), (a.radius, b.radius)
+
+
+def _numbers(model: pin.Model, displacements: Array) -> Array:
+    """Configuration of joints of one velocity, shape (nq,)."""
+    q = np.zeros(model.nq)
+    for joint in model.joints[1:]:
+        x = displacements[joint.idx_v]
+        q[joint.idx_q : joint.idx_q + joint.nq] = x if joint.nq == 1 else (np.cos(x), np.sin(x))
+    return q
+
+
 def _by_links(model: pin.Model, q: Box) -> Momenta:
     """Enclose them link by link, with boxes of rotation matrices."""
     K, n = q.centre.shape

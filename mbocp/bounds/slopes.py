@@ -26,18 +26,21 @@ class Slopes:
         Of the mass matrix, armatures left out, and of what gravity opposes the controls by.
     of_inertia, of_gravity : ndarray, shape (n, n, n), (n, n)
         Of their derivatives, in the coordinate of the last index.
+    of_slopes : ndarray, shape (n, n, n)
+        Of the second derivatives of gravity.
     """
 
     M: Array
     of_inertia: Array
     gravity: Array
     of_gravity: Array
+    of_slopes: Array
 
 
 def slopes_of(model: pin.Model, travel: Array) -> Slopes:
     """Bound them where sliding joints are no farther from zero than `travel`, shape (n,)."""
     n = model.nv
-    found = Slopes(np.zeros((n, n)), np.zeros((n, n, n)), np.zeros(n), np.zeros((n, n)))
+    found = Slopes(np.zeros((n, n)), np.zeros((n, n, n)), np.zeros(n), np.zeros((n, n)), np.zeros((n, n, n)))
     turns = np.array([joint_kind(model, j).word != "prismatic" for j in range(1, model.njoints)])
     at = [int(j.idx_v) for j in model.joints]
     field = float(np.linalg.norm(model.gravity.linear))
@@ -56,6 +59,9 @@ def slopes_of(model: pin.Model, travel: Array) -> Slopes:
             for b, other in enumerate(chain):
                 rate = _change(turns, moved, i, other, is_above=b <= a)
                 found.of_gravity[at[i], at[other]] += body.mass * field * rate
+                for c, third in enumerate(chain):  # the last of the three has the shortest lever
+                    lever = moved[chain[max(a, b, c)]]
+                    found.of_slopes[at[i], at[other], at[third]] += body.mass * field * lever
             for b in range(a, len(chain)):
                 j = chain[b]
                 both = inertia * turns[i - 1] * turns[j - 1]

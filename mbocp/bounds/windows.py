@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.bounds.boxes import Box
-from mbocp.bounds.momenta import momenta_over
+from mbocp.bounds.momenta import gravity_by_lines, momenta_over
 from mbocp.bounds.task import Place, Task
 
 _COUNT = 32
@@ -24,12 +24,12 @@ class Windows:
         Of each window [s].
     M : Box, shape (K, n, n)
         Mass matrix.
-    w : Box, shape (K, n)
-        What opposes forces, losses included.
+    w, G : Box and ndarray, shape (K, n), (K, n, n)
+        G q + w opposes forces, losses included.
     v : Box, shape (K, n)
         Velocities.
-    q : Box, shape (K + 1, n)
-        Displacements where windows begin, and at the end.
+    q, inside : Box, shape (K + 1, n) and (K, n)
+        Displacements where windows begin and at the end, and in each.
     ends : tuple of Box, shape (n,)
         Momenta at the start and at the end.
     """
@@ -37,8 +37,10 @@ class Windows:
     length: float
     M: Box
     w: Box
+    G: Array
     v: Box
     q: Box
+    inside: Box
     ends: tuple[Box, Box]
 
 
@@ -58,10 +60,12 @@ def windows_of(task: Task) -> Windows | None:
     if not (np.isfinite(v_low) & np.isfinite(v_high)).all():
         return None
     # Where no motion is that fast, boxes are empty, and any do.
-    moment = momenta_over(robot, Box.of(low, np.maximum(low, high)))
+    inside = Box.of(low, np.maximum(low, high))
+    moment = momenta_over(robot, inside)
+    G, rest = gravity_by_lines(robot, inside, moment.gravity)
     v = Box.of(v_low, np.maximum(v_low, v_high))
     losses = task.forces().losses(v.size)
-    w = moment.opposing(v) + Box(np.zeros_like(losses), losses)
+    w = replace(moment, gravity=rest).opposing(v) + Box(np.zeros_like(losses), losses)
     momenta = [
         _momentum(task, Place(q, place.v), (moment.M[[k]], v[[k]]))
         for q, place, k in ((start, task.places[0], 0), (goal, task.places[1], -1))
@@ -73,7 +77,7 @@ def windows_of(task: Task) -> Windows | None:
     for k, known in ((0, start), (-1, goal)):
         at_edges[0][k], at_edges[1][k] = (np.where(np.isnan(known), side[k], known) for side in at_edges)
     q = Box.of(at_edges[0], np.maximum(*at_edges))
-    return Windows(T / _COUNT, moment.M, w, v, q, (momenta[0], momenta[1]))
+    return Windows(T / _COUNT, moment.M, w, G, v, q, inside, (momenta[0], momenta[1]))
 
 
 def _within_positions(task: Task, low: Array, high: Array) -> tuple[Array, Array]:

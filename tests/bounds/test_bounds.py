@@ -102,7 +102,7 @@ def test_a_pendulum_needs_no_limits_beside_its_solution(pendulum, q):
     assert "limits.velocity" in bound(problem).reason
     found = bound(solved(problem))
     assert found.method == "momenta"
-    assert 0.0 < found.gap < 0.5
+    assert 0.0 < found.gap < 0.1
 
 
 def test_any_multipliers_give_a_bound(double):
@@ -112,7 +112,7 @@ def test_any_multipliers_give_a_bound(double):
     assert windows is not None
     best, rng = least_squares(windows, alpha), np.random.default_rng(0)
     for size in 10.0 ** np.arange(-3.0, 2.0):
-        lams, nus = size * rng.normal(size=(33, 2)), size * rng.normal(size=(32, 2))
+        lams, nus = size * rng.normal(size=(33, 2)), size * rng.normal(size=(2, 32, 2))
         assert dual_value(windows, alpha, lams, nus) < best < solution.cost
 
 

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mbocp.bounds.boxes import Box, cosine, sine
-from mbocp.bounds.momenta import momenta_over, why_no_momenta
+from mbocp.bounds.momenta import gravity_by_lines, momenta_over, why_no_momenta
 from mbocp.bounds.slopes import slopes_of
 from mbocp.bounds.speeds import Forces, speeds_after
 from mbocp.problem.reasons.least_time import least_time
@@ -102,6 +102,23 @@ def test_momenta_are_enclosed(robot, width):
     if width == 0.0:
         assert found.M.radius.max() < 1e-9
         assert opposing.radius.max() > 0.0
+
+
+@pytest.mark.parametrize("width", [0.01, 0.2, 3.0])
+def test_gravity_is_enclosed_by_lines(robot, width):
+    model, rng = robot.model, np.random.default_rng(3)
+    middle = rng.uniform(-1.0, 1.0, model.nv)
+    q = Box.of([middle - width], [middle + width])
+    gravity = momenta_over(robot, q).gravity
+    G, rest = gravity_by_lines(robot, q, gravity)
+    assert (rest.radius <= gravity.radius * (1.0 + 1e-9) + 1e-9).all()
+    if width == 0.01:
+        assert rest.radius.sum() <= 0.2 * gravity.radius.sum()
+    for _ in range(50):
+        at = middle + width * rng.uniform(-1.0, 1.0, model.nv)
+        left = pin.computeGeneralizedGravity(model, model.createData(), configuration(model, at)) - G[0] @ at
+        assert (rest.lower[0] - 1e-10 <= left).all()
+        assert (left <= rest.upper[0] + 1e-10).all()
 
 
 def test_slopes_hold(robot):
