@@ -86,7 +86,8 @@ def _each(matrices: Array, columns: ca.SX) -> ca.SX:
 
 def _twice(rows: Array) -> Array:
     """Half of them for the begin of each window, half for its end."""
-    return np.vstack([rows, rows]).T / 2.0
+    found: Array = np.vstack([rows, rows]).T / 2.0
+    return found
 
 
 def dual_value(windows: Windows, weights: Array, lams: Array, nus: Array) -> float:
@@ -144,4 +145,5 @@ def _typical(windows: Windows, weights: Array) -> float:
 
 
 def _opposed(windows: Windows) -> Array:
-    return windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)
+    found: Array = windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)
+    return found

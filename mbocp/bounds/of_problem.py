@@ -109,14 +109,14 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
         least, method = low, ""
     else:
         least, method = least_duration(task, is_quick=is_quick)
-        method = method if least > low else ""
+        method = method if least > low else "horizon.duration.min"
         least = min(max(least, low), high)
     if task.why_no_cost:
         return Bound(math.nan, least, method, reason=task.why_no_cost)
     edges = np.linspace(least, high, _PARTS + 1 if high > least else 2)
     of_time = float(task.lightest("time", 1)[0])
     moved = _moved(task, edges[1:])
-    value, words = float(np.min(of_time * edges[:-1] + moved)), [method] if method else []
+    value, words = float(np.min(of_time * edges[:-1] + moved)), [method] if method and of_time else []
     if moved.any():
         words.append("squares of rates")
     efforts, reason = 0.0, "efforts are not looked at: the duration is free"

@@ -11,7 +11,7 @@ from mbocp.bounds.boxes import Box
 from mbocp.bounds.momenta import momenta_over
 from mbocp.robot import Robot
 
-_ROUNDS = 4  # each takes speeds of the round before for granted, which hold, and finds lower ones
+_ROUNDS = 3  # each takes speeds of the round before for granted, which hold, and finds lower ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +126,11 @@ def _within_forces(known: Speeds, displacements: Array, v: Array, forces: Forces
     opposing, losses = moment.opposing(velocities), forces.losses(velocities.size)
     held = opposing.upper + losses, opposing.lower - losses
     lengths = np.diff(known.edges)[:, None]
-    at_start = momenta_over(forces.robot, Box.of(displacements[None], displacements[None])).M
-    p0 = (at_start @ v[None, :, None])[:, :, 0]
+    p0 = Box.of(v[None], v[None])
+    if v.any():
+        p0 = (momenta_over(forces.robot, Box.of(displacements[None], displacements[None])).M @ v[:, None])[
+            ..., 0
+        ]
     # Forces so far grow with time; what is held is linear within a window, most or least at one of its ends.
     given = forces.impulses(known.edges)
     ends = [np.cumsum(lengths * rate, axis=0) for rate in held]

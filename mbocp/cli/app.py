@@ -229,7 +229,7 @@ def bound(
     settings: Settings = None,
     as_json: Json = False,
 ) -> None:
-    """Say what no motion can be better than: a lower bound of cost and duration.
+    """Bound cost and duration of all motions from below.
 
     Nothing is solved. A result is compared with it.
     """
