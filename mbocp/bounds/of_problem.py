@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.bounds.durations import BY_FORCES, least_duration
+from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
 from mbocp.bounds.task import Task
 from mbocp.problem import Problem
 from mbocp.solution import Solution
@@ -46,7 +46,7 @@ class Bound:
 
     @property
     def is_valid(self) -> bool:
-        """Whether there is a bound of the cost, and if it were zero."""
+        """Whether there is a bound of the cost; it may be zero."""
         return not math.isnan(self.value)
 
     @property
@@ -125,11 +125,10 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     if efforts > 0.0:
         words.append("momenta")
     value = value + efforts if math.isnan(task.reached) else min(value + efforts, max(task.reached, value))
-    # Steps of this scheme are motions of constant accelerations.
+    # Steps of this scheme are motions of constant accelerations, whose forces and jerks are others.
     is_linear = task.problem.scheme == "midpoint" and task.problem.coordinates == "joint"
-    is_both = (
-        is_linear and not efforts and method != BY_FORCES and "j" not in task.problem.widest_limits.letters
-    )
+    is_same = not efforts and method not in (BY_FORCES, BY_FRAMES)
+    is_both = is_linear and is_same and "j" not in task.problem.widest_limits.letters
     of = "continuous and discretised" if is_both else "continuous"
     return Bound(value, least, "; ".join(words), of, "" if value > 0.0 else reason)
 

@@ -70,7 +70,7 @@ class Task:
     def why_no_cost(self) -> str:
         """Why the cost has no bound, but for what `why_none` says."""
         signed = [key for key in SIGNED if np.any(self.problem.cost.weight(key))]
-        signed += [term.name for term in self.problem.terms]
+        signed += [term.name for term in self.problem.terms if term.role in ("running", "terminal")]
         return f"the cost may be negative by {', '.join(signed)}" if signed else ""
 
     @property

@@ -83,6 +83,8 @@ def test_least_times_within_efforts_are_not_beaten(double, seed):
     assert found.method == BY_FORCES
     assert 0.4 * solution.duration < found.duration < solution.duration
     assert found.value < solution.cost
+    costly = problem.with_(cost={"effort": 1.0})
+    assert bound(solved(costly)).duration == bound(costly).duration  # of motions that cost more, too
 
 
 @pytest.mark.parametrize("seed", range(4))
