@@ -17,6 +17,7 @@ from mbocp.bounds.of_problem import bound, quick_bound
 from mbocp.bounds.task import Task
 from mbocp.bounds.windows import windows_of
 from mbocp.cli.app import app
+from mbocp.cli.summary import print_summary
 from mbocp.problem import Problem, load_problem
 from mbocp.robot import Robot, load_robot
 from tests.robot.urdfs import chain, write
@@ -62,7 +63,7 @@ def test_carts_that_change_places_have_nearly_their_least_time_as_bound():
 
 
 @pytest.mark.parametrize("jerk", [False, True])
-def test_least_times_within_accelerations_are_met(jerk):
+def test_least_times_within_accelerations_are_met(jerk, capsys):
     """Without jerks, whose steps differ, by the steps, too."""
     limits = {"jerk": 100.0 if jerk else math.inf}
     problem = load_problem(EXAMPLES / "arms" / "minimum_time.toml").with_(limits=limits)
@@ -72,6 +73,8 @@ def test_least_times_within_accelerations_are_met(jerk):
     assert solution.duration >= found.duration * (1.0 - (1e-3 if jerk else 1e-7))
     assert solution.duration <= found.duration * 1.002
     assert quick_bound(solution, problem).value == found.value
+    print_summary(solution, problem)
+    assert "at least" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -173,3 +176,6 @@ def test_the_command_prints_it(tmp_path):
     assert found["gap"] is None
     result = solved(load_problem(path)).save(tmp_path / "carts.h5")
     assert "below what was reached" in CliRunner().invoke(app, ["bound", str(result)]).stdout
+    page = tmp_path / "carts.html"
+    assert CliRunner().invoke(app, ["report", str(result), "-o", str(page)]).exit_code == 0
+    assert "below what was reached" in page.read_text(encoding="utf-8")
