@@ -8,8 +8,9 @@ For all functions :math:`\lambda(t)`, :math:`\nu(t)`, with :math:`\dot p = \tau 
 
 by :math:`\tfrac{1}{2} \alpha \tau^2 \ge \lambda \tau - \tfrac{1}{2} \lambda^2 / \alpha` and integration by
 parts. In windows of time M, w, q and v are within boxes, over which the least value is taken. With lambda
-linear and nu constant in each, what is left is concave in them, and its maximum the dual of a convex
-problem. Any lambda and nu give a true bound, so that it does not matter how exactly that is solved.
+and nu linear in each, what is left is concave in them, and its maximum the dual of a convex problem. Of w
+the boxes hold what G q, the line of gravity, leaves. Any lambda and nu give a true bound, so that it does
+not matter how exactly that is solved.
 """
 
 from __future__ import annotations

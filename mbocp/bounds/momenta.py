@@ -107,15 +107,13 @@ def gravity_by_lines(robot: Robot, q: Box, gravity: Box) -> tuple[Array, Box]:
     with np.errstate(invalid="ignore"):
         left = 0.5 * np.einsum("ilm,kl,km->ki", slopes.of_slopes, q.radius, q.radius)
         left += 1e-9 * np.einsum("kil,kl->ki", np.abs(G), q.radius)  # G is not exact
-    G[~(left < gravity.radius)] = 0.0
-    wide = Box(np.zeros_like(left), np.where(left < gravity.radius, left, 0.0))
-    line = (Box(G, np.zeros_like(G)) @ q.centre[:, :, None])[:, :, 0]
-    near = Box(*(np.where(left < gravity.radius, *pair) for pair in _pairs(middle, gravity)))
-    return G, near - line + wide
-
-
-def _pairs(a: Box, b: Box) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    return (a.centre, b.centre), (a.radius, b.radius)
+    is_line = left < gravity.radius
+    G[~is_line] = 0.0
+    near = Box(
+        np.where(is_line, middle.centre, gravity.centre),
+        np.where(is_line, middle.radius + left, gravity.radius),
+    )
+    return G, near - (Box(G, np.zeros_like(G)) @ q.centre[:, :, None])[:, :, 0]
 
 
 def _numbers(model: pin.Model, displacements: Array) -> Array:
