@@ -12,6 +12,7 @@ from __future__ import annotations
 
 TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all that is here
 if TYPE_CHECKING:
+    from mbocp.bounds.of_problem import Bound, bound
     from mbocp.exceptions import MbocpError, NotConverged
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Bound",
     "MbocpError",
     "Motions",
     "MovingHorizonEstimator",
@@ -38,6 +40,7 @@ __all__ = [
     "Sensitivities",
     "Solution",
     "__version__",
+    "bound",
     "live",
     "load_problem",
     "load_robot",

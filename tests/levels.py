@@ -13,8 +13,9 @@ ROOT = Path(__file__).parents[1]
 _PLACES = {
     # Functions by themselves, readers, checks: next to nothing is compiled or solved.
     "unit": """
-        architecture clocks docs files levels lie linear meshes problem repository robot stubs switches text
-        warn cli/help cli/keys cli/progress guesses/along guesses/given_way mechanics/duals programme/algebra
+        architecture bounds/enclosures clocks docs files levels lie linear meshes problem repository robot
+        stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
+        mechanics/duals programme/algebra
         solution/export solution/formats solution/joined solution/solution solvers/filter
         solvers/registry study/expansion study/table symbolic/functions symbolic/versions terms/spline
         view/forces
@@ -22,6 +23,7 @@ _PLACES = {
     # Problems formulated and solved, each feature on a small robot; results, commands, files.
     "solve": """
         damping explaining guesses holds mimic pairs phases robust solution stop strangers study cli/check
+        bounds damping explaining guesses holds mimic pairs phases solution stop strangers study cli/check
         cli/end cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
         formulation/memory formulation/moved_start formulation/operations formulation/sources
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes

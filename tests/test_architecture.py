@@ -45,6 +45,7 @@ LAYERS = (
     "problem",
     "formulation",
     "solution",
+    "bounds",
     "sensitivity",
     "job",
     "accuracy",

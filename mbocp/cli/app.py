@@ -224,6 +224,21 @@ def explain(
 
 
 @_command
+def bound(
+    file: Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")],
+    settings: Settings = None,
+    as_json: Json = False,
+) -> None:
+    """Bound cost and duration of all motions from below.
+
+    Nothing is solved. A result is compared with it.
+    """
+    from mbocp.cli.bound import print_bound
+
+    print_bound(file, settings or [], as_json=as_json)
+
+
+@_command
 def replay(
     results: Annotated[
         list[Path],

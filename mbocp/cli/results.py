@@ -46,7 +46,8 @@ def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
     signals.leave_in_order()
     solution, robot = load_result(result)
     with name_errors(result, "cannot be drawn"):
-        write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in _rows(solution)])
+        rows = [*_rows(solution), ("at least", _bound_words(solution))]
+        write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
     tell(f"report: {path}", quiet)
 
 
@@ -75,6 +76,17 @@ def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
     own = [label for label in solution.labels.lam if label.name.rpartition(".")[0] not in held]
     nc = len(own) if known is not None and known.has_robot_multipliers else 0
     return solution_rows(solution, robot_words(solution.robot_name, solution.nv, solution.nu, nc))
+
+
+def _bound_words(solution: Solution) -> str:
+    """A lower bound of the cost."""
+    from mbocp.bounds.of_problem import bound
+    from mbocp.exceptions import MbocpError
+
+    try:
+        return bound(solution).words
+    except MbocpError as error:
+        return f"not known: {error}"
 
 
 def _files_of(solution: Solution) -> str:

@@ -32,6 +32,7 @@ _NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, l
 _MAX_STARTS = 6
 _FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
 _STOPPED = ("interrupted", "time_limit")  # nothing speaks against the problem then
+_FAR = 0.5  # part of the cost: a lower bound that is farther below says little
 _SAME = 1e-4  # relative: what differs by less is written alike
 _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
 
@@ -50,6 +51,7 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
         listed.append((name, text))
         if name in after and after[name][1]:
             listed.append(after[name])
+    listed += _bound(solution, problem)
     if problem.clearance is not None:
         listed.append(("kept apart", "\n".join(problem.clearance.words)))
     listed += [(kind, str(path)) for kind, path in written]
@@ -71,6 +73,16 @@ def _cause(solution: Solution, problem: Problem) -> Text:
     if causes := causes_of(problem):
         why = causes[0].words if causes[0].is_certain else f"probably: {causes[0].words}"
     return Text(why, style="bold")
+
+
+def _bound(solution: Solution, problem: Problem) -> _Rows:
+    """A lower bound of the cost, where a quick one is near enough to say something."""
+    from mbocp.bounds.of_problem import quick_bound  # nobody else needs it
+
+    if not solution.is_stationary:
+        return []
+    found = quick_bound(solution, problem)
+    return [("at least", found.words)] if found.gap < _FAR else []
 
 
 def cause_rows(causes: Sequence[Cause]) -> _Rows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,13 @@ def test_least_times_are_those_of_bang_coast_bang(sign):
     assert least_time(sign * 3.0, 1.0, 2.0, **rest) == pytest.approx(3.5)
     assert least_time(sign * 1.0, acceleration=2.0) == pytest.approx(1.0)  # arrives at speed
     assert least_time(sign * 1.5, 2.0, 2.0, from_rate=sign, to_rate=sign * 1.0) == pytest.approx(1.0)
-    assert least_time(0.0, acceleration=2.0, from_rate=sign * 3.0, to_rate=0.0) == pytest.approx(1.5)
+    for v in (0.5, -0.5):  # there already, but for rounding
+        assert least_time(sign * 1e-17, acceleration=2.0, from_rate=v, to_rate=v) == 0.0
+    braked = 1.5 + 2.0 * math.sqrt(2.25 / 2.0)  # and 2.25 back
+    assert least_time(0.0, acceleration=2.0, from_rate=sign * 3.0, to_rate=0.0) == pytest.approx(braked)
+    assert least_time(
+        2.25 - 2.0 * math.pi, acceleration=2.0, from_rate=3.0, to_rate=0.0, is_circle=True
+    ) == pytest.approx(1.5)
     assert least_time(sign * 1.0, jerk=12.0, **rest) == pytest.approx(1.0)
 
 

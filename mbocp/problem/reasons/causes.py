@@ -122,9 +122,10 @@ def _legs(problem: Problem) -> list[_Leg]:
 def _rates(problem: Problem, leg: _Leg) -> Iterator[Cause]:
     """Joints that need more time than there is, for their speeds, accelerations and jerks."""
     limits, robot = problem.widest_limits, problem.robot
-    for name, i, distance, unit in _ways(robot, leg):
+    for name, i, distance, unit, is_circle in _ways(robot, leg):
         sign = 1.0 if distance >= 0.0 else -1.0
-        v = limits.v_upper[i] if sign > 0.0 else -limits.v_lower[i]
+        sides = limits.v_upper[i], -limits.v_lower[i]
+        v = max(sides) if is_circle else sides[sign < 0.0]
         a = max(limits.a_upper[i], -limits.a_lower[i])
         j = max(limits.j_upper[i], -limits.j_lower[i])
         v0, v1 = (sign * float(rate[i]) for rate in leg.rates)
@@ -136,7 +137,7 @@ def _rates(problem: Problem, leg: _Leg) -> Iterator[Cause]:
             ("speed", least_time(d, v), f"at its {v:.4g} {unit}/s"),
             (
                 "acceleration",
-                least_time(d, v, a, from_rate=v0, to_rate=to),
+                least_time(d, v, a, from_rate=v0, to_rate=to, is_circle=is_circle),
                 f"with its {a:.4g} {unit}/s^2" + (f" and {v:.4g} {unit}/s" if v < math.inf else ""),
             ),
             ("jerk", least_time(d, jerk=j, from_rate=v0, to_rate=to), f"with its {j:.4g} {unit}/s^3"),
@@ -153,13 +154,13 @@ def _has(leg: _Leg) -> str:
     return f"there are {leg.time:.4g} s"
 
 
-def _ways(robot: Robot, leg: _Leg) -> Iterator[tuple[str, int, float, str]]:
-    """Joints of one velocity: name, place in v, distance, unit; without full turns of continuous ones."""
+def _ways(robot: Robot, leg: _Leg) -> Iterator[tuple[str, int, float, str, bool]]:
+    """Joints of one velocity: name, place in v, least distance, unit, whether it goes round."""
     away = robot.difference(leg.q0, leg.q1)
     for joint in range(1, robot.model.njoints):
         j, kind = robot.model.joints[joint], joint_kind(robot.model, joint)
         if j.nv == 1 and leg.known[j.idx_v]:
-            yield robot.model.names[joint], j.idx_v, float(away[j.idx_v]), kind.v[0][1]
+            yield robot.model.names[joint], j.idx_v, float(away[j.idx_v]), kind.v[0][1], j.nq == 2
 
 
 def _frame_speeds(problem: Problem, leg: _Leg) -> Iterator[Cause]:
@@ -243,7 +244,7 @@ def _poses_at_rest(problem: Problem) -> Iterator[tuple[str, Array, int]]:
 def _steps(problem: Problem, leg: _Leg) -> Iterator[Cause]:
     """Joints that turn by more than a radian in a step."""
     steps = max(round(leg.time / problem.dt), 1)
-    for name, _, distance, unit in _ways(problem.robot, leg):
+    for name, _, distance, unit, _ in _ways(problem.robot, leg):
         if unit == "rad" and abs(distance) / steps > _COARSE:
             least = math.ceil(abs(distance) / 0.2)
             line = (

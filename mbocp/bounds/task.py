@@ -1,0 +1,162 @@
+"""A problem as bounds see it: what is known of joints at both ends, and what moves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
+from mbocp.bounds.momenta import why_no_momenta
+from mbocp.bounds.speeds import Forces, Speeds, speeds_after
+from mbocp.problem import Goal, Problem
+from mbocp.robot.joints import displacement, joint_kind
+
+SIGNED = ("potential", "fuel", "energy")  # terms of the cost that may be negative
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Displacements [rad, m] and rates of joints of one velocity, by velocity component; NaN: not known."""
+
+    q: Array
+    v: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A problem with one goal.
+
+    Attributes
+    ----------
+    problem : Problem
+    places : tuple of Place
+        The start, via points, the goal.
+    circles : ndarray of bool, shape (nv,)
+        Which are angles that may go round.
+    reached : float
+        A cost that some motion has; NaN where none is known.
+    """
+
+    problem: Problem
+    places: tuple[Place, ...]
+    circles: BoolArray
+    reached: float
+
+    @classmethod
+    def of(cls, problem: Problem, reached: float = math.nan) -> Task:
+        """Read what is known."""
+        model, nv = problem.robot.model, problem.robot.nv
+        circles = np.zeros(nv, dtype=np.bool_)
+        for joint in range(1, model.njoints):
+            if joint_kind(model, joint).word == "continuous":
+                circles[model.joints[joint].idx_v] = True
+        return cls(problem, tuple(_places(problem)), circles, reached)
+
+    @property
+    def why_none(self) -> str:
+        """Why nothing is bounded; "" where something may be."""
+        if self.problem.start_free is not None:
+            return "the start is found with the motion"
+        if self.problem.robot.nc or self.problem.timeline.switches is not None:
+            return "closed loops, holds and impacts are not looked at"
+        if not all(drive.has_state for drive in self.problem.robot.drives):
+            return "controls that prescribe velocities are not looked at"
+        return ""
+
+    @property
+    def why_no_cost(self) -> str:
+        """Why the cost has no bound, but for what `why_none` says."""
+        signed = [key for key in SIGNED if np.any(self.problem.cost.weight(key))]
+        signed += [term.name for term in self.problem.terms if term.role in ("running", "terminal")]
+        return f"the cost may be negative by {', '.join(signed)}" if signed else ""
+
+    @property
+    def moves(self) -> Array:
+        """How far joints are from the goal at the start, angles that may go round the shortest way."""
+        return self.between(self.places[0].q, self.places[-1].q)
+
+    def between(self, begin: Array, end: Array) -> Array:
+        """How far joints go from one place to another, angles that may go round the shortest way."""
+        away = end - begin
+        found: Array = np.where(self.circles, (away + np.pi) % (2.0 * np.pi) - np.pi, away)
+        return found
+
+    def lightest(self, key: str, size: int) -> Array:
+        """Weights of a term of the cost, the least of all phases."""
+        cost = self.problem.cost
+        each = [cost.with_weights(phase.weights).weight(key) for phase in self.problem.timeline.phases]
+        found: Array = np.min([np.broadcast_to(weights, size) for weights in each], axis=0)
+        return found
+
+    def motors(self) -> Iterator[tuple[int, int, float]]:
+        """Control, velocity component that it acts on, and by what factor."""
+        for u, column in enumerate(np.asarray(self.problem.robot.actuation.selection).T):
+            at = int(np.flatnonzero(column)[0])
+            yield u, at, float(column[at])
+
+    @property
+    def why_no_forces(self) -> str:
+        """Why forces say nothing of the motion; "" where they may."""
+        robot = self.problem.robot
+        selection = np.asarray(robot.actuation.selection) != 0.0
+        if robot.forces or robot.elastic or robot.actuation.frame_actuators:
+            return "springs or forces at frames act"
+        if robot.drives:
+            return "controls are accelerations"
+        if not ((selection.sum(axis=0) == 1).all() and (selection.sum(axis=1) <= 1).all()):
+            return "controls act on several joints"
+        return why_no_momenta(robot)
+
+    def forces(self) -> Forces:
+        """What moves the joints, where `why_no_forces` says nothing."""
+        robot, limits = self.problem.robot, self.problem.widest_limits
+        low, high, damping, friction = np.zeros((4, robot.nv))
+        squares, weights = np.zeros(robot.nv), self.lightest("effort", robot.nu)
+        is_known = not (math.isnan(self.reached) or self.why_no_cost)
+        for u, at, factor in self.motors():
+            low[at], high[at] = np.sort(factor * np.array([limits.u_lower[u], limits.u_upper[u]]))
+            is_bounded = is_known and weights[u] > 0.0
+            squares[at] = 2.0 * self.reached / weights[u] * factor**2 if is_bounded else np.inf
+        for loss in robot.resistances:
+            damping[loss.dof] += loss.ratio**2 * loss.damping
+            friction[loss.dof] += abs(loss.ratio) * loss.friction
+        return Forces(robot, low, high, damping, friction, squares)
+
+    def speeds(self, edges: Array) -> tuple[Speeds, Speeds]:
+        """Bounds of velocities after the start, and of those before the goal, which are those backwards."""
+        limits, start, goal = self.problem.widest_limits, self.places[0], self.places[-1]
+        forces = None if self.why_no_forces else self.forces()
+        v, a = (limits.v_lower, limits.v_upper), (limits.a_lower, limits.a_upper)
+        after = speeds_after(edges, start.q, start.v, v, a, forces)
+        before = speeds_after(edges, start.q + self.moves, -goal.v, (-v[1], -v[0]), a, forces)
+        return after, before
+
+
+def _places(problem: Problem) -> Iterator[Place]:
+    every = np.ones(problem.robot.nv, dtype=np.bool_)
+    yield Place(_displacements(problem, problem.q_start, every), np.array(problem.v_start))
+    for point in problem.timeline.waypoints:
+        yield _of_goal(problem, point.via.goal)
+    yield _of_goal(problem, problem.goal)
+
+
+def _of_goal(problem: Problem, goal: Goal) -> Place:
+    nothing = np.full(problem.robot.nv, np.nan)
+    if not goal.is_exact or goal.periodic is not None:
+        return Place(nothing, nothing)
+    is_rate = goal.rate == "v" or (goal.rate_active.all() and not goal.value.any())
+    rate = np.where(goal.rate_active & is_rate, goal.value, np.nan)
+    return Place(_displacements(problem, goal.q, goal.q_active), rate)
+
+
+def _displacements(problem: Problem, q: Array, known: BoolArray) -> Array:
+    model = problem.robot.model
+    found = np.full(model.nv, np.nan)
+    for joint in range(1, model.njoints):
+        entry = model.joints[joint]
+        if entry.nv == 1 and known[entry.idx_v]:
+            found[entry.idx_v] = displacement(model, joint, np.array(q))
+    return found
