@@ -13,6 +13,7 @@ from __future__ import annotations
 TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all that is here
 if TYPE_CHECKING:
     from mbocp.exceptions import MbocpError, NotConverged
+    from mbocp.identification import identify
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
     from mbocp.problem import Problem, load_problem
@@ -37,6 +38,7 @@ __all__ = [
     "Sensitivities",
     "Solution",
     "__version__",
+    "identify",
     "live",
     "load_problem",
     "load_robot",

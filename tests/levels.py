@@ -14,6 +14,7 @@ _PLACES = {
     # Functions by themselves, readers, checks: next to nothing is compiled or solved.
     "unit": """
         architecture clocks docs files levels lie linear meshes problem repository robot stubs switches text
+        identification/base identification/consistent identification/log
         warn cli/help cli/keys cli/progress guesses/along guesses/given_way mechanics/duals programme/algebra
         solution/export solution/formats solution/joined solution/solution solvers/filter
         solvers/registry study/expansion study/table symbolic/functions symbolic/versions terms/spline
@@ -32,7 +33,7 @@ _PLACES = {
         robot/loops/undriven ros sensitivity
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/effort_about_gravity
-        terms/end_acceleration terms/energy
+        terms/end_acceleration terms/energy identification
         terms/hulls terms/kept terms/motor terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.

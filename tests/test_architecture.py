@@ -58,6 +58,7 @@ LAYERS = (
     "receding",
     "interactive",
     "explaining",
+    "identification",
     "study",
     "cli",
 )
