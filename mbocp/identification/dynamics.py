@@ -283,9 +283,10 @@ def _owner(robot: Robot, dof: int) -> int:
     """The joint that an independent velocity component belongs to, counted without the universe."""
     all_joints = list(enumerate(robot.joint_names, start=1))
     number, name = next((k, n) for k, n in all_joints if dof in _dofs(robot, n))
-    if robot.model.joints[number].nv != 1:
+    size = robot.model.joints[number].nv
+    if size != 1:
         raise UnsupportedRobot(
-            f"robot {robot.name!r}: joint {name!r} has {robot.model.joints[number].nv} velocities, and no loop says "
+            f"robot {robot.name!r}: joint {name!r} has {size} velocities, and no loop says "
             "where it is; identification needs one that slides or turns there"
         )
     return number - 1

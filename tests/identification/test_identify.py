@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from typer.testing import CliRunner
 
 from mbocp import identify, load_robot
+from mbocp.cli.app import app
 from mbocp.exceptions import LogError, ResultFileError, RobotFileError, UnknownJoint
-from mbocp.identification import Log, simulate_log
+from mbocp.identification import Log, simulate_log, write_log
 from mbocp.identification.base import base_of, pseudo_inertia, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics
 from mbocp.identification.plot import plot_residuals
 from mbocp.identification.trajectory import regression, spline_basis
 from mbocp.robot import MissingMeshWarning, Payload
 from tests.identification.logs import changed, true_values
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "identification" / "ur5.py"
 
 
 @pytest.fixture(scope="module")
@@ -201,3 +208,22 @@ def test_a_log_without_what_is_needed_is_refused_by_name(ur5, truth):
     degrees = {n: {"q": np.rad2deg(c["q"]) * 4.0, "tau": c["tau"]} for n, c in log.joints.items()}
     with pytest.raises(LogError, match="is it in degrees"):
         identify(ur5, Log(log.t, degrees))
+
+
+def test_the_example_finds_the_heavier_link():
+    found = runpy.run_path(str(EXAMPLE))["main"]()
+    assert (found.held_out.rms < 0.2).all()
+    assert (found.held_out.rms < 0.3 * found.held_out.rms_before).all()
+
+
+def test_the_command_prints_and_writes(truth, tmp_path):
+    log = write_log(simulate_log(truth, duration=4.0), tmp_path / "log.csv")
+    out = tmp_path / "new.urdf"
+    done = CliRunner().invoke(app, ["identify", "ur5", str(log), "--out", str(out), "--json"])
+    assert done.exit_code == 0, done.output
+    facts = json.loads(done.stdout)
+    assert facts["parameters"]["elbow_joint.friction"]["value"] == pytest.approx(0.5, abs=0.1)
+    assert "<mass value=" in out.read_text()
+    refused = CliRunner().invoke(app, ["identify", "ur5", str(log), "--torque-constant", "elbow_joint"])
+    assert refused.exit_code == 2
+    assert "--torque-constant" in refused.output
