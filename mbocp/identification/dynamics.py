@@ -188,7 +188,7 @@ class InverseDynamics:
         """Derivatives of the rows in y, its rates and accelerations, each shape (K, n, n)."""
         model = self.with_values(values)
         if not (len(self.dependent) or self.robot.forces):
-            return self._slopes_of_tree(model, motion, values)
+            return self._slopes_of_tree(motion, values)
         y = np.array([self.coordinates(q) for q in motion.qs])
         yd, ydd = motion.v[:, self.independent], motion.a[:, self.independent]
 
@@ -238,11 +238,22 @@ class InverseDynamics:
         ]
         return np.asarray(np.einsum("kij,ki->kj", motion.G, torques))
 
-    def _slopes_of_tree(self, model: pin.Model, motion: Motion, values: Array) -> tuple[Array, Array, Array]:
+    def _slopes_of_tree(self, motion: Motion, values: Array) -> tuple[Array, Array, Array]:
         (damping, friction), nv = self._losses(values), self.robot.nv
+        # Pinocchio adds bodies up, and takes their masses for positive; estimates on the way need not be.
+        masses = PER_BODY * np.arange(self.model.njoints - 1)
+        least = float(values[masses].min())
+        if least < 0.0:
+            added = np.zeros_like(values)
+            added[masses] = 1.0 - 2.0 * least
+            ours, theirs = (self._slopes_of_tree(motion, each) for each in (values + added, added))
+            return tuple(a - b for a, b in zip(ours, theirs, strict=True))  # type: ignore[return-value]
+        model = self.with_values(values)
         found = np.empty((3, len(motion.v), nv, nv))
         for k, (q, v, a) in enumerate(zip(motion.qs, motion.v, motion.a, strict=True)):
             found[:, k] = pin.computeRNEADerivatives(model, self._data, q, v, a)
+        upper = np.triu(found[2])  # of the mass matrix Pinocchio sets these entries alone
+        found[2] = upper + np.triu(upper, 1).transpose(0, 2, 1)
         at = np.arange(nv)
         steep = 1.0 - np.tanh(motion.v / self.speeds) ** 2
         found[1][:, at, at] += damping + friction / self.speeds * steep

@@ -243,7 +243,7 @@ def identify(
         frozen_array(found.offset_sd),
         frozen_array(found.position_noise),
         frozen_array(found.torque_noise),
-        _residuals(dynamics, data, everything, found.offsets),
+        _residuals(dynamics, data, everything, found.offsets, found.motion.qs),
         _residuals(dynamics, other, everything, found.offsets),
         tuple(messages),
         dynamics,
@@ -281,6 +281,8 @@ def measured_of(
         column = log.joints.get(name, {}).get("q")
         if column is None:
             raise LogError(source, f"no column {name}.q: the position of joint {name!r} is needed")
+        if np.ptp(column) == 0.0:
+            raise LogError(source, f"{name}.q: the joint does not move: move it, or lock it")
         positions.append(_turned(robot, name, column, source))
     rates = [
         np.stack([log.joints[name][kind] for name in dynamics.names], axis=1)
@@ -322,11 +324,13 @@ def _turned(robot: Robot, name: str, column: Array, source: Path) -> Array:
     return column
 
 
-def _residuals(dynamics: InverseDynamics, data: Measured, everything: Array, offsets: Array) -> Residuals:
+def _residuals(
+    dynamics: InverseDynamics, data: Measured, everything: Array, offsets: Array, near: Array | None = None
+) -> Residuals:
     """Along a spline through the positions: torques have no part in it."""
     y, yd, ydd, _ = smooth(data, knots_for(data))
     y = y + offsets
-    motion = dynamics.motion(y, yd, ydd, dynamics.follow(y))
+    motion = dynamics.motion(y, yd, ydd, dynamics.follow(y) if near is None else near)
     torques, regressor = dynamics.applied(motion, data.u), dynamics.regressor(motion)
     return Residuals(data.t, torques, torques - regressor @ everything, torques - regressor @ dynamics.values)
 

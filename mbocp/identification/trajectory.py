@@ -24,6 +24,7 @@ from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_bande
 from scipy.sparse import bsr_matrix, csr_matrix, diags, eye, kron, vstack
 
 from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue
 from mbocp.identification.base import BaseParameters, Unknowns
 from mbocp.identification.dynamics import InverseDynamics, Motion
 
@@ -149,13 +150,7 @@ class Fit:
         self.dynamics, self.unknowns, self.base, self.data = dynamics, unknowns, base, data
         self.n, self.count, self.finds_offsets = dynamics.n, count, offsets
         self.B = [kron(basis, eye(self.n), format="csr") for basis in spline_basis(data.t, count)]
-        self.file_beta = base.combinations @ unknowns.values
-        chosen_units = [base.labels[k].unit for k in base.chosen]
-        largest = {
-            unit: max(np.abs(self.file_beta[[u == unit for u in chosen_units]]).max(), 1.0)
-            for unit in chosen_units
-        }
-        self.beta_sd = _WIDE * np.array([largest[unit] for unit in chosen_units])
+        self.file_beta, self.beta_sd = beliefs(unknowns, base)
         self.probes = np.random.default_rng(1).choice([-1.0, 1.0], (_PROBES, self._rows))
 
     @property
@@ -174,18 +169,17 @@ class Fit:
         change = lift @ np.linalg.solve(C @ lift, beta - self.file_beta)
         return np.asarray(unknowns.known + unknowns.shares @ (unknowns.values + change))
 
-    def _start(self) -> tuple[Array, Array, Array]:
+    def _start(self, near: Array) -> tuple[Array, Array, Array]:
         """Spline through the positions, and base parameters by weighted regression along it."""
         y, yd, ydd, _ = smooth(self.data, self.count)
         normal = _banded((self.B[0].T @ self.B[0]).tocsr(), (DEGREE + 1) * self.n - 1)
         c = cho_solve_banded((cholesky_banded(normal, lower=True), True), self.B[0].T @ y.ravel())
-        qs = self.dynamics.follow(y)
-        motion = self.dynamics.motion(y, yd, ydd, qs)
+        motion = self.dynamics.motion(y, yd, ydd, near)
         return c, regression(self.dynamics, self.unknowns, self.base, motion, self.data.u), motion.qs
 
-    def run(self) -> Estimate:
-        """Iterate until parameters and noise levels stay."""
-        c, beta, near = self._start()
+    def run(self, near: Array) -> Estimate:
+        """Iterate until parameters and noise levels stay, from configurations near those of the log."""
+        c, beta, near = self._start(near)
         delta = np.zeros(self.n)
         rank, free = self.base.rank, self.n if self.finds_offsets else 0
         noise, correlation = np.zeros(0), np.ones(self.n)
@@ -200,6 +194,8 @@ class Fit:
             weighted = r / spread**2
             pull = prior * np.concatenate([self.file_beta - beta, -delta[:free]])
             dc, dp = solve(A_c.T @ weighted, A_p.T @ weighted + pull)
+            if not np.isfinite(dp).all():
+                raise InvalidValue("log", "motions that do not tell the parameters", "more or faster ones")
             c, beta = c + dc, beta + dp[:rank]
             delta = delta + (dp[rank:] if free else 0.0)
             left = r - A_c @ dc - A_p @ dp
@@ -307,6 +303,13 @@ class Fit:
         return np.clip(found, 0.0, 0.9 * len(self.data.t))
 
 
+def beliefs(unknowns: Unknowns, base: BaseParameters) -> tuple[Array, Array]:
+    """The file's base parameters, and by how much they may be wrong: more than any robot's are."""
+    beta, units = base.combinations @ unknowns.values, [base.labels[k].unit for k in base.chosen]
+    largest = {unit: max(np.abs(beta[[u == unit for u in units]]).max(), 1.0) for unit in units}
+    return beta, _WIDE * np.array([largest[unit] for unit in units])
+
+
 def regression(
     dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: Motion, u: Array
 ) -> Array:
@@ -314,11 +317,12 @@ def regression(
     full = dynamics.regressor(motion)
     columns = (full @ unknowns.shares)[:, :, base.chosen]
     torques = dynamics.applied(motion, u) - full @ unknowns.known
-    weights = np.ones(dynamics.n)
+    weights, (believed, sd) = np.ones(dynamics.n), beliefs(unknowns, base)
     for _ in range(2):
-        A = (columns * weights[:, None]).reshape(-1, base.rank)
-        size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-        beta = lstsq(A / size, (torques * weights).ravel(), cond=1e-12, lapack_driver="gelsy")[0] / size
+        A = np.vstack([(columns * weights[:, None]).reshape(-1, base.rank), np.diag(1.0 / sd)])
+        size = np.linalg.norm(A, axis=0)
+        right = np.concatenate([(torques * weights).ravel(), believed / sd])
+        beta = lstsq(A / size, right, cond=1e-12, lapack_driver="gelsy")[0] / size
         rest = torques - columns @ beta
         weights = 1.0 / np.maximum(rest.std(axis=0), 1e-9 * np.abs(torques).max() + 1e-300)
     return np.asarray(beta)
@@ -359,10 +363,11 @@ def estimate(
     K = len(data.t)
     most = max(K // 3, DEGREE + 1)
     count = min(3 * knots_for(data) // 2, most)
-    best = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run()
+    near = dynamics.follow(smooth(data, count)[0])
+    best = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run(near)
     while count < most:
         count = min(3 * count // 2, most)
-        finer = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run()
+        finer = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run(best.motion.qs)
         gain = K * np.log(best.torque_noise / finer.torque_noise).sum()
         if gain < 0.05 * K * dynamics.n:
             break
