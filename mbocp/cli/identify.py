@@ -129,6 +129,8 @@ def _facts(found: Identification) -> dict[str, Any]:
 
 
 def _print(found: Identification) -> None:
+    from mbocp.identification.dynamics import PER_BODY
+
     console = output()
     console.print(
         f"{found.robot.name}: {count(len(found.labels), 'parameter')}, torques tell {found.base.rank} "
@@ -140,14 +142,14 @@ def _print(found: Identification) -> None:
         table.add_row(
             body.name,
             f"{now.mass:.4g}",
-            f"{1.96 * found.sd[10 * k]:.2g}",
+            f"{1.96 * found.sd[PER_BODY * k]:.2g}",
             f"{body.values[0]:.4g}",
             " ".join(f"{x:.4g}" for x in now.lever),
             " ".join(f"{x:.3g}" for x in np.linalg.eigvalsh(now.inertia)),
         )
     console.print(table)
     table = plain_table("joint", "value", "+-", "file", "unit")
-    for k in range(10 * len(found.bodies), len(found.labels)):
+    for k in range(PER_BODY * len(found.bodies), len(found.labels)):
         label = found.labels[k]
         numbers = (found.values[k], 1.96 * found.sd[k], found.file_values[k])
         table.add_row(label.name, *(f"{x:.4g}" for x in numbers), label.unit)

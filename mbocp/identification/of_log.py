@@ -136,14 +136,6 @@ class Identification:
         )
         return replace(robot, model=dynamics.with_values(everything), resistances=losses)
 
-    def torques(self, q: Array, v: Array, a: Array) -> Array:
-        """Torques of the independent joints for a motion of theirs, each shape (K, n) [N m, N]."""
-        dynamics = self.dynamics
-        motion = dynamics.motion(q, v, a, dynamics.follow(q))
-        everything = self.unknowns.known + self.unknowns.shares @ self.values
-        still = np.zeros((len(q), self.robot.nu))
-        return np.asarray(dynamics.regressor(motion) @ everything - dynamics.applied(motion, still))
-
     def save(self, path: str | Path) -> Path:
         """Write the robot's URDF with the numbers found.
 
@@ -343,7 +335,9 @@ def _messages(
     dynamics: InverseDynamics,
     unknowns: Unknowns,
 ) -> list[str]:
-    messages = []
+    messages = (
+        [] if found.settled else ["the estimate did not settle: its numbers and intervals may be wrong"]
+    )
     units = [base.labels[k].unit for k in base.chosen]
     size = {unit: np.abs(found.beta[[u == unit for u in units]]).max() for unit in units}
     poor = [

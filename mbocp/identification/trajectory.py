@@ -79,8 +79,8 @@ class Estimate:
     motion : Motion
     correlation : ndarray, shape (n,)
         By what the variance of a mean of torque residuals exceeds that of independent ones.
-    spacing : float
-        Samples between knots.
+    settled : bool
+        Whether parameters and noise levels stayed in the end.
     """
 
     beta: Array
@@ -92,7 +92,7 @@ class Estimate:
     residuals: Array
     motion: Motion
     correlation: Array
-    spacing: float
+    settled: bool
 
 
 def spline_basis(t: Array, count: int) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
@@ -182,7 +182,7 @@ class Fit:
         c, beta, near = self._start(near)
         delta = np.zeros(self.n)
         rank, free = self.base.rank, self.n if self.finds_offsets else 0
-        noise, correlation = np.zeros(0), np.ones(self.n)
+        noise, correlation, settled = np.zeros(0), np.ones(self.n), False
         for _ in range(_ITERATIONS):
             r, A_c, A_p, motion, tau = self._linearise(c, beta, delta, near)
             near = motion.qs
@@ -203,6 +203,7 @@ class Fit:
             correlation = _correlation(left[-tau.size :].reshape(tau.shape))
             moved = np.abs(dp[:rank]) / np.sqrt(np.diag(covariance)[:rank])
             if moved.max() < _SETTLED and np.abs(noise / before - 1.0).max() < _SETTLED:
+                settled = True
                 break
         levels = noise.reshape(-1, self.n)
         sd = np.zeros(self.n)
@@ -217,7 +218,7 @@ class Fit:
             left[-tau.size :].reshape(tau.shape),
             motion,
             correlation,
-            len(self.data.t) / (self.count - DEGREE),
+            settled,
         )
 
     def _linearise(
