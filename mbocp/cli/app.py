@@ -491,7 +491,7 @@ def identify(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find masses, inertias and friction of a robot from a recorded motion."""
+    """Find masses, inertias and friction from a recorded motion."""
     from mbocp.cli.identify import Asked, identify_robot
 
     asked = Asked(held_out, payload, friction, rotors, offsets, friction_speed, tuple(torque_constant or ()))
