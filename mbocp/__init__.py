@@ -14,6 +14,7 @@ TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all t
 if TYPE_CHECKING:
     from mbocp.bounds.of_problem import Bound, bound
     from mbocp.exceptions import MbocpError, NotConverged
+    from mbocp.identification import identify
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
     from mbocp.problem import Problem, load_problem
@@ -41,6 +42,7 @@ __all__ = [
     "Solution",
     "__version__",
     "bound",
+    "identify",
     "live",
     "load_problem",
     "load_robot",

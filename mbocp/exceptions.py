@@ -285,6 +285,10 @@ class ResultFileError(_FileError):
     """A result file that cannot be read or written."""
 
 
+class LogError(_FileError):
+    """A log of a robot that cannot be read, or does not say what is needed."""
+
+
 class LimitsExceeded(MbocpError):
     """A motion leaves its limits as it is sent; no file was written.
 

@@ -60,6 +60,7 @@ LAYERS = (
     "receding",
     "interactive",
     "explaining",
+    "identification",
     "study",
     "cli",
 )

@@ -474,6 +474,48 @@ def study(
 
 
 @_command
+def identify(
+    name: Robot,
+    log: Annotated[Path, _argument("LOG", "What was recorded: CSV or Parquet, see docs/identification.md.")],
+    held_out: Annotated[
+        Path | None, _option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
+    ] = None,
+    payload: Annotated[
+        str | None,
+        _option("--payload", "NAME", "Find this payload, or the body at this frame, and nothing else."),
+    ] = None,
+    friction: Annotated[
+        str, _option("--friction", "NAME", "What is unknown of it: both, viscous, coulomb or none.")
+    ] = "both",
+    friction_speed: Annotated[
+        float | None,
+        _option("--friction-speed", "SPEED", "Over which Coulomb friction is smoothed [rad/s, m/s]."),
+    ] = None,
+    rotors: Annotated[bool, typer.Option("--rotors", help="Find rotor inertias, too.")] = False,
+    offsets: Annotated[bool, typer.Option("--offsets", help="Find offsets of joint positions, too.")] = False,
+    torque_constant: Annotated[
+        list[str] | None,
+        _option("--torque-constant", "JOINT=VALUE", "Torque by motor current [N m/A, N/A]. Repeatable."),
+    ] = None,
+    out: Annotated[
+        Path | None, _option("--out", "NEW.urdf", "Write the URDF with the numbers found.")
+    ] = None,
+    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Draw what is left of the torques.")] = None,
+    package_dir: PackageDirs = None,
+    lock: Locks = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find masses, inertias and friction from a recorded motion."""
+    from mbocp.cli.identify import Asked, identify_robot
+
+    asked = Asked(held_out, payload, friction, rotors, offsets, friction_speed, tuple(torque_constant or ()))
+    signals.leave_in_order()
+    options = _options(package_dir, None, None, lock)
+    identify_robot(name, log, options, asked, out, plot, as_json=as_json, quiet=quiet)
+
+
+@_command
 def keys(
     name: Annotated[
         str | None,

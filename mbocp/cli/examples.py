@@ -29,6 +29,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp study steps.toml -o steps.jsonl --workers 2",
         "mbocp study --summary steps.jsonl --plot steps.png",
     ),
+    "identify": (
+        "mbocp identify my_robot.urdf log.csv --out identified.urdf --plot residuals.png",
+        "mbocp identify identified.urdf loaded.csv --payload tool0",
+    ),
     "keys": ("mbocp keys horizon", "mbocp keys jerk"),
     "schema": ("mbocp schema -o mbocp.schema.json",),
     "doctor": ("mbocp doctor",),

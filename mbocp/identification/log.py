@@ -1,0 +1,236 @@
+"""Logs of robots: what was measured, by joint, from CSV and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+
+import numpy as np
+
+from mbocp._arrays import Array, frozen_array
+from mbocp._files import read_bytes, read_text
+from mbocp._text import show
+from mbocp.exceptions import InvalidValue, LogError, Unreadable
+from mbocp.solution.atomic import replace_file
+
+_KINDS = {
+    "q": ("q", "position", "pos"),
+    "v": ("v", "velocity", "vel", "qd"),
+    "a": ("a", "acceleration", "acc", "qdd"),
+    "tau": ("tau", "torque", "effort", "u"),
+    "current": ("current", "i"),
+}
+_KIND = {word: kind for kind, words in _KINDS.items() for word in words}
+_TIMES = ("t", "time", "__time", "timestamp", "header.stamp")
+_UNITS = {
+    **dict.fromkeys(("", "s", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "N m", "Nm", "N", "A"), 1.0),
+    **dict.fromkeys(("deg", "deg/s", "deg/s^2"), pi / 180.0),
+    **dict.fromkeys(("ms", "mm", "mm/s", "mA"), 1e-3),
+    "ns": 1e-9,
+}
+_SHORTEST = 50  # samples
+_GAP = 5.0  # median time steps
+_LIMIT = 2_000_000_000  # [bytes] of a file
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Measurements at K times.
+
+    Parameters
+    ----------
+    t : ndarray, shape (K,)
+        Ascending [s].
+    joints : mapping of str to mapping of str to ndarray of shape (K,)
+        By joint: ``"q"`` position [rad, m], ``"v"`` velocity, ``"a"`` acceleration, ``"tau"`` torque [N m, N]
+        or ``"current"`` [A].
+    source : str
+        What messages call it.
+
+    Raises
+    ------
+    InvalidValue
+        For times that do not ascend, gaps, numbers that are not finite, unknown kinds, and too few samples.
+    """
+
+    t: Array
+    joints: Mapping[str, Mapping[str, Array]]
+    source: str = "log"
+
+    def __post_init__(self) -> None:
+        t = frozen_array(self.t, shape=(None,), name=f"{self.source}: t")
+        if len(t) < _SHORTEST:
+            raise InvalidValue(f"{self.source}: t", f"{len(t)} samples", f"at least {_SHORTEST}")
+        self._refuse_not_finite("t", t)
+        steps = np.diff(t)
+        if not (steps > 0.0).all():
+            k = int(np.argmax(steps <= 0.0)) + 1
+            raise InvalidValue(
+                f"{self.source}: t", f"{t[k]:.9g} in sample {k} after {t[k - 1]:.9g}", "times that ascend"
+            )
+        if steps.max() > _GAP * np.median(steps):
+            k = int(steps.argmax())
+            raise InvalidValue(
+                f"{self.source}: t",
+                f"a gap of {steps[k]:.4g} s after {t[k]:.6g} s",
+                "no gap: cut the log there",
+            )
+        kept: dict[str, dict[str, Array]] = {}
+        for joint, columns in self.joints.items():
+            for kind, values in columns.items():
+                if kind not in _KINDS:
+                    raise InvalidValue.of_choice(f"{self.source}: {joint}", kind, tuple(_KINDS))
+                column = frozen_array(values, shape=(len(t),), name=f"{self.source}: {joint}.{kind}")
+                self._refuse_not_finite(f"{joint}.{kind}", column)
+                kept.setdefault(joint, {})[kind] = column
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "joints", kept)
+
+    def _refuse_not_finite(self, name: str, values: Array) -> None:
+        if not np.isfinite(values).all():
+            k = int(np.argmin(np.isfinite(values)))
+            raise InvalidValue(f"{self.source}: {name}", f"{values[k]} in sample {k}", "finite numbers")
+
+
+def read_log(path: str | Path) -> Log:
+    """Read a log from CSV or Parquet.
+
+    Columns are ``t`` [s], and by joint ``JOINT.q``, ``.v``, ``.a``, ``.tau``, ``.current``, or position,
+    velocity, acceleration, torque, effort in place of these letters; what `mbocp export` writes; or
+    JointState messages of ROS 2 as tools write them, ``/joint_states/JOINT/position``, or ``name[0]`` beside
+    ``position[0]``. A unit may stand in brackets behind a name, ``JOINT.q [deg]``.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read, or for a wrong column or number, naming it.
+    """
+    path = Path(path)
+    try:
+        read = _read_parquet if path.suffix.lower() == ".parquet" else _read_csv
+        columns = read(path)
+        t = _times(columns)
+        joints = _by_joint(columns)
+        return Log(t, joints, path.name)
+    except Unreadable as error:
+        raise LogError(path, error.reason) from error
+    except InvalidValue as error:
+        raise LogError(path, str(error).removeprefix(f"{path.name}: ")) from error
+
+
+def write_log(log: Log, path: str | Path) -> Path:
+    """Write a log as CSV, as `read_log` takes it.
+
+    Raises
+    ------
+    ResultFileError
+        If it cannot be written.
+    """
+    columns = {"t": log.t}
+    columns |= {
+        f"{joint}.{kind}": values for joint, kinds in log.joints.items() for kind, values in kinds.items()
+    }
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(np.column_stack(list(columns.values())).tolist())
+    return replace_file(path, text.getvalue().encode())
+
+
+def _read_csv(path: Path) -> dict[str, Sequence[str]]:
+    text = read_text(path, expected="a log (CSV)", limit=_LIMIT)
+    rows = [row for row in csv.reader(io.StringIO(text)) if row]
+    if not rows:
+        raise Unreadable("is empty, expected a log (CSV) with a header")
+    header = [name.strip() for name in rows[0]]
+    for name in header:
+        if header.count(name) > 1:
+            raise InvalidValue("header", f"{show(name)} twice", "each column once")
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise InvalidValue(f"row {number}", f"{len(row)} values", f"{len(header)}, as in the header")
+    values = list(zip(*rows[1:], strict=True)) or [()] * len(header)
+    return dict(zip(header, values, strict=True))
+
+
+def _read_parquet(path: Path) -> dict[str, Sequence[str]]:
+    try:
+        import pyarrow
+        import pyarrow.parquet as parquet
+    except ImportError as error:
+        raise InvalidValue("format", "parquet", "pyarrow to be installed: pip install pyarrow") from error
+    try:
+        table = parquet.read_table(io.BytesIO(read_bytes(path, expected="a log (Parquet)", limit=_LIMIT)))
+    except pyarrow.ArrowInvalid as error:
+        raise Unreadable(f"is no Parquet file: {error}") from error
+    return {name: table[name].to_pylist() for name in table.column_names}
+
+
+def _numbers(name: str, values: Sequence[str]) -> Array:
+    name, unit = _split_unit(name)
+    if unit not in _UNITS:
+        raise InvalidValue.of_choice(f"{name}: unit", unit, [each for each in _UNITS if each])
+    try:
+        return np.array(values, dtype=np.float64) * _UNITS[unit]
+    except (TypeError, ValueError):
+        for k, value in enumerate(values):
+            try:
+                float(value)
+            except (TypeError, ValueError):
+                raise InvalidValue(name, f"{show(value)} in sample {k}", "a number") from None
+        raise
+
+
+def _split_unit(name: str) -> tuple[str, str]:
+    found = re.fullmatch(r"(.*\S)\s+\[([^\]]*)\]", name)
+    return (found[1], found[2]) if found else (name, "")
+
+
+def _times(columns: Mapping[str, Sequence[str]]) -> Array:
+    for name in columns:
+        if _split_unit(name)[0].lower() in _TIMES:
+            t = _numbers(name, columns[name])
+            break
+    else:
+        parts = {name.rpartition(".")[2]: name for name in columns if ".stamp." in f".{name}"}
+        if not {"sec", "nanosec"} <= set(parts):
+            raise InvalidValue("header", "no column of times", f"one of {', '.join(_TIMES[:3])}")
+        seconds = _numbers(parts["sec"], columns[parts["sec"]])
+        t = seconds - seconds[0] + 1e-9 * _numbers(parts["nanosec"], columns[parts["nanosec"]])
+    return t - t[0] if len(t) else t
+
+
+def _by_joint(columns: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Array]]:
+    found: dict[str, dict[str, Array]] = {}
+    for column, values in columns.items():
+        plain = _split_unit(column)[0]
+        indexed = re.fullmatch(r"(?:.*[./])?(position|velocity|effort)[\[_.](\d+)\]?", plain)
+        if indexed:
+            joint, kind = _name_of(columns, indexed[2]), _KIND[indexed[1]]
+        elif re.match(r"[qvau]:", plain):  # as `mbocp export` writes them
+            joint, kind = plain[2:], _KIND[plain[0]]
+        else:
+            before, _, word = plain.replace("/", ".").rpartition(".")
+            if word.lower() not in _KIND or not before:
+                continue
+            joint = plain[: -len(word) - 1]
+            joint, kind = joint.rpartition("/")[2] if joint.startswith("/") else joint, _KIND[word.lower()]
+        if kind in found.setdefault(joint, {}):
+            raise InvalidValue(f"{joint}.{kind}", f"another column for it, {show(column)}", "one")
+        found[joint][kind] = _numbers(column, values)
+    return found
+
+
+def _name_of(columns: Mapping[str, Sequence[str]], number: str) -> str:
+    for column, values in columns.items():
+        if re.fullmatch(rf"(?:.*[./])?name[\[_.]{number}\]?", column):
+            names = set(values)
+            if len(names) != 1:
+                raise InvalidValue(column, f"{len(names)} names", "the same joint in all samples")
+            return str(names.pop())
+    raise InvalidValue("header", f"position {number} without a name", f"a column name[{number}]")

@@ -1,0 +1,251 @@
+"""Parameters of known robots are found again, with honest standard deviations."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from typer.testing import CliRunner
+
+from mbocp import identify, load_robot
+from mbocp.cli.app import app
+from mbocp.exceptions import LogError, ResultFileError, RobotFileError, UnknownJoint
+from mbocp.identification import Log, simulate_log, write_log
+from mbocp.identification.base import base_of, pseudo_inertia, unknowns_of
+from mbocp.identification.dynamics import InverseDynamics
+from mbocp.identification.plot import plot_residuals
+from mbocp.identification.trajectory import regression, spline_basis
+from mbocp.robot import MissingMeshWarning, Payload
+from tests.identification.logs import changed, true_values
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "identification" / "ur5.py"
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return load_robot("ur5")
+
+
+@pytest.fixture(scope="module")
+def truth(ur5):
+    return changed(ur5)
+
+
+@pytest.fixture(scope="module")
+def found(ur5, truth):
+    return identify(ur5, simulate_log(truth, duration=8.0, seed=3))
+
+
+def test_true_values_are_within_the_stated_intervals(found, truth):
+    true = true_values(found, truth)
+    off = (found.base_values - found.base.combinations @ true) / found.base_sd
+    assert np.mean(np.abs(off) < 1.96) > 0.85  # of 48; 95 % in the mean: benchmarks/identification.py
+    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.35
+    inside = np.abs(found.values - true) < 1.96 * found.sd
+    assert inside.mean() > 0.85
+
+
+def test_noise_levels_are_those_of_the_log(found):
+    np.testing.assert_allclose(found.torque_noise, 0.05, rtol=0.1)
+    np.testing.assert_allclose(found.position_noise, 1e-4, rtol=0.1)
+
+
+def test_samples_held_out_are_explained(found):
+    assert (found.held_out.rms < 0.12).all()
+    assert (found.held_out.rms < 0.3 * found.held_out.rms_before).all()
+    assert not found.messages
+
+
+def test_bodies_are_real(found):
+    for _, body in found.bodies:
+        assert np.linalg.eigvalsh(pseudo_inertia(body.toDynamicParameters())).min() > 0.0
+
+
+def test_without_noise_torques_are_recovered_to_round_off(ur5, truth):
+    dynamics, rng = InverseDynamics(ur5), np.random.default_rng(2)
+    unknowns = unknowns_of(dynamics)
+    base = base_of(dynamics, unknowns)
+    y, yd, ydd = rng.standard_normal((3, 200, 6))
+    motion = dynamics.motion(y, yd, ydd, dynamics.follow(y))
+    torques = dynamics.regressor(motion) @ InverseDynamics(truth).values
+    beta = regression(dynamics, unknowns, base, motion, torques)
+    again = dynamics.regressor(motion) @ unknowns.shares[:, base.chosen] @ beta
+    assert np.abs(again - torques).max() < 1e-10 * np.abs(torques).max()
+
+
+def test_errors_of_positions_do_not_bias(ur5, truth):
+    """Regression along a smoothed motion has too small accelerations, and inertias off by many deviations."""
+    log = simulate_log(truth, duration=8.0, position_noise=2e-3, seed=4)
+    found = identify(ur5, log)
+    true = true_values(found, truth)
+    off = (found.base_values - found.base.combinations @ true) / found.base_sd
+    assert np.sqrt(np.mean(off**2)) < 1.4
+
+
+@pytest.mark.parametrize(("name", "mass"), [("ur5", None), ("ur5", -3.0), ("four_bar", None)])
+def test_slopes_are_those_of_differences(name, mass):
+    """Also of bodies that there cannot be: estimates on the way to real ones may have negative masses."""
+    robot = load_robot(name)
+    dynamics, rng = InverseDynamics(robot), np.random.default_rng(0)
+    values = dynamics.values.copy()
+    if mass is not None:
+        values[20] = mass
+    y = dynamics.coordinates(robot.q0) + 0.1 * rng.standard_normal((3, dynamics.n))
+    yd, ydd = rng.standard_normal((2, 3, dynamics.n))
+    near, u = dynamics.follow(y), rng.standard_normal((3, robot.nu))
+
+    def rows(shift):
+        there = dynamics.motion(y + shift[0], yd + shift[1], ydd + shift[2], near)
+        return dynamics.regressor(there) @ values - dynamics.applied(there, u)
+
+    found = dynamics.slopes(dynamics.motion(y, yd, ydd, near), values, u)
+    for part, j in np.ndindex(3, dynamics.n):
+        shift = np.zeros((3, dynamics.n))
+        shift[part, j] = 1e-5
+        expected = (rows(shift) - rows(-shift)) / 2e-5
+        np.testing.assert_allclose(found[part][:, :, j], expected, atol=1e-4)
+
+
+def test_splines_have_their_derivatives():
+    t = np.linspace(0.0, 2.0, 41)
+    B = spline_basis(t, 12)
+    c = np.linalg.lstsq(B[0].toarray(), t**5, rcond=None)[0]
+    np.testing.assert_allclose(B[1] @ c, 5 * t**4, atol=1e-9)
+    np.testing.assert_allclose(B[2] @ c, 20 * t**3, atol=1e-8)
+
+
+def test_a_closed_loop_tells_its_parameters():
+    four_bar = load_robot("four_bar")
+    truth = changed(four_bar)
+    log = simulate_log(truth, duration=4.0, period=4.0, amplitude=1.0)
+    found = identify(four_bar, log)
+    off = (found.base_values - found.base.combinations @ true_values(found, truth)) / found.base_sd
+    assert np.abs(off).max() < 4.0
+    assert (found.held_out.rms < 0.1).all()
+
+
+def test_a_payload_is_found(ur5):
+    held = Payload(frame="tool0", mass=1.5, com=(0.01, 0.02, 0.06), inertia=(4e-3, 3e-3, 2e-3, 0.0, 0.0, 0.0))
+    found = identify(ur5, simulate_log(ur5.with_payload(held), duration=6.0), payload="tool0")
+    ((body, now),) = found.bodies
+    assert body.name == "tool0"
+    assert now.mass == pytest.approx(1.5, abs=4.0 * found.sd[0])
+    np.testing.assert_allclose(now.lever, held.com, atol=5e-3)
+    with pytest.raises(RobotFileError, match=r"\[\[payload\]\]"):
+        found.save("never.urdf")
+
+
+def test_offsets_of_joints_are_found(ur5, truth):
+    log = simulate_log(truth, duration=8.0)
+    moved = {name: dict(columns) for name, columns in log.joints.items()}
+    moved["elbow_joint"]["q"] = moved["elbow_joint"]["q"] - 0.03
+    found = identify(ur5, Log(log.t, moved), offsets=True)
+    assert found.offsets[2] == pytest.approx(0.03, abs=4.0 * found.offset_sd[2])
+    assert found.offset_sd[2] < 0.03
+    assert any("'shoulder_pan_joint'" in message for message in found.messages)
+
+
+def test_rotors_and_currents(ur5, truth):
+    model = pin.Model(truth.model)
+    model.armature = np.array([1.0, 1.0, 0.8, 0.3, 0.3, 0.2])
+    log = simulate_log(replace(truth, model=model), duration=8.0)
+    joints = {
+        name: {"q": columns["q"], "current": columns["tau"] / 11.0} for name, columns in log.joints.items()
+    }
+    constants = dict.fromkeys(joints, 11.0)
+    found = identify(ur5, Log(log.t, joints), rotors=True, torque_constants=constants)
+    rotors = {
+        label.name: (value, sd) for label, value, sd in zip(found.labels, found.values, found.sd, strict=True)
+    }
+    value, sd = rotors["elbow_joint.rotor"]
+    assert value == pytest.approx(0.8, abs=4.0 * sd)
+    with pytest.raises(LogError, match=r"shoulder_pan_joint\.current: give the torque constant"):
+        identify(ur5, Log(log.t, joints))
+    with pytest.raises(UnknownJoint, match="elbow"):
+        identify(ur5, Log(log.t, joints), torque_constants={"elbow": 1.0})
+
+
+def test_the_urdf_that_is_written_has_the_numbers(found, tmp_path):
+    path = found.save(tmp_path / "new.urdf")
+    with pytest.warns(MissingMeshWarning):
+        again = load_robot(path, friction="smooth")
+    for joint in range(1, 7):
+        expected = found.identified.model.inertias[joint].toDynamicParameters()
+        np.testing.assert_allclose(again.model.inertias[joint].toDynamicParameters(), expected, atol=1e-9)
+    for old, new in zip(found.identified.resistances, again.resistances, strict=True):
+        assert (old.name, old.dof) == (new.name, new.dof)
+        assert new.damping == pytest.approx(old.damping, rel=1e-7)
+        assert new.friction == pytest.approx(old.friction, rel=1e-7)
+    before, after = found.robot.source.read_text(), path.read_text()
+    assert [line for line in after.splitlines() if "mesh" in line] == [
+        line for line in before.splitlines() if "mesh" in line
+    ]
+
+
+def test_the_plot_shows_every_joint(found, tmp_path):
+    plot_residuals(found, tmp_path / "residuals.svg")
+    drawn = (tmp_path / "residuals.svg").read_text()
+    assert drawn.count("<clipPath") >= 6
+    with pytest.raises(ResultFileError):
+        plot_residuals(found, tmp_path / "none" / "residuals.png")
+
+
+def test_a_log_without_what_is_needed_is_refused_by_name(ur5, truth):
+    log = simulate_log(truth, duration=2.0)
+
+    def without(joint, kind):
+        return Log(
+            log.t, {n: {k: x for k, x in c.items() if (n, k) != (joint, kind)} for n, c in log.joints.items()}
+        )
+
+    with pytest.raises(LogError, match=r"no column elbow_joint.q"):
+        identify(ur5, without("elbow_joint", "q"))
+    with pytest.raises(LogError, match=r"no column wrist_1_joint.tau"):
+        identify(ur5, without("wrist_1_joint", "tau"))
+    with pytest.raises(UnknownJoint, match=r"'elbow_join'.*did you mean 'elbow_joint'"):
+        identify(ur5, Log(log.t, {**log.joints, "elbow_join": {"q": log.t}}))
+    still = {n: {**c, "q": c["q"] if n != "elbow_joint" else 0.0 * log.t} for n, c in log.joints.items()}
+    with pytest.raises(LogError, match=r"elbow_joint.q: the joint does not move"):
+        identify(ur5, Log(log.t, still))
+    degrees = {n: {"q": np.rad2deg(c["q"]) * 4.0, "tau": c["tau"]} for n, c in log.joints.items()}
+    with pytest.raises(LogError, match="is it in degrees"):
+        identify(ur5, Log(log.t, degrees))
+
+
+def test_the_example_finds_the_heavier_link():
+    found = runpy.run_path(str(EXAMPLE))["main"]()
+    assert (found.held_out.rms < 0.2).all()
+    assert (found.held_out.rms < 0.3 * found.held_out.rms_before).all()
+
+
+def test_the_command_prints_and_writes(truth, tmp_path):
+    log = write_log(simulate_log(truth, duration=4.0), tmp_path / "log.csv")
+    out = tmp_path / "new.urdf"
+    done = CliRunner().invoke(app, ["identify", "ur5", str(log), "--out", str(out), "--json"])
+    assert done.exit_code == 0, done.output
+    facts = json.loads(done.stdout)
+    assert facts["parameters"]["elbow_joint.friction"]["value"] == pytest.approx(0.5, abs=0.1)
+    assert "<mass value=" in out.read_text()
+    refused = CliRunner().invoke(app, ["identify", "ur5", str(log), "--torque-constant", "elbow_joint"])
+    assert refused.exit_code == 2
+    assert "--torque-constant" in refused.output
+
+
+def test_a_log_at_rest_says_so(ur5, truth):
+    """Intervals are wide then, not wrong."""
+    log, rng = simulate_log(truth, duration=3.0), np.random.default_rng(0)
+    still = {
+        name: {
+            "q": columns["q"][0] + 1e-4 * rng.standard_normal(300),
+            "tau": columns["tau"][0] + 0.05 * rng.standard_normal(300),
+        }
+        for name, columns in log.joints.items()
+    }
+    found = identify(ur5, Log(log.t, still))
+    assert any("the log says little of" in message for message in found.messages)
+    assert np.median(found.base_sd) > 0.3
