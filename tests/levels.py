@@ -23,7 +23,8 @@ _PLACES = {
     "solve": """
         damping explaining guesses holds mimic pairs phases solution stop strangers study cli/check cli/end
         cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
-        formulation/memory formulation/moved_start formulation/operations formulation/sources
+        formulation/found_numbers formulation/memory formulation/moved_start formulation/operations
+        formulation/sources
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
         problem/causes problem/clear_goal problem/default_cost problem/effort_rms problem/frame_goals
         problem/goal_sets problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances

@@ -78,6 +78,7 @@ class Problem(ProblemData):
         obstacle: Sequence[Mapping[str, Any]] | None = None,
         self_collision: bool | Mapping[str, Any] | None = None,
         path: Sequence[Mapping[str, Any]] | None = None,
+        parameter: Sequence[Mapping[str, Any]] | None = None,
         terms: Sequence[OwnTerm] = (),
         guess: Mapping[str, Any] | None = None,
         integrator: Mapping[str, Any] | None = None,
@@ -105,8 +106,8 @@ class Problem(ProblemData):
             The tables `[[phase]]`.
         ground, gait, start, goal, cost, limits, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
-        via, obstacle, path : sequence of mapping, optional
-            The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
+        via, obstacle, path, parameter : sequence of mapping, optional
+            The tables `[[via]]`, `[[obstacle]]`, `[[path]]` and `[[parameter]]`.
         self_collision : bool or mapping, optional
             The key or table `self_collision`.
         terms : sequence of OwnTerm
@@ -132,6 +133,7 @@ class Problem(ProblemData):
             "obstacle": obstacle,
             "self_collision": self_collision,
             "path": path,
+            "parameter": parameter,
             "guess": guess,
             "solver": solver,
         }

@@ -18,6 +18,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
+from mbocp.formulation.found import at_found
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of
 from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
@@ -31,6 +32,7 @@ from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.facts import Facts
 from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import defer
 from mbocp.solution.records import Labels, StartRecord
@@ -86,8 +88,10 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     with_gains : bool
         Whether to work out the feedback gains.
     """
-    formulation, outcome, phases = attempt.formulation, attempt.outcome, list(attempt.phases)
-    problem, result = formulation.problem, outcome.result
+    outcome, phases = attempt.outcome, list(attempt.phases)
+    result = outcome.result
+    formulation, asked = _at_found(attempt.formulation, result.iterate, asked)
+    problem = formulation.problem
     approach: Approach | None = None
     last = result.record
     with time_phase(phases, "diagnostics"):
@@ -145,8 +149,30 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     rest = partial(_rest, formulation, result.iterate, asked, t, motion.qs)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
-    alone["facts_kept"] = partial(facts_of, problem)
+    alone["facts_kept"] = partial(_facts, problem, asked)
     return defer(Solution, now, rest, alone)
+
+
+def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:
+    """Formulation and problem with the robot that was found."""
+    given = formulation.problem.parameter
+    if not given:
+        return formulation, asked
+    motion, multipliers = formulation.motion_of(iterate), np.zeros(len(given))
+    if iterate.bounds is not None:
+        multipliers = iterate.bounds.us[0, formulation.layout.controls["found"]]
+    values = zip(given, motion.found.tolist(), multipliers.tolist(), strict=True)
+    parameter = tuple(
+        replace(one, start=value, multiplier=multiplier / (one.upper - one.lower))
+        for one, value, multiplier in values
+    )
+    begin = asked.q_start if asked.start_free is None else motion.qs[0]
+    found = at_found(formulation, motion)
+    return found, replace(asked, robot=found.problem.robot, parameter=parameter, q_start=begin)
+
+
+def _facts(problem: Problem, asked: Problem) -> Facts:
+    return facts_of(replace(problem, parameter=asked.parameter) if asked.parameter else problem)
 
 
 def judge(
@@ -189,7 +215,7 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),
-        "facts_kept": facts_of(problem),
+        "facts_kept": _facts(problem, asked),
         **asked.limits.fields,
         "scheme": asked.scheme,
         "lie": asked.lie,
