@@ -7,13 +7,12 @@ from typing import Any, cast
 
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.motion import Motion
-from mbocp.problem.parameter import with_values
 
 
 def at_found(formulation: Formulation, motion: Motion) -> Formulation:
     """Return it with the robot of a motion; its programme and all else of the problem stay as they are."""
-    problem = formulation.problem
-    if not problem.parameter:
+    problem, names = formulation.problem, [one.name for one in formulation.problem.parameter]
+    if not names:
         return formulation
-    robot = with_values(problem.robot, problem.parameter, motion.found)
-    return cast(Formulation, replace(cast(Any, formulation), problem=replace(problem, robot=robot)))
+    found = problem.with_found(dict(zip(names, motion.found.tolist(), strict=True)))
+    return cast(Formulation, replace(cast(Any, formulation), problem=found))

@@ -16,6 +16,7 @@ from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.tables import written_tables
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.goal_set import reachable_members
+from mbocp.problem.parameter import with_values
 from mbocp.problem.pipeline import run_steps
 from mbocp.problem.resolve import RESOLVE
 from mbocp.robot import Robot
@@ -166,6 +167,15 @@ class Problem(ProblemData):
         document, has_tables = change_document(self.document, changes, self.timeline, written)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)
+
+    def with_found(self, values: Mapping[str, float]) -> Problem:
+        """Return the problem with the robot that was found, by `Solution.parameters`; itself without any."""
+        if not self.parameter:
+            return self
+        found = [values[one.name] for one in self.parameter]
+        pairs = zip(self.parameter, found, strict=True)
+        parameter = tuple(replace(one, start=value) for one, value in pairs)
+        return replace(self, robot=with_values(self.robot, self.parameter, found), parameter=parameter)
 
     @classmethod
     def of(cls, document: Document, before: Problem | None = None) -> Problem:

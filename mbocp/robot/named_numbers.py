@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._text import show
 from mbocp.exceptions import InvalidValue, suggest
+from mbocp.robot import kinematics
 from mbocp.robot.parts import QuarticSpring, SpringDamper
 from mbocp.robot.payload import INERTIA_KEYS, Payload, shape_name
 from mbocp.robot.robot import Robot
@@ -79,10 +79,12 @@ def named_numbers(robot: Robot) -> dict[str, NamedNumber]:
         is_free = index not in standing and frame.name not in taken and frame.type != pin.FrameType.JOINT
         if is_free and frame.parentJoint > 0:
             found |= _of_place(f"frame.{frame.name}", placement_numbers(index), model)
-    return found | _of_base(robot)
+    for word, prefix in _bases(robot).items():
+        found |= _of_base(robot, word, prefix)
+    return found
 
 
-def take(robot: Robot, word: str, value: object = "") -> NamedNumber:
+def take(robot: Robot, word: str) -> NamedNumber:
     """Return the number of a word.
 
     Raises
@@ -92,13 +94,11 @@ def take(robot: Robot, word: str, value: object = "") -> NamedNumber:
     """
     known = named_numbers(robot)
     if word not in known:
-        kinds = (
-            "payload.NAME.mass, payload.NAME.com.x, spring.NAME.stiffness, joint.NAME.length, joint.NAME.x, "
-        )
         raise InvalidValue(
-            f"robot {robot.name!r}: {word}",
-            show(value) if value != "" else "no number of it that has a word",
-            f"{kinds}frame.NAME.x or base.x; {suggest(word, known)}",
+            f"number of robot {robot.name!r}",
+            repr(word),
+            "payload.NAME.mass or .com.x, spring.NAME.stiffness, joint.NAME.length or .x, frame.NAME.length "
+            f"or .x, base.x and the like; {suggest(word, known)}",
         )
     return known[word]
 
@@ -179,13 +179,14 @@ def _changed_payload(now: Mapping[ModelNumber, float], index: int, payload: Payl
 
 
 def _move_visuals(robot: Robot, model: pin.Model, visuals: pin.GeometryModel, values: Iterable[str]) -> None:
-    """What is drawn of the base moves with it, and a payload with its centre of mass."""
-    if any(word.startswith("base.") for word in values):
-        root = _root(robot)
-        away = model.frames[root].placement * robot.model.frames[root].placement.inverse()
-        for shape in visuals.geometryObjects:
-            if shape.parentJoint == 0:
-                shape.placement = away * shape.placement
+    """What is drawn of a base moves with it, and a payload with its centre of mass."""
+    for base, prefix in _bases(robot).items():
+        if any(word.startswith(f"{base}.") for word in values):
+            root = _standing(robot, prefix)[0]
+            away = model.frames[root].placement * robot.model.frames[root].placement.inverse()
+            for shape in visuals.geometryObjects:
+                if shape.parentJoint == 0 and robot.model.frames[shape.parentFrame].name.startswith(prefix):
+                    shape.placement = away * shape.placement
     for payload in robot.payloads:
         moved = any(word.startswith(f"payload.{payload.name}.com.") for word in values)
         if moved and payload.position is None:
@@ -213,21 +214,29 @@ def _of_place(word: str, placement: Sequence[ModelNumber], model: pin.Model) -> 
     return found
 
 
-def _root(robot: Robot) -> int:
-    """Frame of the link that stands in the world; 0 where there is none."""
+def _bases(robot: Robot) -> dict[str, str]:
+    """Words of what stands in the world, with what the names of its joints and frames begin with."""
+    if not robot.parts:
+        return {"base": ""}
+    return {f"part.{part.name}": part.prefix for part in robot.parts if part.parent == kinematics.WORLD}
+
+
+def _standing(robot: Robot, prefix: str) -> list[int]:
+    """Frames that stand in the world with a robot or part, its root link first."""
     frames = enumerate(robot.model.frames)
-    return next((k for k, frame in frames if k and frame.parentJoint == 0), 0)
+    return [k for k, f in frames if k and f.parentJoint == 0 and f.name.startswith(prefix)]
 
 
-def _of_base(robot: Robot) -> dict[str, NamedNumber]:
-    """Where a single robot stands: its root link in the world, and the turn about the vertical."""
-    model, root = robot.model, _root(robot)
-    if not root or robot.parts:
+def _of_base(robot: Robot, word: str, prefix: str) -> dict[str, NamedNumber]:
+    """Where its root link stands in the world, and the turn about the vertical."""
+    model, frames = robot.model, _standing(robot, prefix)
+    if not frames:
         return {}
-    moved = [placement_numbers(k) for k, frame in enumerate(model.frames) if k and frame.parentJoint == 0]
-    first = [j for j in range(1, model.njoints) if model.parents[j] == 0]
-    moved += [joint_placement_numbers(joint) for joint in first]
-    base = placement_numbers(root)
+    first = [
+        j for j in range(1, model.njoints) if model.parents[j] == 0 and model.names[j].startswith(prefix)
+    ]
+    moved = [*map(placement_numbers, frames), *map(joint_placement_numbers, first)]
+    base = moved[0]
     places = tuple(number for placement in moved for number in placement[9:])
     everything = tuple(number for placement in moved for number in placement)
 
@@ -251,8 +260,8 @@ def _of_base(robot: Robot) -> dict[str, NamedNumber]:
                 found[placement[k + 1]] = s * x + c * y + (centre[1] if k == 9 else 0)
         return found
 
-    numbers = {f"base.{axis}": coordinate(i) for i, axis in enumerate(_AXES)}
-    return {**numbers, "base.yaw": NamedNumber("rad", everything, heading, turn)}
+    numbers = {f"{word}.{axis}": coordinate(i) for i, axis in enumerate(_AXES)}
+    return {**numbers, f"{word}.yaw": NamedNumber("rad", everything, heading, turn)}
 
 
 def _of_payload(robot: Robot, index: int, payload: Payload) -> dict[str, NamedNumber]:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.accuracy import Accuracy
-from mbocp.solution.facts import Facts
 from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import defer
 from mbocp.solution.records import Labels, StartRecord
@@ -149,30 +148,24 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     rest = partial(_rest, formulation, result.iterate, asked, t, motion.qs)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
-    alone["facts_kept"] = partial(_facts, problem, asked)
+    alone["facts_kept"] = partial(facts_of, problem)
     return defer(Solution, now, rest, alone)
 
 
 def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:
     """Formulation and problem with the robot that was found."""
-    given = formulation.problem.parameter
-    if not given:
+    if not asked.parameter:
         return formulation, asked
-    motion, multipliers = formulation.motion_of(iterate), np.zeros(len(given))
+    motion = formulation.motion_of(iterate)
+    problem = at_found(formulation, motion).problem
     if iterate.bounds is not None:
-        multipliers = iterate.bounds.us[0, formulation.layout.controls["found"]]
-    values = zip(given, motion.found.tolist(), multipliers.tolist(), strict=True)
-    parameter = tuple(
-        replace(one, start=value, multiplier=multiplier / (one.upper - one.lower))
-        for one, value, multiplier in values
-    )
+        multipliers = iterate.bounds.us[0, formulation.layout.controls["found"]].tolist()
+        pairs = zip(problem.parameter, multipliers, strict=True)
+        found = tuple(replace(one, multiplier=m / (one.upper - one.lower)) for one, m in pairs)
+        problem = replace(problem, parameter=found)
     begin = asked.q_start if asked.start_free is None else motion.qs[0]
-    found = at_found(formulation, motion)
-    return found, replace(asked, robot=found.problem.robot, parameter=parameter, q_start=begin)
-
-
-def _facts(problem: Problem, asked: Problem) -> Facts:
-    return facts_of(replace(problem, parameter=asked.parameter) if asked.parameter else problem)
+    told = replace(asked, robot=problem.robot, parameter=problem.parameter, q_start=begin)
+    return cast(Formulation, replace(cast(Any, formulation), problem=problem)), told
 
 
 def judge(
@@ -215,7 +208,7 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),
-        "facts_kept": _facts(problem, asked),
+        "facts_kept": facts_of(problem),
         **asked.limits.fields,
         "scheme": asked.scheme,
         "lie": asked.lie,

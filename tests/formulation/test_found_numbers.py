@@ -47,11 +47,11 @@ OF_ARM = [
     },
 ]
 SPRUNG: dict[str, Any] = {
-    "robot": "cart_pendulum_elastic",
-    "duration": 1.0,
+    "robot": "elastic_pendulum",
+    "duration": 2.0,
     "steps": 20,
-    "goal": {"q": {"cart_x": 0.5}},
-    "cost": {"effort": 1.0, "velocity": 0.1},
+    "goal": {"q": [2.0, -5.0, -5.0], "v": 0},
+    "cost": {"effort": 1.0},
 }
 
 
@@ -157,6 +157,17 @@ def test_lengths_of_a_loop_agree_with_a_search() -> None:
     assert "parameter" in [limit.kind for limit in solution.active_limits]
 
 
+def test_loops_begin_where_motors_say() -> None:
+    """Under `midpoint` plain solves choose conditions on velocities at the end again, where it is reached."""
+    problem = mbocp.load_problem(EXAMPLES / "five_bar_lengths.toml", {"integrator.scheme": "midpoint"})
+    solution = mbocp.solve(problem)
+    driven = [problem.robot.velocity_indices(name).start for name in ("left_shoulder", "right_shoulder")]
+    assert solution.qs[0][driven] == pytest.approx(problem.q_start[driven], abs=1e-12)
+    assert np.abs(solution.qs[0] - problem.q_start).max() > 0.1
+    assert solution.constraint_violation < 1e-12
+    assert plain_cost(problem, list(solution.parameters.values())) == pytest.approx(solution.cost, rel=1e-3)
+
+
 @pytest.mark.parametrize("key", ["coefficient", "length"])
 def test_springs(key: str) -> None:
     problem = Problem.create(**SPRUNG)
@@ -164,7 +175,7 @@ def test_springs(key: str) -> None:
     word = f"robot.spring.{name}.{key}"
     is_now = number_of(problem.robot, word.removeprefix("robot."))
     table = {"of": word, "min": 0.7 * is_now, "max": 1.3 * is_now}
-    problem = problem.with_(parameter=[{**table, "cost": {"square": 0.1, "reference": is_now}}])
+    problem = problem.with_(parameter=[{**table, "cost": {"square": 20.0 / is_now**2, "reference": is_now}}])
     solution = mbocp.solve(problem)
     (found,) = solution.parameters.values()
     assert plain_cost(problem, [found]) == pytest.approx(solution.cost, rel=1e-9)
@@ -194,6 +205,7 @@ def test_a_result_keeps_them(tmp_path: Path) -> None:
     assert read.facts.parameters == solution.facts.parameters
     mass = solution.parameters["robot.payload.counterweight.mass"]
     assert read.load_robot().payloads[0].mass == mass
+    assert mbocp.solve(problem, warm_start=read).iterations <= 1
     again = read.load_problem()
     assert number_of(again.robot, "payload.counterweight.mass") == mass
     assert mbocp.solve(again).cost == pytest.approx(solution.cost, rel=1e-8)

@@ -1,13 +1,14 @@
 r"""Numbers of the robot that are found with the motion, as a part of the state that stays.
 
-With s the way of each number from its start p_0, in units of the range between its bounds, and a control w
-that sets it in the first step alone,
+With s the way of each number from its lower bound to its upper one, and a control w that sets it in the first
+step alone,
 
 .. math:: s_{k+1} = s_k + e_k w_k, \qquad e_0 = 1, \quad e_k = 0 \text{ in all other steps}, \qquad s_0 = 0,
 
-and the equations of motion take :math:`p = p_0 + r (s_k + e_k w_k)`. So the recursion carries them, and work
-stays linear in the number of steps. Where e is 0 half the square of w is added to the cost, which is zero at
-the optimum. The cost of p itself is that of the first step.
+and the equations of motion take
+:math:`\underline{p} + (\overline{p} - \underline{p}) (s_k + e_k w_k)`. So the recursion carries them, and
+work stays linear in the number of steps. Where e is 0 half the square of w is added to the cost, which is
+zero at the optimum. The cost of p itself is that of the first step.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
 
 _FOUND = "found"
-_START, _RANGE = "found.start", "found.range"
+_LEAST, _RANGE = "found.least", "found.range"
 _LINEAR, _SQUARE, _REFERENCE = "found.linear", "found.square", "found.reference"
 
 
@@ -59,13 +60,13 @@ class FoundNumbers(Feature):
 
     @property
     def parameters(self) -> Mapping[str, int]:
-        """Start and range of each, and what it costs."""
-        return dict.fromkeys((_START, _RANGE, _LINEAR, _SQUARE, _REFERENCE), len(self.words))
+        """Bounds of each, and what it costs."""
+        return dict.fromkeys((_LEAST, _RANGE, _LINEAR, _SQUARE, _REFERENCE), len(self.words))
 
     @property
     def end_parameters(self) -> Mapping[str, int]:
-        """Start and range."""
-        return dict.fromkeys((_START, _RANGE), len(self.words))
+        """Bounds."""
+        return dict.fromkeys((_LEAST, _RANGE), len(self.words))
 
     @property
     def asks_for_first(self) -> bool:
@@ -85,7 +86,7 @@ class FoundNumbers(Feature):
 
     def _equations(self, plain: Mechanics, given: Mapping[str, ca.SX], s: ca.SX) -> Mechanics:
         assert isinstance(plain, JointMechanics)  # problems in natural coordinates have no parameters
-        robot, values = plain.robot, given[_START] + given[_RANGE] * s
+        robot, values = plain.robot, given[_LEAST] + given[_RANGE] * s
         before = dict(zip(robot.varying, ca.vertsplit(plain.numbers), strict=True))
         after = put(
             robot, before, [(word, values[k]) for k, words in enumerate(self.words) for word in words]
@@ -105,7 +106,7 @@ class FoundNumbers(Feature):
 
     def idle_cost(self, at: StepSymbols) -> ca.SX:
         """What they cost; half the square of controls after the first step."""
-        p = at.given[_START] + at.given[_RANGE] * at.found
+        p = at.given[_LEAST] + at.given[_RANGE] * at.found
         cost = ca.dot(at.given[_LINEAR], p) + ca.dot(at.given[_SQUARE], (p - at.given[_REFERENCE]) ** 2)
         return (1 - at.has_before) * cost + at.given[HAS_BEFORE] * ca.sumsqr(at.named_inputs[_FOUND]) / 2.0
 
@@ -113,8 +114,7 @@ class FoundNumbers(Feature):
         """What the problem says of them."""
         given = problem.parameter
         return {
-            _START: np.array([one.start for one in given]),
-            _RANGE: _ranges(problem),
+            **_bounds(problem),
             _LINEAR: np.array([one.cost.linear for one in given]),
             _SQUARE: np.array([one.cost.square for one in given]),
             _REFERENCE: np.array([one.cost.reference for one in given]),
@@ -123,7 +123,7 @@ class FoundNumbers(Feature):
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Their own in the first step, and none after it."""
         lower, upper = unbounded(problem.num_steps, len(self.words))
-        lower[0], upper[0] = _sides(problem)
+        lower[0], upper[0] = 0.0, 1.0
         return {_FOUND: (lower, upper)}
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
@@ -135,25 +135,20 @@ class FoundNumbers(Feature):
         return [f"bound of parameter {one.name}" for one in problem.parameter]
 
     def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
-        """From the start to the values of the motion."""
-        found = np.zeros((problem.num_steps, len(self.words)))
-        if motion.found.size:
-            found[0] = np.clip(
-                (motion.found - self.numbers(problem)[_START]) / _ranges(problem), *_sides(problem)
-            )
-        return {_FOUND: found}
+        """Where the values of the motion are between bounds, or those of the start."""
+        starts = np.array([one.start for one in problem.parameter])
+        of_bounds, shares = _bounds(problem), np.zeros((problem.num_steps, len(self.words)))
+        values = motion.found if motion.found.size else starts
+        shares[0] = np.clip((values - of_bounds[_LEAST]) / of_bounds[_RANGE], 0.0, 1.0)
+        return {_FOUND: shares}
 
     def read(self, problem: Problem, at: StateLayout, xs: Array, us: Array, motion: Motion) -> Motion:
         """Their values."""
-        way = us[0, at.controls[_FOUND]]
-        return replace(motion, found=self.numbers(problem)[_START] + _ranges(problem) * way)
+        of_bounds = _bounds(problem)
+        found = of_bounds[_LEAST] + of_bounds[_RANGE] * us[0, at.controls[_FOUND]]
+        return replace(motion, found=found)
 
 
-def _ranges(problem: Problem) -> Array:
-    return np.array([one.upper - one.lower for one in problem.parameter])
-
-
-def _sides(problem: Problem) -> tuple[Array, Array]:
-    sides = np.array([(one.lower - one.start, one.upper - one.start) for one in problem.parameter])
-    lower, upper = sides.T / _ranges(problem)
-    return lower, upper
+def _bounds(problem: Problem) -> dict[str, Array]:
+    lower, upper = np.array([(one.lower, one.upper) for one in problem.parameter]).T
+    return {_LEAST: lower, _RANGE: upper - lower}
