@@ -172,7 +172,7 @@ class Problem(ProblemData):
         """Return the problem with the robot that was found, by `Solution.parameters`; itself without any."""
         if not self.parameter:
             return self
-        found = [values[one.name] for one in self.parameter]
+        found = [values.get(one.name, one.start) for one in self.parameter]
         pairs = zip(self.parameter, found, strict=True)
         parameter = tuple(replace(one, start=value) for one, value in pairs)
         return replace(self, robot=with_values(self.robot, self.parameter, found), parameter=parameter)

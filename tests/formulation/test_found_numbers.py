@@ -87,7 +87,7 @@ def test_is_the_optimum_of_plain_solves(scheme: str) -> None:
 def test_derivatives_are_exact(scheme: str) -> None:
     loops = {"robot": {"name": "five_bar"}, "goal": {"q": {"left_shoulder": -0.8, "right_shoulder": 1.0}}}
     words = ["robot.joint.left_elbow.length", "robot.base.z"]
-    of = [{"of": word, "min": 0.0, "max": 1.2} for word in words]
+    of = [{"of": word, "min": 0.1 * k, "max": 1.2} for word, k in zip(words, (1, 0), strict=True)]
     problem = Problem.create(**{**SPRUNG, **loops}, parameter=of, scheme=scheme)
     formulation = formulate(problem)
     programme, rng = formulation.programme, np.random.default_rng(0)
@@ -220,6 +220,12 @@ def test_a_result_keeps_them(tmp_path: Path) -> None:
         ({"of": "robot.payload.load.mass", "max": 1.0}, r"parameter.0.start, that of the robot.*0 to 1"),
         ({"of": "robot.payload.load.mass", "start": 9.0}, r"parameter.0.start: got 9.*0 to 3"),
         ({"of": "robot.payload.load.mass", "least": 1.0}, "least.*unknown key"),
+        ({"of": "robot.payload.load.mass", "min": -1.0}, "payload 'load': mass: got -1"),
+        ({"of": "robot.joint.elbow_joint.length"}, "parameter.0.min: got 0, expected a length above 0"),
+        (
+            {"of": ["robot.base.x", "robot.base.yaw"]},
+            "parameter.0.of.*numbers of one unit; these are in m, rad",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused(table: dict[str, Any], words: str) -> None:

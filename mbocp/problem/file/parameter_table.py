@@ -11,7 +11,7 @@ from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.parameter import OF_ROBOT, Parameter, ParameterCost
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import number_of, take
+from mbocp.robot.named_numbers import number_of, take, with_numbers
 from mbocp.terms.written import Finite
 
 
@@ -63,12 +63,29 @@ def _parameter(table: ParameterTable, index: int, robot: Robot) -> Parameter:
     numbers = [take(robot, word) for word in words]
     if not table.min < table.max:
         raise InvalidValue(f"{key}.max", table.max, f"a number above {key}.min, {table.min:g}")
+    _check_bounds(key, table, robot, words)
     start = number_of(robot, words[0]) if table.start is None else table.start
     if not table.min <= start <= table.max:
         where = f"{key}.start" if table.start is not None else f"{key}.start, that of the robot"
         raise InvalidValue(where, f"{start:g}", f"{table.min:g} to {table.max:g}")
     cost = ParameterCost() if table.cost is None else ParameterCost(**dict(table.cost))
     return Parameter(tuple(words), numbers[0].unit, table.min, table.max, start, cost)
+
+
+def _check_bounds(key: str, table: ParameterTable, robot: Robot, words: Sequence[str]) -> None:
+    """Refuse numbers of several units as one, and bounds at which there is no such robot."""
+    numbers = {word: take(robot, word) for word in words}
+    units = sorted({number.unit for number in numbers.values()})
+    if len(units) > 1:
+        raise InvalidValue(
+            f"{key}.of", show(table.of), f"numbers of one unit; these are in {', '.join(units)}"
+        )
+    for word, number in numbers.items():
+        if not number.moves:
+            for bound in (table.min, table.max):
+                with_numbers(robot, {word: bound})
+        elif word.endswith(".length") and table.min <= 0.0:
+            raise InvalidValue(f"{key}.min", f"{table.min:g}", "a length above 0 [m]")
 
 
 def parameter_tables(parameters: Sequence[Parameter]) -> list[dict[str, Any]]:
