@@ -103,7 +103,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     longest, force = _estimate(problem, begin)
     has_jerks = bool(problem.widest_limits.finite("j").any())
     tables = written_tables(problem)
-    for key in ("via", "guess", "terms", "cost", "goal"):
+    for key in ("via", "guess", "terms", "cost", "goal", "parameter"):
         tables.pop(key, None)
     limits = {key: limit for key, limit in tables.pop("limits", {}).items() if key != "effort_rms"}
     paths = [path for path in tables.pop("path", []) if path["kind"] not in _LEADING]

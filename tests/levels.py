@@ -13,35 +13,32 @@ ROOT = Path(__file__).parents[1]
 _PLACES = {
     # Functions by themselves, readers, checks: next to nothing is compiled or solved.
     "unit": """
-        architecture bounds/enclosures clocks docs files levels lie linear meshes problem repository
-        robot stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
-        mechanics/duals programme/algebra identification/base identification/consistent
-        identification/log
-        solution/export solution/formats solution/joined solution/solution solvers/filter
-        solvers/registry study/expansion study/table symbolic/functions symbolic/versions terms/spline
-        view/forces
+        architecture bounds/enclosures clocks docs files levels lie linear meshes problem repository robot
+        stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
+        mechanics/duals programme/algebra identification/base identification/consistent identification/log
+        solution/export solution/formats solution/joined solution/solution solvers/filter solvers/registry
+        study/expansion study/table symbolic/functions symbolic/versions terms/spline view/forces
     """,
     # Problems formulated and solved, each feature on a small robot; results, commands, files.
     "solve": """
         bounds damping explaining guesses holds mimic pairs phases robust solution stop strangers study
-        cli/check cli/end cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
-        formulation/memory formulation/moved_start formulation/operations formulation/sources
-        formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
-        problem/causes problem/clear_goal problem/default_cost problem/effort_rms problem/frame_goals
-        problem/goal_sets problem/impulse_bounds problem/mesh_obstacles problem/pair_clearances
-        problem/place_causes problem/file/gait problem/file/ground problem/via programme/c_files
-        programme/keys programme/later receding/estimator receding/horizon robot/large_robots
-        robot/loops/undriven ros sensitivity
+        cli/check cli/end cli/end_to_end cli/machine cli/solve cli/spheres formulation/features
+        formulation/fewer_ends formulation/memory formulation/moved_start formulation/operations
+        formulation/sources formulation/found_numbers formulation/step_lengths formulation/steps
+        formulation/turning problem/between_nodes problem/causes problem/clear_goal problem/default_cost
+        problem/effort_rms problem/frame_goals problem/goal_sets problem/impulse_bounds
+        problem/mesh_obstacles problem/pair_clearances problem/place_causes problem/file/gait
+        problem/file/ground problem/via programme/c_files programme/keys programme/later
+        receding/estimator receding/horizon robot/large_robots robot/loops/undriven ros sensitivity
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/effort_about_gravity
-        terms/end_acceleration terms/energy identification
-        terms/hulls terms/kept terms/motor terms/whole_path view/replay
+        terms/end_acceleration terms/energy identification terms/hulls terms/kept terms/motor
+        terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """
-        guesses/around phases/solved problem/approach problem/problem robot/loading/examples
-        robot/elastic robot/loading/joined robot/loading/lock_numbers robot/loading/parts solution/later
-        solution/travel
+        guesses/around phases/solved problem/approach problem/problem robot/loading/examples robot/elastic
+        robot/loading/joined robot/loading/lock_numbers robot/loading/parts solution/later solution/travel
     """,
     # Damaged files, killed processes, full disks, spoilt functions.
     "hostile": """

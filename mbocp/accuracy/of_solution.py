@@ -39,7 +39,11 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
     motion = motion_of(solution)
     try:
         found = accuracy_of(
-            problem.robot, motion, table=problem.timeline.switches, gains=solution.gains, deadline=deadline
+            problem.with_found(solution.parameters).robot,
+            motion,
+            table=problem.timeline.switches,
+            gains=solution.gains,
+            deadline=deadline,
         )
     except CompilationTimeout:
         return solution

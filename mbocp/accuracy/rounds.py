@@ -152,7 +152,7 @@ def step_errors_of(solved: Problem, solution: Solution, *, deadline: float) -> S
     """Errors of the steps of a solution."""
     adjoints = solution.mus if solved.timeline.switches is None else None
     return step_errors(
-        solved.robot,
+        solved.with_found(solution.parameters).robot,
         motion_of(solution),
         table=solved.timeline.switches,
         adjoints=adjoints,

@@ -116,6 +116,7 @@ def run(
         problem = problem_of(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")
         solution = mbocp.solve(problem, callback=progress, accuracy=accuracy)
+    problem = problem.with_found(solution.parameters)
     written = _write(solution, problem, outputs)
     if as_json:
         typer.echo(solution.to_json(indent=2))

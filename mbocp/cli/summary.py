@@ -118,6 +118,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
         *_named_phases(solution),
         *_via(solution),
+        *_parameters(solution),
         ("guess", solution.guess_used or "not recorded"),
         *_starts(solution),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
@@ -311,6 +312,15 @@ def _via(solution: Solution) -> _Rows:
     return [("via points", ", ".join(times))] if times else []
 
 
+def _parameters(solution: Solution) -> _Rows:
+    """What numbers of the robot were found, a line each."""
+    lines = [
+        f"{one.name}: {one.value:.6g} {one.unit}, between {one.lower:g} and {one.upper:g}"
+        for one in solution.facts.parameters
+    ]
+    return [("found", "\n".join(lines))] if lines else []
+
+
 def _named_phases(solution: Solution) -> _Rows:
     """How long each phase takes, a line each."""
     times, lines = solution.phase_times, []
@@ -448,6 +458,7 @@ def _is_bounded(solution: Solution) -> bool:
         or solution.facts.effort_rms
         or solution.duration_range is not None
         or solution.named_phases
+        or solution.facts.parameters
     ):
         return True
     return any(bool(np.isfinite(bound).any()) for bound in bounds)
@@ -460,6 +471,8 @@ def _touches(limit: ActiveLimit) -> str:
         return f"root mean square of {limit.name} at its limit {limit.bound:.6g} {limit.unit}"
     if limit.kind == "duration":
         return f"duration at its {limit.side} bound {limit.bound:.6g} s"
+    if limit.kind == "parameter":
+        return f"{limit.name} at its {limit.side} bound {limit.bound:.6g} {limit.unit}"
     if limit.kind == "time":
         return f"time of via {limit.name} at its {limit.side} bound {limit.bound:.6g} s"
     if limit.kind == "phase":

@@ -356,6 +356,8 @@ def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, 
         "joint_rate": np.asarray(goal.value),
         NUMBERS: robot.varying_values,
     }
+    for feature in pieces.signature.features:
+        at_end |= feature.numbers(problem)
     for end_term in pieces.signature.ends:
         at_end |= end_term.numbers()
     return concatenate(named, layout.theta), np.ascontiguousarray(rho), concatenate(at_end, layout.terminal)

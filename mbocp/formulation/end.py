@@ -28,6 +28,8 @@ def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> d
     goal = pieces(rho, layout)
     q, s = moved[at.z], moved[at.s]
     remembered = {name: moved[where] for name, where in at.states.items()}  # in units of their own
+    for feature in signature.features:
+        mechanics = feature.equations(mechanics, remembered, goal)
     point = Point(mechanics, q, mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu)), remembered=remembered)
     g = signature.goal.expression(point, goal)
     psi = (

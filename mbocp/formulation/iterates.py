@@ -62,7 +62,9 @@ def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulat
 def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
     """Whether an iterate has a motion, whose arrays somebody may have changed."""
     places, own = slice(0, at.nz + at.ns), slice(0, at.num_own)
-    pairs = [(iterate.xs[1:, places], motion.xs[1:, places]), (iterate.us[:, own], motion.us[:, own])]
+    found = at.controls.get("found", slice(0))
+    pairs = [(iterate.us[:, part], motion.us[:, part]) for part in (own, found)]
+    pairs.append((iterate.xs[1:, places], motion.xs[1:, places]))
     return all(_is_near(one, other) for one, other in pairs)
 
 

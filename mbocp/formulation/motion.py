@@ -28,6 +28,8 @@ class Motion:
         Controls at `shares` of each step; of shape (0, 0, 0) where they are constant.
     shares : tuple of float
         See `mbocp.integrators.controls`.
+    found : ndarray, shape (parameters,)
+        Numbers of the robot that are found with the motion; empty where nobody has looked.
     """
 
     qs: Array
@@ -36,6 +38,7 @@ class Motion:
     dts: Array
     values: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
     shares: tuple[float, ...] = ()
+    found: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def us_at_ends(self) -> Array:

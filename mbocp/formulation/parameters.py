@@ -69,6 +69,8 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
 def _terminal_parameters(signature: FunctionSignature, sizes: Sizes) -> tuple[dict[str, int], set[str]]:
     """Parameters of the functions of the end, but for numbers of one's own, and which of them are weights."""
     terminal, weights = signature.goal.parameters(sizes), set[str]()
+    for feature in signature.features:
+        _add(terminal, feature.end_parameters)
     if signature.terminal is not None:
         _add(terminal, signature.terminal.parameters(sizes))
         weights.update(signature.terminal.weights)

@@ -107,7 +107,11 @@ def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
 
 def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.SX:
     """Rows of some constraints, one after the other."""
-    mechanics, layout, rows = at.mechanics, at.space.layout, []
+    layout, rows = at.space.layout, []
+    after = {name: at.x1[where] for name, where in layout.states.items()}
+    mechanics = at.space.configurations
+    for feature in signature.features:
+        mechanics = feature.equations(mechanics, after, at.given)
     q, s = at.x1[layout.z], at.x1[layout.s]
     node = Point(mechanics, q, mechanics.velocity(q, s, at.controls))
     remembered = {

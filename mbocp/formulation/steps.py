@@ -121,6 +121,10 @@ class StepSymbols:
         Controls that move the start -> move of (q, v), shape (2 nv,), where it is free.
     switched : Switched or None
         What acts in the step, where constraints begin and end along the way.
+    found : casadi.SX
+        What numbers of the robot depend on that are found with the motion.
+    of_found : callable or None
+        From there to the equations of motion.
     follow : callable
         The step -> what states remember after it, by name.
     own_rows : casadi.SX
@@ -153,6 +157,8 @@ class StepSymbols:
     moment: ca.SX | None = None
     start_move: Callable[[ca.SX], ca.SX] | None = None
     switched: Switched | None = None
+    found: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
+    of_found: Callable[[ca.SX], Mechanics] | None = None
     follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}
     own_rows: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
     running_cost: RunningCost = _free_of_cost
@@ -161,6 +167,13 @@ class StepSymbols:
     def has_before(self) -> ca.SX:
         """1 where a step has one before it, else 0."""
         return self.given.get(HAS_BEFORE, ca.SX(1))
+
+    @property
+    def linked(self) -> Mechanics:
+        """Equations of which links are made: with symbols in the place of `found`."""
+        if self.of_found is None:
+            return self.mechanics
+        return self.of_found(ca.SX.sym("found", self.found.numel()))
 
     @property
     def is_impact(self) -> ca.SX:

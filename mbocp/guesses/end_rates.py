@@ -33,13 +33,14 @@ def with_rates_at_end(
     ----------
     formulation : Formulation
     outcome : Outcome
-        As the solver left it. What has not converged stays as it is, and so does what does not get there.
+        As the solver left it. What has not converged stays as it is, and so does what does not get there,
+        and a robot that is found with the motion, of which the end is no configuration of the given one.
     again : callable
         Solves a formulation from an iterate.
     """
     known, shown = formulation, outcome
     for _ in range(_ROUNDS):
-        if shown.result.status is not Status.CONVERGED:
+        if shown.result.status is not Status.CONVERGED or known.problem.parameter:
             break
         motion = known.motion_of(shown.result.iterate)
         missed = miss_of_rates(known, motion)

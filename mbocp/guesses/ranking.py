@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from mbocp.formulation import Formulation
 from mbocp.formulation.end_reached import end_missed
+from mbocp.formulation.found import at_found
 from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 
@@ -41,7 +42,8 @@ def with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
     result = outcome.result
     if result.status is not Status.CONVERGED:
         return outcome
-    missed = end_missed(formulation, formulation.motion_of(result.iterate).qs)
+    motion = formulation.motion_of(result.iterate)
+    missed = end_missed(at_found(formulation, motion), motion.qs)
     if missed is None:
         return outcome
     status = Status.OTHER_ROOT if missed.is_other_root else result.status

@@ -124,6 +124,7 @@ class PartitionedStep:
         stages: Sequence[Stage],
         us: Sequence[Affine],
         h: Length,
+        found: Sequence[Affine] = (),
     ) -> PartitionedRows:
         """Rows of a step.
 
@@ -136,16 +137,18 @@ class PartitionedStep:
             Controls at the stages [N, N m].
         h : Affine or casadi.SX
             Length [s].
+        found : sequence of Affine
+            Numbers of the robot that are found, where there are some.
         """
         pair, links = self._pair, self._links
-        (p0,) = chain.apply(links.momentum, [before.q, before.v], links.given)
+        (p0,) = chain.apply(links.momentum, [before.q, before.v, *found], links.given)
         rates = [stage.rate for stage in stages]
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
             xi = links.times(chain, h, weighted_sum(row, rates))
             point = Node(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
-            p, force = chain.apply(links.body, [point.q, point.v, u], links.given)
-            push = links.pushes(chain, point.q, stage.impulse) if self._mechanics.nc else ()
+            p, force = chain.apply(links.body, [point.q, point.v, u, *found], links.given)
+            push = links.pushes(chain, point.q, stage.impulse, found) if self._mechanics.nc else ()
             pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
             momenta.append(pulled.momentum)
             slopes.append(_add(links.times(chain, h, pulled.slope), pulled.pushed))
@@ -153,7 +156,7 @@ class PartitionedStep:
             points.append(point)
         xi = links.times(chain, h, weighted_sum(pair.b, rates))
         reached = links.move(chain, before.q, xi)
-        (p1,) = chain.apply(links.momentum, [after.q, after.v], links.given)
+        (p1,) = chain.apply(links.momentum, [after.q, after.v, *found], links.given)
         in_chart, at_start = links.covectors(chain, xi, p1)
         # The same where configurations are vectors, but for the order in which unknowns are eliminated.
         begun = (
@@ -165,7 +168,7 @@ class PartitionedStep:
             stages=tuple(
                 begun + weighted_sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
             ),
-            constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h),
+            constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h, found),
             points=tuple(points),
         )
 
@@ -175,12 +178,12 @@ class PartitionedStep:
         return chain.apply(self._links.difference, [q, reached])[0]
 
     def _constraints(
-        self, chain: Chain, between: Sequence[Affine], after: Node, h: Length
+        self, chain: Chain, between: Sequence[Affine], after: Node, h: Length, found: Sequence[Affine]
     ) -> tuple[Affine, ...]:
         if not self._mechanics.nc:
             return ()
-        places = [self._links.places(chain, q, h) for q in (*between, after.q)]
-        return (*places, *chain.apply(self._links.drift, [after.q, after.v], self._links.given))
+        places = [self._links.places(chain, q, h, found) for q in (*between, after.q)]
+        return (*places, *chain.apply(self._links.drift, [after.q, after.v, *found], self._links.given))
 
 
 @dataclass(frozen=True)
@@ -202,16 +205,18 @@ class _Links:
 
     def __init__(self, mechanics: JointMechanics) -> None:
         self._is_plain, nv, nc = mechanics.is_vector_space, mechanics.nv, mechanics.nc
-        given = [mechanics.symbols] if mechanics.symbols.numel() else []
+        given = [mechanics.fixed] if mechanics.fixed.numel() else []
         self.given = tuple(given)
+        found = [mechanics.found] if mechanics.found.numel() else []
+        more = [*found, *given]
         q, v, u = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", nv), ca.SX.sym("u", mechanics.nu)
         xi, eta, p, h = ca.SX.sym("xi", nv), ca.SX.sym("eta", nv), ca.SX.sym("p", nv), ca.SX.sym("h")
         other, f, c = ca.SX.sym("other", mechanics.nq), ca.SX.sym("f", nv), ca.SX.sym("c", nv)
         energy = mechanics.kinetic_energy(q, v)
         along = mechanics.tangent_map(q).T @ ca.gradient(energy, q)
         force = along - mechanics.gravity(q) + mechanics.force(q, v, u)
-        self.momentum = dense_function("momentum", [q, v, *given], [ca.gradient(energy, v)])
-        self.body = dense_function("body", [q, v, u, *given], [ca.gradient(energy, v), force])
+        self.momentum = dense_function("momentum", [q, v, *more], [ca.gradient(energy, v)])
+        self.body = dense_function("body", [q, v, u, *more], [ca.gradient(energy, v), force])
         self.difference = dense_function("difference", [q, other], [mechanics.difference(q, other)])
         self._moved = dense_function("moved", [q, xi], [mechanics.integrate(q, xi)])
         self._scaled = dense_function("scaled", [h, v], [h * v])
@@ -233,9 +238,9 @@ class _Links:
         self._covectors = dense_function("covectors", [xi, p], list(pull(p)))
         if nc:
             impulse, jacobian = ca.SX.sym("impulse", nc), mechanics.constraint_jacobian(q)
-            self._push = dense_function("push", [q, impulse, *given], [-jacobian.T @ impulse])
-            self.drift = dense_function("drift", [q, v, *given], [jacobian @ v])
-            self._places = dense_function("places", [q, h, *given], [mechanics.constraints(q) / h])
+            self._push = dense_function("push", [q, impulse, *more], [-jacobian.T @ impulse])
+            self.drift = dense_function("drift", [q, v, *more], [jacobian @ v])
+            self._places = dense_function("places", [q, *found, h, *given], [mechanics.constraints(q) / h])
 
     def move(self, chain: Chain, q: Affine, xi: Affine) -> Affine:
         """Configuration q exp(xi)."""
@@ -264,15 +269,15 @@ class _Links:
         """Multiple of a vector."""
         return chain.apply(self._scaled, [h, vector])[0] if isinstance(h, Affine) else h * vector
 
-    def pushes(self, chain: Chain, q: Affine, impulse: Affine) -> list[Affine]:
+    def pushes(self, chain: Chain, q: Affine, impulse: Affine, found: Sequence[Affine]) -> list[Affine]:
         """What impulses of the constraints push."""
-        return chain.apply(self._push, [q, impulse], self.given)
+        return chain.apply(self._push, [q, impulse, *found], self.given)
 
-    def places(self, chain: Chain, q: Affine, h: Length) -> Affine:
+    def places(self, chain: Chain, q: Affine, h: Length, found: Sequence[Affine]) -> Affine:
         """Phi / h."""
         if isinstance(h, Affine):
-            return chain.apply(self._places, [q, h], self.given)[0]
-        return chain.apply(self._places, [q], [h, *self.given])[0]
+            return chain.apply(self._places, [q, *found, h], self.given)[0]
+        return chain.apply(self._places, [q, *found], [h, *self.given])[0]
 
 
 def _add(one: Affine, other: Affine | None) -> Affine:

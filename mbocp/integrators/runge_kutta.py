@@ -66,11 +66,14 @@ class ExplicitStep:
         self._tableau = TABLEAUX[scheme]
         self._substeps = substeps
         self._is_on_group = lie == "munthe_kaas"
-        self._symbols = mechanics.symbols
+        self._symbols = mechanics.fixed
         self._links = _Links(mechanics, is_stabilised=lie == "baumgarte", is_free=is_free)
 
     def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX | Affine, gains: Gains) -> State:
-        """State after a step of length `dt` [s] with the constant control u, as links of a chain."""
+        """State after a step of length `dt` [s] with the constant control u, as links of a chain.
+
+        Numbers of the robot that are found follow the control.
+        """
         rates = ca.vertcat(gains.quaternion, gains.dcm, gains.constraint, self._symbols)
         state, h = before, dt / self._substeps if isinstance(dt, ca.SX) else ca.SX(1)
         if not isinstance(dt, ca.SX):  # then slopes come with it as a factor, see `_Links`
@@ -118,12 +121,13 @@ class _Links:
     def __init__(self, mechanics: ForwardMechanics, *, is_stabilised: bool, is_free: bool) -> None:
         space = mechanics.space
         z, s = ca.SX.sym("z", mechanics.nq), ca.SX.sym("s", mechanics.ns)
-        u, rates = ca.SX.sym("u", mechanics.nu), ca.vertcat(ca.SX.sym("rates", 3), mechanics.symbols)
+        u, rates = ca.SX.sym("u", mechanics.nu), ca.vertcat(ca.SX.sym("rates", 3), mechanics.fixed)
         w = ca.SX.sym("w", mechanics.nv)
         v, rate = mechanics.velocity(z, s, u), mechanics.speed_rate(z, s, u, rates[2])
         along = space.rate(z, v)
         if is_stabilised:
             along += space.attraction(z, rates[0], rates[1])
+        u = ca.vertcat(u, mechanics.found)
         if is_free:
             length = ca.SX.sym("length")
             u = ca.vertcat(u, length)

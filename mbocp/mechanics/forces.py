@@ -2,52 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
 import casadi as ca
 
-from mbocp.robot import QuarticSpring, SpringDamper
+from mbocp.robot import QuarticSpring, Robot, SpringDamper
 from mbocp.robot.resistance import JointResistance
 
 
 class Frames(Protocol):
     """Positions of frames and derivatives along the tangent space, in any coordinates."""
 
+    robot: Robot
+
     def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
         """Position of a frame's origin in the world, shape (3,) [m]."""
+
+    def element_numbers(self, index: int) -> Mapping[str, ca.SX]:
+        """Stiffness, length at rest and the like of a force element of the robot."""
 
     def derivative(self, function: Callable[[ca.SX], ca.SX], q: ca.SX) -> ca.SX:
         """Derivative of a function of the configuration along its tangent, shape (rows, nv)."""
 
 
-def force_element_force(
-    element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX, v: ca.SX
-) -> ca.SX:
+def force_element_force(index: int, mechanics: Frames, q: ca.SX, v: ca.SX) -> ca.SX:
     """Generalised force of one element, shape (nv,) [N, N m].
 
     Parameters
     ----------
-    element : QuarticSpring or SpringDamper
-        What acts between two frames.
+    index : int
+        Which of the robot's force elements.
     mechanics : JointMechanics or NaturalMechanics
         Gives the frames' positions and the tangent map.
     q, v : casadi.SX
         Configuration (nq,), velocity (nv,).
     """
+    element, numbers = mechanics.robot.forces[index], mechanics.element_numbers(index)
     if isinstance(element, QuarticSpring):
-        return -mechanics.derivative(lambda at: force_element_energy(element, mechanics, at), q).T
+        return -mechanics.derivative(lambda at: force_element_energy(index, mechanics, at), q).T
 
     def span(at: ca.SX) -> ca.SX:
         return _span(element, mechanics, at)
 
     d, dd_dq = span(q), mechanics.derivative(span, q)  # (3, nv)
-    if element.length == 0.0:  # no direction needed, and none defined where the ends meet
-        return -dd_dq.T @ (element.stiffness * d + element.damping * (dd_dq @ v))
+    stiffness, damping, length = (numbers[key] for key in ("stiffness", "damping", "length"))
+    if length.is_zero():  # no direction needed, and none defined where the ends meet
+        return -dd_dq.T @ (stiffness * d + damping * (dd_dq @ v))
     distance = ca.norm_2(d)
     direction = d / distance
     rate = ca.dot(direction, dd_dq @ v)
-    return -dd_dq.T @ direction * (element.stiffness * (distance - element.length) + element.damping * rate)
+    return -dd_dq.T @ direction * (stiffness * (distance - length) + damping * rate)
 
 
 def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
@@ -66,14 +71,15 @@ def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
     return -resistance.ratio * lost
 
 
-def force_element_energy(element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX) -> ca.SX:
+def force_element_energy(index: int, mechanics: Frames, q: ca.SX) -> ca.SX:
     """Potential energy of one element [J]."""
-    d = _span(element, mechanics, q)
+    element, numbers = mechanics.robot.forces[index], mechanics.element_numbers(index)
+    d, length = _span(element, mechanics, q), numbers["length"]
     if isinstance(element, QuarticSpring):  # V = c/4 (|d|^2 - l^2)^2, before eq. (45) and in section 6.3.2
-        return element.coefficient / 4 * (ca.dot(d, d) - element.length**2) ** 2
-    if element.length == 0.0:
-        return element.stiffness / 2 * ca.dot(d, d)
-    return element.stiffness / 2 * (ca.norm_2(d) - element.length) ** 2
+        return numbers["coefficient"] / 4 * (ca.dot(d, d) - length**2) ** 2
+    if length.is_zero():
+        return numbers["stiffness"] / 2 * ca.dot(d, d)
+    return numbers["stiffness"] / 2 * (ca.norm_2(d) - length) ** 2
 
 
 def _span(element: QuarticSpring | SpringDamper, mechanics: Frames, q: ca.SX) -> ca.SX:

@@ -7,6 +7,8 @@ equations are the paper's (1)-(3) with p = M(q) v; the inverse-dynamics form nee
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -14,8 +16,10 @@ import numpy as np
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.robot import Robot
-from mbocp.symbolic import ModelNumber, model_functions, values_of
+from mbocp.symbolic import ModelNumber, model_functions, numbers_of_model
 from mbocp.symbolic.matrices import call_with_matrices
+
+M = TypeVar("M", bound="JointMechanics")
 
 
 def symbols_of(robot: Robot) -> ca.SX:
@@ -41,8 +45,11 @@ class JointMechanics:
     ----------
     numbers : casadi.SX, shape (len(robot.varying),)
     symbols : casadi.SX
-        What of the numbers is symbols: all or, shape (0, 1), nothing. Functions of expressions of this class
-        need them among their inputs.
+        Symbols that the numbers are made of; of shape (0, 1) where they are constants. Functions of
+        expressions of this class need them among their inputs.
+    found, fixed : casadi.SX
+        Those of the symbols that links of a chain are differentiated in, which are found with the motion,
+        and the others.
     nq, nv, ns, nu, nc : int
         Sizes of configuration, velocity, speeds, control and holonomic constraints.
     space : ConfigurationSpace
@@ -53,16 +60,42 @@ class JointMechanics:
 
     def __init__(self, robot: Robot, rotations: str = "quaternion", *, numbers: ca.SX | None = None) -> None:
         self.robot = robot
-        self.numbers = ca.SX(ca.DM(robot.varying_values)) if numbers is None else numbers
-        self.symbols = self.numbers if numbers is not None and ca.symvar(numbers) else ca.SX.zeros(0, 1)
         self.space = ConfigurationSpace(robot.model, rotations)
         self.nq, self.nv, self.nu, self.nc = self.space.nz, robot.nv, robot.nu, robot.nc
         self.ns = self.nv
         self.is_vector_space = robot.is_vector_space
-        given = () if numbers is None else robot.varying
+        of_model = numbers_of_model(robot.varying)
+        self._at = [robot.varying.index(number) for number in of_model]
+        given = () if numbers is None else of_model
         self.functions = model_functions(robot.model, given)
-        self._given = (self.numbers,) if given else ()  # the last argument of all functions
+        self._take(numbers)
         self._dcm = [part for part in self.space.parts if part.at_matrix >= 0]
+
+    def with_numbers(self: M, numbers: ca.SX, found: ca.SX | None = None) -> M:
+        """Return the same equations with other expressions for the numbers.
+
+        Parameters
+        ----------
+        numbers : casadi.SX, shape (len(robot.varying),)
+        found : casadi.SX, optional
+            Symbols among those of `numbers` in which links are differentiated, see `found`.
+        """
+        other = copy(self)
+        other._take(numbers, found)
+        return other
+
+    def _take(self, numbers: ca.SX | None, found: ca.SX | None = None) -> None:
+        self.numbers = ca.SX(ca.DM(self.robot.varying_values)) if numbers is None else numbers
+        self.found = ca.SX.zeros(0, 1) if found is None else found
+        is_plain = numbers is not None and numbers.is_valid_input()
+        symbols = ca.symvar(self.numbers)
+        every = self.numbers if is_plain and symbols else ca.vertcat(ca.SX.zeros(0, 1), *symbols)
+        own = {element.element_hash() for element in ca.vertsplit(self.found)}
+        fixed = [symbol for symbol in symbols if symbol.element_hash() not in own]
+        self.fixed = ca.vertcat(ca.SX.zeros(0, 1), *fixed) if own else every
+        self.symbols = ca.vertcat(self.fixed, self.found) if own else every
+        # The last argument of all functions.
+        self._given = (self.numbers[self._at],) if self.functions.given else ()
 
     def velocity(self, q: ca.SX, s: ca.SX, u: ca.SX) -> ca.SX:
         """Velocity of a state's speeds: the speeds themselves, shape (nv,) [m/s, rad/s]."""
@@ -159,8 +192,8 @@ class JointMechanics:
         for k, actuator in enumerate(actuation.frame_actuators):
             jacobian = self._call(self.functions.frame_jacobian(actuator.frame_id, "local"), q)[0]
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
-        for element in self.robot.forces:
-            total += force_element_force(element, self, q, v)
+        for index in range(len(self.robot.forces)):
+            total += force_element_force(index, self, q, v)
         for resistance in self.robot.resistances:
             total[resistance.dof] += resistance_torque(resistance, v)
         for joint in self.robot.elastic:
@@ -172,8 +205,8 @@ class JointMechanics:
     def potential_energy(self, q: ca.SX) -> ca.SX:
         """Potential energy of gravity and of the force elements [J]."""
         energy = self._call(self.functions.potential_energy, q)[0]
-        for element in self.robot.forces:
-            energy += force_element_energy(element, self, q)
+        for index in range(len(self.robot.forces)):
+            energy += force_element_energy(index, self, q)
         for joint in self.robot.elastic:
             energy += joint.energy(self._configuration(q))
         return energy
@@ -217,10 +250,16 @@ class JointMechanics:
         about_origin = R.T @ about_com @ R - mass * (c @ c)
         return ca.blockcat([[mass * ca.SX.eye(3), -mass * c], [mass * c, about_origin]])
 
+    def element_numbers(self, index: int) -> dict[str, ca.SX]:
+        """Stiffness, length at rest and the like of a force element."""
+        element = self.robot.forces[index]
+        numbers = [ModelNumber("force", index, entry) for entry in range(len(element.units))]
+        return dict(zip(element.units, ca.vertsplit(self._of_model(numbers)), strict=True))
+
     def _of_model(self, numbers: Sequence[ModelNumber]) -> ca.SX:
         """Numbers of the model, a column: those that vary as `numbers` has them."""
         given = {number: self.numbers[k] for k, number in enumerate(self.robot.varying)}
-        constants = values_of(self.robot.model, numbers)
+        constants = self.robot.values_of(numbers)
         return ca.vertcat(*[given.get(n, ca.SX(c)) for n, c in zip(numbers, constants, strict=True)])
 
     def joint_displacement(self, joint_id: int, q: ca.SX) -> ca.SX:

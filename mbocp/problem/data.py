@@ -22,6 +22,7 @@ from mbocp.problem.integration import (
 )
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
+from mbocp.problem.parameter import Parameter
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.rates import RateLimit, end_jerk_limits, rate_limits
 from mbocp.problem.resolve import free_at_end
@@ -128,6 +129,8 @@ class ProblemData:
     a_start : ndarray, shape (nv,), optional
         Acceleration before the start, the mean of a step that would end there: limits of jerk hold from it
         on. Zero by default [m/s^2, rad/s^2].
+    parameter : tuple of Parameter
+        Numbers of the robot that are found with the motion.
     start_free : FreeStart, optional
         Which entries of q_start and v_start are guesses, and found with the motion; None: all are given.
     guess : Guess
@@ -182,6 +185,7 @@ class ProblemData:
     q_start: Array
     v_start: Array
     a_start: Array
+    parameter: tuple[Parameter, ...]
     start_free: FreeStart | None
     guess: Guess
     solver: SolverOptions
@@ -249,9 +253,8 @@ class ProblemData:
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
         has_bounds = self.start_free is not None and self.start_free.is_bounded
-        return (
-            self.widest_limits.any_finite or bool(self.path) or self.timeline.has_free_lengths or has_bounds
-        )
+        is_limited = self.widest_limits.any_finite or bool(self.path or self.parameter)
+        return is_limited or self.timeline.has_free_lengths or has_bounds
 
     @property
     def widest_limits(self) -> Bounds:

@@ -101,7 +101,7 @@ def read_document(document: Document, before: tuple[Document, Mapping[str, Any]]
     before : tuple of Document and mapping, optional
         An earlier document with what followed from it: tables that are the same are not read again.
     """
-    given = {**UNSAID, **document.values, **_tables(document, before), "robot": document.robot}
+    given = {**UNSAID, **document.values, **_tables(document, before), "robot_of_file": document.robot}
     given["terms_given"] = document.terms
     given["folder"] = document.source.parent if document.source is not None else Path()
     has_cost = "cost" in document.tables

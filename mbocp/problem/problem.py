@@ -16,6 +16,7 @@ from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.tables import written_tables
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.goal_set import reachable_members
+from mbocp.problem.parameter import with_values
 from mbocp.problem.pipeline import run_steps
 from mbocp.problem.resolve import RESOLVE
 from mbocp.robot import Robot
@@ -81,6 +82,7 @@ class Problem(ProblemData):
         obstacle: Sequence[Mapping[str, Any]] | None = None,
         self_collision: bool | Mapping[str, Any] | None = None,
         path: Sequence[Mapping[str, Any]] | None = None,
+        parameter: Sequence[Mapping[str, Any]] | None = None,
         terms: Sequence[OwnTerm] = (),
         guess: Mapping[str, Any] | None = None,
         integrator: Mapping[str, Any] | None = None,
@@ -108,8 +110,8 @@ class Problem(ProblemData):
             The tables `[[phase]]`.
         ground, gait, start, goal, cost, limits, robust, guess, integrator, solver : mapping, optional
             The tables of a problem file; arrays may be NumPy's.
-        via, obstacle, path : sequence of mapping, optional
-            The tables `[[via]]`, `[[obstacle]]` and `[[path]]`.
+        via, obstacle, path, parameter : sequence of mapping, optional
+            The tables `[[via]]`, `[[obstacle]]`, `[[path]]` and `[[parameter]]`.
         self_collision : bool or mapping, optional
             The key or table `self_collision`.
         terms : sequence of OwnTerm
@@ -136,6 +138,7 @@ class Problem(ProblemData):
             "obstacle": obstacle,
             "self_collision": self_collision,
             "path": path,
+            "parameter": parameter,
             "guess": guess,
             "solver": solver,
         }
@@ -168,6 +171,15 @@ class Problem(ProblemData):
         document, has_tables = change_document(self.document, changes, self.timeline, written)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)
+
+    def with_found(self, values: Mapping[str, float]) -> Problem:
+        """Return the problem with the robot that was found, by `Solution.parameters`; itself without any."""
+        if not self.parameter:
+            return self
+        found = [values.get(one.name, one.start) for one in self.parameter]
+        pairs = zip(self.parameter, found, strict=True)
+        parameter = tuple(replace(one, start=value) for one, value in pairs)
+        return replace(self, robot=with_values(self.robot, self.parameter, found), parameter=parameter)
 
     @classmethod
     def of(cls, document: Document, before: Problem | None = None) -> Problem:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
 from mbocp.problem.coordinate_checks import check_coordinates
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import Stabilisation, check_control_terms, check_controls, check_integrator
 from mbocp.problem.limits import Bounds, check_limits, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.parameter import Parameter
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.rates import check_rates
 from mbocp.problem.solver import SolverOptions
@@ -23,6 +26,7 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.together import check_has_actuators, check_method
 from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
+from mbocp.robot.named_numbers import take
 from mbocp.terms import BoundedTerm, OwnTerm
 
 
@@ -39,6 +43,22 @@ def check_scheme(
     check_integrator(robot, scheme, lie, substeps, stabilisation, suits=scheme_reason)
     check_controls(controls, scheme)
     check_has_actuators(robot)
+
+
+def check_parameters(
+    robot: Robot, coordinates: str, parameter: tuple[Parameter, ...], clearance: Clearance | None
+) -> None:
+    """Refuse parameters in natural coordinates, and places that change near obstacles."""
+    if not parameter:
+        return
+    if not COORDINATES[coordinates].has_joint_states:
+        raise ProblemError(f'parameter: numbers of the robot are constants in coordinates = "{coordinates}"')
+    moving = [one.name for one in parameter for word in one.words if take(robot, word).moves]
+    if moving and clearance is not None:
+        raise ProblemError(
+            f"parameter: {moving[0]} moves frames, which obstacle and self_collision do not follow yet; "
+            "take masses, or springs, or leave these tables out"
+        )
 
 
 def check_natural(
@@ -130,11 +150,20 @@ def check_solver(
     timeline: Timeline,
     clearance: Clearance | None,
     start_free: FreeStart | None,
+    parameter: tuple[Parameter, ...],
 ) -> None:
     """Refuse a method that would not keep what is to be kept."""
     has_bounds = start_free is not None and start_free.is_bounded
-    if widest.any_finite or path or timeline.has_free_lengths or has_bounds:
-        table = "limits" if widest.any_finite else "via" if timeline.waypoints else "path"
+    if widest.any_finite or path or timeline.has_free_lengths or has_bounds or parameter:
+        table = (
+            "parameter"
+            if parameter
+            else "limits"
+            if widest.any_finite
+            else "via"
+            if timeline.waypoints
+            else "path"
+        )
         table = "obstacle" if clearance is not None else table
         is_free = timeline.duration_range is not None
         check_method(solver, table, is_free=is_free, has_free_times=timeline.has_free_times)

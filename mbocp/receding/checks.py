@@ -38,6 +38,7 @@ def check_can_recede(problem: Problem) -> None:
             bool(problem.goal.a_active.any()) and problem.goal.a_rule == "given",
             "is the mean of a given step; leave it out",
         ),
+        "parameter": (bool(problem.parameter), "is found for a whole motion; take the robot that was found"),
         "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
         "cost.target": (problem.cost.is_trajectory, "is a trajectory; give one row, and others in each step"),
         "horizon.controls": (

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mbocp.robot.loops.kinds.screw import Screw
     from mbocp.robot.loops.kinds.weld import Weld
     from mbocp.robot.loops.redundancy import singular_closure
+    from mbocp.robot.named_numbers import number_of, with_numbers
     from mbocp.robot.parts import (
         Actuation,
         Connector,
@@ -106,8 +107,10 @@ __all__ = [
     "load_parts",
     "load_robot",
     "load_stored",
+    "number_of",
     "robot_from_spec",
     "singular_closure",
+    "with_numbers",
 ]
 
 __getattr__ = names_of(__name__, __file__)

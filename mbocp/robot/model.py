@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +27,7 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.symbolic import (
     ModelNumber,
     inertia_numbers,
+    numbers_of_model,
     placement_numbers,
     placements_of_followers,
     text_without,
@@ -92,6 +93,8 @@ class RobotModel:
         Numbers of `model` that the values of locked joints decide, where options lock them.
     link_inertias : tuple of LinkInertia
         Masses and inertias of links that its file does not give; `model` has them already.
+    opened : tuple of ModelNumber
+        Numbers that functions take as parameters in any case, see `mbocp.robot.named_numbers`.
     stored : RobotFiles, optional
         The files it was loaded from, if they came with a result; they keep their temporary folder.
     """
@@ -119,6 +122,7 @@ class RobotModel:
     given_spheres: tuple[CollisionSphere, ...] = ()
     decided_by_locks: tuple[ModelNumber, ...] = ()
     link_inertias: tuple[LinkInertia, ...] = ()
+    opened: tuple[ModelNumber, ...] = ()
     stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:
@@ -264,7 +268,7 @@ class RobotModel:
         """Numbers of the model that functions may take as parameters, in rising order.
 
         Inertias of bodies that carry a payload and of parts that are simple bodies, where the frames of
-        payloads are, and what the values of joints decide that options lock.
+        payloads are, what the values of joints decide that options lock, and `opened`.
         """
         frames = [kinematics.frame_id(self.model, payload.name, self.name) for payload in self.payloads]
         turns = [place for place, payload in zip(frames, self.payloads, strict=True) if payload.orientation]
@@ -276,6 +280,7 @@ class RobotModel:
                     *(n for frame in frames for n in translation_numbers(frame)),
                     *(n for frame in turns for n in placement_numbers(frame)),
                     *self.decided_by_locks,
+                    *self.opened,
                     *placements_of_followers(self.model, sorted(frames), self.decided_by_locks),
                 }
             )
@@ -293,24 +298,51 @@ class RobotModel:
     @cached_property
     def varying_values(self) -> Array:
         """What these numbers are, shape (len(varying),) [kg, m, kg m^2]."""
-        return frozen_array(values_of(self.model, self.varying))
+        return frozen_array(self.values_of(self.varying))
+
+    def values_of(self, numbers: Sequence[ModelNumber]) -> Array:
+        """What some of its numbers are, shape (len(numbers),)."""
+        of_model = numbers_of_model(numbers)
+        known = dict(zip(of_model, values_of(self.model, of_model), strict=True))
+        for number in numbers:
+            if number.of == "force":
+                element = self.forces[number.owner]
+                known[number] = getattr(element, list(element.units)[number.entry])
+            elif number.of == "payload":
+                payload = self.payloads[number.owner]
+                known[number] = (payload.mass, *payload.com, *payload.inertia)[number.entry]
+        return np.array([known[number] for number in numbers], dtype=np.float64)
 
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
-        return self._digest(self.model.saveToString())
+        return self._digest(self.model.saveToString(), self.forces)
 
     @cached_property
     def shape_fingerprint(self) -> str:
         """The same without the values of the numbers that vary; robots with none have one fingerprint."""
-        return self._digest(text_without(self.model, self.varying)) if self.varying else self.fingerprint
+        if not self.varying:
+            return self.fingerprint
+        return self._digest(
+            text_without(self.model, numbers_of_model(self.varying)), self._forces_without_opened()
+        )
 
-    def _digest(self, model: str) -> str:
+    def _forces_without_opened(self) -> object:
+        opened = {(number.owner, number.entry) for number in self.opened if number.of == "force"}
+        if not opened:
+            return self.forces
+        return [
+            [element.kind, element.frame_a, element.frame_b]
+            + [None if (k, i) in opened else getattr(element, key) for i, key in enumerate(element.units)]
+            for k, element in enumerate(self.forces)
+        ]
+
+    def _digest(self, model: str, forces: object) -> str:
         digest = hashlib.sha256(model.encode())
         digest.update(self.actuation.selection.tobytes())
         for actuator in self.actuation.frame_actuators:
             digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
-        digest.update(repr((self.actuation.labels, self.constraints, self.forces)).encode())
+        digest.update(repr((self.actuation.labels, self.constraints, forces)).encode())
         if self.redundant_rows:
             digest.update(repr(self.redundant_rows).encode())
         if self.resistances:

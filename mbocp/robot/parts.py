@@ -6,6 +6,7 @@ All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the u
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -204,6 +205,7 @@ class QuarticSpring:
     frames: tuple[str, str] = ("", "")
 
     kind = "quartic_spring"
+    units: ClassVar[dict[str, str]] = {"coefficient": "N/m^3", "length": "m"}
 
     def __post_init__(self) -> None:
         _require_positive(f"spring {self.name!r}: coefficient", self.coefficient)
@@ -244,6 +246,7 @@ class SpringDamper:
     frames: tuple[str, str] = ("", "")
 
     kind = "spring_damper"
+    units: ClassVar[dict[str, str]] = {"stiffness": "N/m", "damping": "N s/m", "length": "m"}
 
     def __post_init__(self) -> None:
         for key in ("stiffness", "damping", "length"):

@@ -10,7 +10,6 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
@@ -22,7 +21,8 @@ from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.limits import LIMITS
-from mbocp.robot.payload import INERTIA_KEYS, Payload
+from mbocp.robot.named_numbers import number_of, numbers_behind, put
+from mbocp.robot.payload import INERTIA_KEYS
 from mbocp.sensitivity.numbers import Change, change_along
 from mbocp.terms import FrameEnd, FrameGoal, RunningTerm, Tracking, Weighted
 
@@ -407,9 +407,14 @@ class NumbersOfRobot(OfRobot):
     def names(self) -> tuple[str, ...]:
         """Kind, owner and entry."""
         model = self.problem.robot.model
-        frames, joints = [frame.name for frame in model.frames], list(model.names)
-        pairs = ((n, frames if n.of == "frame_placement" else joints) for n in self.problem.robot.varying)
-        return tuple(f"{n.of} of {owners[n.owner]}: {n.entry}" for n, owners in pairs)
+        robot, joints = self.problem.robot, list(model.names)
+        owners = {
+            "frame_placement": [frame.name for frame in model.frames],
+            "force": [element.name for element in robot.forces],
+            "payload": [payload.name for payload in robot.payloads],
+        }
+        pairs = ((n, owners.get(n.of, joints)) for n in robot.varying)
+        return tuple(f"{n.of} of {names[n.owner]}: {n.entry}" for n, names in pairs)
 
     @property
     def in_numbers(self) -> Array:
@@ -440,61 +445,18 @@ class PayloadNumbers(OfRobot):
     @property
     def in_numbers(self) -> Array:
         """Of the body that carries it, and of the frame at its centre of mass."""
-        robot, (_, _, name, key) = self.problem.robot, self.word.split(".", 3)
-        payload = next(payload for payload in robot.payloads if payload.name == name)
-        frame = robot.model.frames[robot.frame_id(payload.frame)]
-        joint, tip = int(frame.parentJoint), robot.frame_id(name)
-        body, tangent = _derivatives_of_body(robot.model.inertias[joint], frame.placement, payload, key)
-        found = np.zeros((len(self.names), len(robot.varying)))
-        for place, number in enumerate(robot.varying):
-            if number.of == "inertia" and number.owner == joint:
-                found[:, place] = body[number.entry]
-            if number.of == "frame_placement" and number.owner == tip and number.entry > 8:
-                found[:, place] = tangent[number.entry - 9]
+        robot, word = self.problem.robot, self.word.removeprefix("robot.")
+        key, moved = word.rpartition(".")[2], ca.SX.sym("moved", len(self.names))
+        words = [word] if key == "mass" else [f"{word}.{name}" for name in self.names]
+        values = [number_of(robot, one) for one in words]
+        given = numbers_behind(robot, words)
+        now = {n: ca.SX(v) for n, v in zip(given, robot.values_of(given), strict=True)}
+        now |= {n: ca.SX(v) for n, v in zip(robot.varying, robot.varying_values, strict=True)}
+        pairs = zip(words, values, ca.vertsplit(moved), strict=True)
+        after = put(robot, now, [(one, value + move) for one, value, move in pairs])
+        slopes = ca.jacobian(ca.vertcat(*[after[number] for number in robot.varying]), moved)
+        found: Array = np.asarray(ca.Function("slopes", [moved], [ca.densify(slopes)])(0.0)).T
         return found
-
-
-def _derivatives_of_body(
-    body: pin.Inertia, placement: pin.SE3, payload: Payload, key: str
-) -> tuple[Array, Array]:
-    """Derivatives, in what a key of a payload says, of a body with it and of where its own frame is.
-
-    Returns
-    -------
-    of_body : ndarray, shape (10, k)
-        In the order of `ModelNumber`: sums of masses, first and second moments about the body's origin are
-        what payloads add to.
-    of_frame : ndarray, shape (3, k)
-    """
-    sizes = {"mass": 1, "com": 3, "inertia": 6}
-    moved = ca.SX.sym(key, sizes[key])
-    moves = {name: moved if name == key else ca.SX.zeros(size) for name, size in sizes.items()}
-    R, mass = placement.rotation, payload.mass + moves["mass"]
-    centre = placement.translation + ca.mtimes(R, ca.SX(payload.com) + moves["com"])
-    xx, yy, zz, xy, xz, yz = ca.vertsplit(ca.SX(payload.inertia) + moves["inertia"])
-    own = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    before = placement.act(pin.SE3(np.eye(3), np.array(payload.com))).translation
-    whole = body.mass + moves["mass"]
-    lever = (body.mass * body.lever - payload.mass * before + mass * centre) / whole
-    about_origin = (
-        body.inertia
-        + body.mass * _second_moment(ca.SX(body.lever))
-        - R @ payload.inertia_matrix @ R.T
-        - payload.mass * _second_moment(ca.SX(before))
-        + ca.mtimes([R, own, R.T])
-        + mass * _second_moment(centre)
-    )
-    moments = about_origin - whole * _second_moment(lever)
-    entries = [moments[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))]
-    tip = centre if payload.position is None else ca.SX(3, 1)
-    parts = (ca.vertcat(whole, lever, *entries), tip)
-    slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(part, moved)) for part in parts])
-    of_body, of_frame = slopes(np.zeros(sizes[key]))
-    return np.asarray(of_body), np.asarray(of_frame)
-
-
-def _second_moment(c: ca.SX) -> ca.SX:
-    return ca.dot(c, c) * ca.SX.eye(3) - ca.mtimes(c, c.T)
 
 
 PARAMETERS: tuple[type[Parameter], ...] = (

@@ -294,6 +294,11 @@ class SolutionData:
         return {place.name: float(self.t[place.node] - self.t[0]) for place in self.facts.via}
 
     @property
+    def parameters(self) -> dict[str, float]:
+        """Numbers of the robot that were found with the motion, by what the problem calls them."""
+        return {one.name: one.value for one in self.facts.parameters}
+
+    @property
     def named_phases(self) -> tuple[PhasePlace, ...]:
         """The phases of the motion that have names, in their order; none where there are none."""
         return self.facts.phases

@@ -86,6 +86,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
         "duration": solution.duration,
         "via_times": solution.via_times,
         "phase_times": solution.phase_times,
+        "parameters": solution.parameters,
         "wall_time_s": solution.wall_time_s,
         "phases": [dataclasses.asdict(phase) for phase in solution.phases],
         "history": [

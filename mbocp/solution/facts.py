@@ -94,6 +94,27 @@ class PathRow(NamedTuple):
         return self.lower == self.upper
 
 
+class ParameterValue(NamedTuple):
+    """A number of the robot that was found.
+
+    Attributes
+    ----------
+    name : str
+    value : float
+    unit : str
+    lower, upper : float
+    multiplier : float
+        Of its bounds: what the optimal cost loses where the bound yields by one; negative at a lower one.
+    """
+
+    name: str
+    value: float
+    unit: str
+    lower: float
+    upper: float
+    multiplier: float
+
+
 @dataclass(frozen=True)
 class Facts:
     """What a problem asks of a motion.
@@ -120,6 +141,8 @@ class Facts:
         Acceleration before the start, for each velocity.
     effort_rms : tuple of float
         Limit of the root mean square of each control, infinite where there is none.
+    parameters : tuple of ParameterValue
+        Numbers of the robot that were found, in their order.
     """
 
     duration_range: tuple[float, float] | None = None
@@ -132,6 +155,7 @@ class Facts:
     contacts: tuple[str, ...] = ()
     a_start: _Numbers = ()
     effort_rms: _Numbers = ()
+    parameters: tuple[ParameterValue, ...] = ()
 
     def fit(self, num_steps: int, sizes: Mapping[str, int]) -> Facts:
         """Return what fits a motion; a file may say something else, and so may a problem of other steps.

@@ -23,7 +23,7 @@ from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
-from mbocp.solution.facts import Facts, PathRow, PhasePlace, ViaPlace
+from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, tell_changed
 from mbocp.terms import RATE_TERMS, OwnTerm
 
@@ -140,6 +140,10 @@ def facts_of(problem: Problem) -> Facts:
         contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
         a_start=_plain(problem.a_start),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
+        parameters=tuple(
+            ParameterValue(one.name, one.start, one.unit, one.lower, one.upper, one.multiplier)
+            for one in problem.parameter
+        ),
     )
 
 

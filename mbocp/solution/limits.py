@@ -29,8 +29,8 @@ class ActiveLimit:
     ----------
     kind : str
         "control", "velocity", "position", "path", "duration", "time" or "way" of a via point, or a key of
-        `mbocp.terms.RATE_TERMS`; "phase" for its duration. A way takes the least time that its steps may
-        have.
+        `mbocp.terms.RATE_TERMS`; "phase" for its duration; "parameter". A way takes
+        the least time that its steps may have.
     name : str
         Of the control, joint, path constraint or via point; "horizon" of a free duration, "end" of the way to
         it.
@@ -90,7 +90,16 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         bounds_of_it = np.array(facts.duration_range)[:, None]
         taken = np.array([[solution.duration]])
         found += _touch("duration", (Column("horizon", "s"),), taken, bounds_of_it)
-    return (*found, *_of_via(solution, facts), *_of_phases(solution))
+    return (*found, *_of_via(solution, facts), *_of_phases(solution), *_of_parameters(facts))
+
+
+def _of_parameters(facts: Facts) -> Iterator[ActiveLimit]:
+    """Bounds of numbers of the robot that were found."""
+    for one in facts.parameters:
+        away = _TOUCHES * (one.upper - one.lower)
+        for side, bound in (("lower", one.lower), ("upper", one.upper)):
+            if abs(one.value - bound) <= away:
+                yield ActiveLimit("parameter", one.name, side, bound, one.unit, 1, 1)
 
 
 def _nearest(solution: SolutionData, facts: Facts) -> Array:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
+from mbocp.formulation.found import at_found
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of
 from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
@@ -86,8 +87,10 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     with_gains : bool
         Whether to work out the feedback gains.
     """
-    formulation, outcome, phases = attempt.formulation, attempt.outcome, list(attempt.phases)
-    problem, result = formulation.problem, outcome.result
+    outcome, phases = attempt.outcome, list(attempt.phases)
+    result = outcome.result
+    formulation, asked = _at_found(attempt.formulation, result.iterate, asked)
+    problem = formulation.problem
     approach: Approach | None = None
     last = result.record
     with time_phase(phases, "diagnostics"):
@@ -147,6 +150,22 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     alone["iterate"] = partial(carried_of, formulation, result.iterate)
     alone["facts_kept"] = partial(facts_of, problem)
     return defer(Solution, now, rest, alone)
+
+
+def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:
+    """Formulation and problem with the robot that was found."""
+    if not asked.parameter:
+        return formulation, asked
+    motion = formulation.motion_of(iterate)
+    problem = at_found(formulation, motion).problem
+    if iterate.bounds is not None:
+        multipliers = iterate.bounds.us[0, formulation.layout.controls["found"]].tolist()
+        pairs = zip(problem.parameter, multipliers, strict=True)
+        found = tuple(replace(one, multiplier=m / (one.upper - one.lower)) for one, m in pairs)
+        problem = replace(problem, parameter=found)
+    begin = asked.q_start if asked.start_free is None else motion.qs[0]
+    told = replace(asked, robot=problem.robot, parameter=problem.parameter, q_start=begin)
+    return cast(Formulation, replace(cast(Any, formulation), problem=problem)), told
 
 
 def judge(

@@ -24,18 +24,24 @@ class ModelNumber(NamedTuple):
 
     Attributes
     ----------
-    of : {"inertia", "joint_placement", "frame_placement"}
+    of : {"inertia", "joint_placement", "frame_placement", "force", "payload"}
+        The last two are numbers of a robot beside its model, see `mbocp.robot.named_numbers`.
     owner : int
-        Index of the joint or frame.
+        Index of the joint or frame, of the force element or payload.
     entry : int
         Of an inertia: 0 the mass [kg], 1 to 3 the centre of mass [m], 4 to 9 the moments of inertia about it,
         xx, xy, yy, xz, yz, zz [kg m^2]. Of a placement: 0 to 8 the rotation by columns, 9 to 11 the
         translation [m].
     """
 
-    of: Literal["inertia", "joint_placement", "frame_placement"]
+    of: Literal["inertia", "joint_placement", "frame_placement", "force", "payload"]
     owner: int
     entry: int
+
+
+def numbers_of_model(numbers: Iterable[ModelNumber]) -> tuple[ModelNumber, ...]:
+    """Those of a `pinocchio.Model` itself."""
+    return tuple(number for number in numbers if number.of not in ("force", "payload"))
 
 
 def inertia_numbers(joint: int) -> tuple[ModelNumber, ...]:
@@ -53,13 +59,18 @@ def placement_numbers(frame: int) -> tuple[ModelNumber, ...]:
     return tuple(ModelNumber("frame_placement", frame, entry) for entry in range(12))
 
 
+def joint_placement_numbers(joint: int) -> tuple[ModelNumber, ...]:
+    """Rotation and translation of a joint from the one before it."""
+    return tuple(ModelNumber("joint_placement", joint, entry) for entry in range(12))
+
+
 def all_numbers(model: pin.Model) -> tuple[ModelNumber, ...]:
     """Inertias and placements of all joints and frames, in rising order."""
     bodies, frames = range(1, model.njoints), range(1, model.nframes)
     return (
         *(number for frame in frames for number in placement_numbers(frame)),
         *(number for joint in bodies for number in inertia_numbers(joint)),
-        *(ModelNumber("joint_placement", joint, entry) for joint in bodies for entry in range(12)),
+        *(number for joint in bodies for number in joint_placement_numbers(joint)),
     )
 
 

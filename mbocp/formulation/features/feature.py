@@ -23,6 +23,7 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
+from mbocp.mechanics import Mechanics
 from mbocp.robot import Label
 
 if TYPE_CHECKING:
@@ -120,7 +121,18 @@ class Feature(ABC):
         """What else the functions of a step depend on."""
         return _NOTHING
 
+    @property
+    def end_parameters(self) -> Mapping[str, int]:
+        """Names and sizes of those of its parameters that functions of the end take, too."""
+        return _NOTHING
+
     # A step in symbols
+
+    def equations(
+        self, plain: Mechanics, states: Mapping[str, ca.SX], given: Mapping[str, ca.SX]
+    ) -> Mechanics:
+        """Return the equations of motion at a node with these blocks of its state and parameters."""
+        return plain
 
     def enter(self, at: StepSymbols) -> StepSymbols:
         """Return the symbols of a step with what it changes: features change them one after the other.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.found_numbers import FoundNumbers
 from mbocp.formulation.features.heat import Heat
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moment import Moment
@@ -26,6 +27,7 @@ _KINDS: tuple[type[Feature], ...] = (
     UnequalLengths,
     VaryingWeights,
     ControlValues,
+    FoundNumbers,
     Memory,
     WithinSteps,
     Progress,

@@ -88,18 +88,21 @@ class ExplicitSteps:
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
-        mechanics = symbols.mechanics
-        if not isinstance(mechanics, ForwardMechanics):
+        mechanics, linked = symbols.mechanics, symbols.linked
+        if not (isinstance(mechanics, ForwardMechanics) and isinstance(linked, ForwardMechanics)):
             raise TypeError("an explicit scheme needs ForwardMechanics")
         is_free = symbols.has_free_length
-        step = ExplicitStep(mechanics, self.scheme, self.lie, self.substeps, is_free=is_free)
+        step = ExplicitStep(linked, self.scheme, self.lie, self.substeps, is_free=is_free)
         return _explicit_derivatives(mechanics, step, symbols)
 
 
 def _explicit_derivatives(
     mechanics: ForwardMechanics, step: ExplicitStep, at: StepSymbols
 ) -> StepDerivatives:
-    """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_."""
+    """F(x0, u) - x1, and the cost at the beginning of the step as in Eq. (39) of [Manara2017]_.
+
+    `mechanics`: those of the cost; links have their own, see `StepSymbols.linked`.
+    """
     space, layout, gains = at.space, at.space.layout, at.given["gains"]
     unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
     chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
@@ -115,6 +118,8 @@ def _explicit_derivatives(
         Affine(length, {0: ca.jacobian(length, unknowns)}) if at.has_free_length else length
         for length in (at.dt, at.spacing)
     )
+    if at.found.numel():
+        pushed = Affine.join([pushed, Affine(at.found, {0: ca.jacobian(at.found, unknowns)})])
     reached = step(chain, before, pushed, dt, Gains(gains[0], gains[1], gains[2]))
     if layout.is_flat:
         kinematic = reached.z - after.z

@@ -42,7 +42,7 @@ class PartitionedSteps(EquationSteps):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
-        mechanics = symbols.mechanics
+        mechanics = symbols.linked
         if not isinstance(mechanics, JointMechanics):
             raise TypeError("a partitioned scheme needs JointMechanics")
         is_flat = symbols.space.layout.is_flat
@@ -92,7 +92,8 @@ class _Derivation:
         before, after = (self._node(state) for state in (at.at0, at.at1))
         pushed = self._controls()
         h = self._made_of_unknowns(at.dt) if at.has_free_length else at.dt
-        return self._step(self._chain, before, after, self._stages(), pushed, h)
+        found = [self._made_of_unknowns(at.found)] if at.found.numel() else []
+        return self._step(self._chain, before, after, self._stages(), pushed, h, found)
 
     def _controls(self) -> list[Affine]:
         """Those of each stage."""

@@ -140,8 +140,8 @@ class NaturalMechanics(NaturalKinematics):
             )
             wrench += self.twist(joint, rotation @ direction[3:], q)
             total += wrench * u[actuation.selection.shape[1] + k]
-        for element in self.robot.forces:
-            total += force_element_force(element, self, q, v)
+        for index in range(len(self.robot.forces)):
+            total += force_element_force(index, self, q, v)
         return total + self._losses(q, v) if self.robot.resistances else total
 
     def gravity(self, q: ca.SX) -> ca.SX:
@@ -153,11 +153,16 @@ class NaturalMechanics(NaturalKinematics):
         """
         raise ProblemError('torques of gravity are for coordinates = "joint": cost.effort_about_gravity')
 
+    def element_numbers(self, index: int) -> dict[str, ca.SX]:
+        """Stiffness, length at rest and the like of a force element: constants."""
+        element = self.robot.forces[index]
+        return {key: ca.SX(getattr(element, key)) for key in element.units}
+
     def potential_energy(self, q: ca.SX) -> ca.SX:
         """Potential energy of gravity and of the force elements [J]."""
         energy = -ca.dot(self._gravity(), q) + self._gravity_at_zero()
-        for element in self.robot.forces:
-            energy += force_element_energy(element, self, q)
+        for index in range(len(self.robot.forces)):
+            energy += force_element_energy(index, self, q)
         return energy
 
     def tangent_map(self, q: ca.SX) -> ca.SX:

@@ -26,6 +26,7 @@ from mbocp.problem.file.obstacle_table import (
     obstacles_from,
     self_collision_from,
 )
+from mbocp.problem.file.parameter_table import parameters_from
 from mbocp.problem.file.path_table import PathTable, path_from
 from mbocp.problem.file.phase_table import (
     HorizonTable,
@@ -44,6 +45,7 @@ from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.memory import check_horizon
+from mbocp.problem.parameter import Parameter, opened_robot
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions, SolverTable
 from mbocp.problem.timeline.phase import Phase, checked_phase
@@ -71,6 +73,11 @@ def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
     """Load the robot that a problem names."""
     with locate("robot"):
         return load_keys(keys, folder)
+
+
+def _robot(robot_of_file: Robot, parameter: tuple[Parameter, ...]) -> Robot:
+    """The robot with its parameters open."""
+    return opened_robot(robot_of_file, parameter)
 
 
 def _phases(phases_on_ground: list[PhaseTable], robot: Robot) -> tuple[Phase, ...]:
@@ -127,6 +134,8 @@ def _solver(solver_table: SolverTable) -> SolverOptions:
 
 
 READ = (
+    Step.of(parameters_from, "parameter"),
+    Step.of(_robot, "robot"),
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
     Step.of(phases_of_gait, "phases_of_gait"),
     Step.of(on_ground, "phases_on_ground", "forces_of_feet"),

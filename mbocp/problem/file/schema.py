@@ -29,6 +29,7 @@ from mbocp.problem.file.integrator_table import IntegratorTable
 from mbocp.problem.file.limits_table import LimitsTable
 from mbocp.problem.file.obstacle_table import ObstacleTable, SelfCollisionTable
 from mbocp.problem.file.overrides import SHORT
+from mbocp.problem.file.parameter_table import ParameterTable
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HorizonTable, PhaseTable
 from mbocp.problem.file.robust_table import RobustTable
@@ -105,6 +106,9 @@ class ProblemTable(Table):
     ] = None
     terms: Annotated[list[TermTable], Key("[terms of one's own](terms.md)")] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: Annotated[GuessTable, Key("where the solver starts")] = GuessTable.model_construct()
+    parameter: Annotated[
+        list[ParameterTable], Key("numbers of the robot that are found: [parameters](parameters.md)")
+    ] = Field(default_factory=list)
     integrator: Annotated[IntegratorTable, Key("how time is discretised")] = IntegratorTable.model_construct()
     solver: Annotated[
         SolverTable,

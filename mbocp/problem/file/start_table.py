@@ -20,6 +20,7 @@ from mbocp.problem.file.named_values import configuration_from, rate_from
 from mbocp.problem.file.periodic_table import free_from, free_table
 from mbocp.problem.goals.frames import start_at
 from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.parameter import Parameter, start_of_loops
 from mbocp.robot import Robot
 from mbocp.terms.written import VectorOrNamed
 
@@ -60,12 +61,14 @@ class StartTable(Table):
     ] = None
 
 
-def read_start(start_table: StartTable, robot: Robot) -> tuple[Array, Array, Array, FreeStart | None]:
+def read_start(
+    start_table: StartTable, robot: Robot, parameter: tuple[Parameter, ...]
+) -> tuple[Array, Array, Array, FreeStart | None]:
     """Return what is said of q, v, a, and of what is free."""
     q, v = _start_state(start_table, robot)
     has_a = start_table.a is not None
     a = rate_from(robot, start_table.a, "start.a")[0] if has_a else np.zeros(0)
-    return q, v, a, free_from(robot, start_table.free)
+    return q, v, a, free_from(robot, start_table.free) or start_of_loops(robot, parameter)
 
 
 def _start_state(table: StartTable, robot: Robot) -> tuple[Array, Array]:

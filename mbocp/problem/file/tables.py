@@ -18,6 +18,7 @@ from mbocp.problem.file.guess_table import write_guess
 from mbocp.problem.file.integrator_table import write_integrator
 from mbocp.problem.file.limits_table import write_limits
 from mbocp.problem.file.obstacle_table import obstacle_tables, write_self_collision
+from mbocp.problem.file.parameter_table import parameter_tables
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.phase_table import phase_tables
 from mbocp.problem.file.robust_table import write_robust
@@ -42,6 +43,7 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
         "obstacle": obstacle_tables(problem.obstacle) or None,
         "self_collision": write_self_collision(problem.self_collision),
         "terms": term_tables(robot, problem.terms) or None,
+        "parameter": parameter_tables(problem.parameter) or None,
         "robot": dict(robot.spec),
         "horizon": {
             "duration": written_duration(problem.duration, problem.duration_range),

@@ -21,6 +21,7 @@ from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
 from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
+from mbocp.robot.named_numbers import with_numbers
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
@@ -49,6 +50,7 @@ def load_robot(
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] | None = None,
     elastic: Sequence[Mapping[str, Any]] | None = None,
+    numbers: Mapping[str, float] | None = None,
     base: Path | None = None,
 ) -> Robot:
     """Load a robot.
@@ -104,6 +106,8 @@ def load_robot(
     elastic : sequence of mapping, optional
         Joints that springs join to their motors: tables with ``joint``, ``stiffness`` [N m/rad, N/m],
         ``damping`` [N m s/rad, N s/m] and ``motor_inertia`` [kg m^2, kg]. Default: what robot.toml says.
+    numbers : mapping, optional
+        Other values of numbers by their words, see `mbocp.robot.with_numbers`.
     base : Path, optional
         Folder that relative paths start from. Default: the working directory.
 
@@ -148,6 +152,7 @@ def load_robot(
             rotations=rotations,
             payload=payload,
             elastic=read_elastic(elastic),
+            numbers=plain(numbers),
         ),
         base,
     )
@@ -237,7 +242,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
         dynamics, inertias, damping, friction, friction_speed, arguments, package_dirs, rotations, payload,
-        elastic, and ``label``: what to call it. Or ``part`` and the options of `load_parts`.
+        elastic, numbers, and ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 
@@ -263,7 +268,8 @@ def load_keys(keys: RobotKeys, base: Path | None) -> Robot:
     spec |= inertias_of(found) if keys.part is None else {}
     if keys.payload is not None:
         spec["payload"] = []  # those that it has in the end name themselves
-    return assemble_robot(named, keys.actuated, spec)
+    robot = assemble_robot(named, keys.actuated, spec)
+    return with_numbers(robot, keys.numbers) if keys.numbers else robot
 
 
 def _alone(keys: RobotKeys, base: Path | None) -> tuple[Description, dict[str, Any]]:

@@ -232,6 +232,14 @@ class RobotKeys(ReadingKeys, _HeadKeys):
             takes='`"quaternion"` or `"dcm"`',
         ),
     ] = None
+    numbers: Annotated[
+        dict[str, Number] | None,
+        Key(
+            'other values of [its numbers](parameters.md), as `"joint.elbow.length" = 0.4`',
+            default="those of its files",
+            takes="table",
+        ),
+    ] = None
     label: Annotated[str | None, Key("what to call it in output", "", "the robot's name")] = None
     elastic: Annotated[
         list[ElasticTable] | None,

@@ -1,0 +1,93 @@
+"""Numbers of the robot that are found with the motion, between bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.exceptions import ProblemError
+from mbocp.mechanisms.consistency import tangent_space
+from mbocp.problem.goals.free_start import FreeStart
+from mbocp.robot import Robot
+from mbocp.robot.named_numbers import number_of, opened_for, take, with_numbers
+
+OF_ROBOT = "robot."
+
+
+@dataclass(frozen=True)
+class ParameterCost:
+    """What a parameter p costs: linear p + square (p - reference)^2."""
+
+    linear: float = 0.0
+    square: float = 0.0
+    reference: float = 0.0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that is found.
+
+    Attributes
+    ----------
+    words : tuple of str
+        Numbers of the robot that have its value, see `mbocp.robot.named_numbers`.
+    unit : str
+    lower, upper : float
+    start : float
+        Where the search begins; in a solution, what was found.
+    cost : ParameterCost
+    multiplier : float
+        Of its bounds, in a solution.
+    """
+
+    words: tuple[str, ...]
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    cost: ParameterCost = field(default_factory=ParameterCost)
+    multiplier: float = math.nan
+
+    @property
+    def name(self) -> str:
+        """The first of its words, as a file has it."""
+        return OF_ROBOT + self.words[0]
+
+
+def opened_robot(robot: Robot, parameters: Sequence[Parameter]) -> Robot:
+    """Return the robot with parameters at their starts, whose functions take them."""
+    if not parameters:
+        return robot
+    at_start = with_values(robot, parameters, [one.start for one in parameters])
+    return opened_for(at_start, [word for one in parameters for word in one.words])
+
+
+def with_values(robot: Robot, parameters: Sequence[Parameter], values: Sequence[float] | Array) -> Robot:
+    """Return the robot in which parameters have these values."""
+    pairs = zip(parameters, values, strict=True)
+    given = {word: float(value) for one, value in pairs for word in one.words}
+    return with_numbers(robot, {w: v for w, v in given.items() if v != number_of(robot, w)})
+
+
+def start_of_loops(robot: Robot, parameters: Sequence[Parameter]) -> FreeStart | None:
+    """Return what a start is free in where parameters move the robot's loops: all joints without motors.
+
+    Raises
+    ------
+    ProblemError
+        If joints with motors do not say where the others are.
+    """
+    if not (robot.nc and any(take(robot, word).moves for one in parameters for word in one.words)):
+        return None
+    free = ~np.abs(robot.actuation.selection).max(axis=1, initial=0.0).astype(bool)
+    basis = tangent_space(robot, robot.q0)
+    if np.count_nonzero(~free) != basis.shape[1] or np.linalg.matrix_rank(basis[~free]) < basis.shape[1]:
+        raise ProblemError(
+            f"parameter: {parameters[0].name} moves the loops of robot {robot.name!r}, and its joints with "
+            "motors do not say where the others begin; give start.free"
+        )
+    return FreeStart(q=free, v=np.zeros(robot.nv, dtype=np.bool_))

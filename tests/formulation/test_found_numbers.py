@@ -1,0 +1,246 @@
+"""Numbers of the robot that are found with the motion: against plain solves, and a search over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize, minimize_scalar
+
+import mbocp
+from mbocp.exceptions import InvalidValue, ProblemError, ProblemFileError
+from mbocp.formulation import formulate
+from mbocp.problem import Problem
+from mbocp.problem.parameter import with_values
+from mbocp.robot.named_numbers import number_of, opened_for
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "design"
+LOAD = {"name": "load", "frame": "tool0", "mass": 2.0, "com": [0.0, 0.0, 0.05]}
+ARM: dict[str, Any] = {
+    "robot": {"name": "ur5", "payload": [LOAD], "lock": ["wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]},
+    "duration": 1.0,
+    "steps": 16,
+    "start": {"q": [0, -1.57, 1.57]},
+    "goal": {"q": [0.6, -1.2, 1.2], "v": 0},
+    "cost": {"effort": 1.0, "velocity": 30.0},
+}
+OF_ARM = [
+    {
+        "of": "robot.payload.load.mass",
+        "min": 0.5,
+        "max": 4.0,
+        "cost": {"square": 30.0, "reference": 3.0},
+    },
+    {
+        "of": "robot.payload.load.com.x",
+        "min": -0.2,
+        "max": 0.2,
+        "cost": {"square": 3e4, "reference": 0.1},
+    },
+    {
+        "of": "robot.joint.elbow_joint.length",
+        "min": 0.2,
+        "max": 0.6,
+        "cost": {"square": 3e3, "reference": 0.4},
+    },
+]
+SPRUNG: dict[str, Any] = {
+    "robot": "elastic_pendulum",
+    "duration": 2.0,
+    "steps": 20,
+    "goal": {"q": [2.0, -5.0, -5.0], "v": 0},
+    "cost": {"effort": 1.0},
+}
+
+
+def plain_cost(problem: Problem, values: list[float], **changes: Any) -> float:
+    """Cost of a plain solve with parameters as numbers, and what they cost."""
+    robot = opened_for(problem.document.robot, [word for one in problem.parameter for word in one.words])
+    fixed = problem.with_(robot=with_values(robot, problem.parameter, values), parameter=[], **changes)
+    solution = mbocp.solve(fixed)
+    assert solution.converged
+    costs = [one.cost for one in problem.parameter]
+    more = [c.linear * p + c.square * (p - c.reference) ** 2 for c, p in zip(costs, values, strict=True)]
+    return solution.cost + sum(more)
+
+
+@pytest.mark.parametrize("scheme", ["se1", "midpoint", "gauss2", "rk4"])
+def test_is_the_optimum_of_plain_solves(scheme: str) -> None:
+    problem = Problem.create(**ARM, parameter=OF_ARM, scheme=scheme)
+    solution = mbocp.solve(problem)
+    found = list(solution.parameters.values())
+    assert solution.converged
+    assert not solution.active_limits
+    assert plain_cost(problem, found) == pytest.approx(solution.cost, rel=1e-9)
+    for k, one in enumerate(problem.parameter):
+        for side in (-1.0, 1.0):
+            aside = [p + side * 0.02 * (one.upper - one.lower) * (i == k) for i, p in enumerate(found)]
+            assert plain_cost(problem, aside) > solution.cost * (1.0 + 1e-6)
+    own = solution.problem.robot
+    assert [number_of(own, one.words[0]) for one in problem.parameter] == pytest.approx(found, rel=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["se1", "lobatto3", "rk4"])
+@pytest.mark.usefixtures("interpreted")
+def test_derivatives_are_exact(scheme: str) -> None:
+    loops = {"robot": {"name": "five_bar"}, "goal": {"q": {"left_shoulder": -0.8, "right_shoulder": 1.0}}}
+    words = ["robot.joint.left_elbow.length", "robot.base.z"]
+    of = [{"of": word, "min": 0.1 * k, "max": 1.2} for word, k in zip(words, (1, 0), strict=True)]
+    problem = Problem.create(**{**SPRUNG, **loops}, parameter=of, scheme=scheme)
+    formulation = formulate(problem)
+    programme, rng = formulation.programme, np.random.default_rng(0)
+    kind, function = programme.kind, programme.functions.function("complete")
+    x0 = programme.x_start + 0.1 * rng.normal(size=kind.nx)
+    z = np.concatenate([x0 + 0.05 * rng.normal(size=kind.nx), rng.normal(size=kind.ny), x0])
+    z = np.concatenate([z, rng.normal(size=kind.nu)])
+    m, rho = rng.normal(size=kind.ndx + kind.ny), programme.rho.reshape(programme.num_steps, -1)[0]
+
+    def at(z: np.ndarray) -> list[np.ndarray]:
+        x1, y, x0, u = np.split(z, np.cumsum([kind.nx, kind.ny, kind.nx]))
+        return [np.asarray(out) for out in function(x0, x1, y, u, m, programme.theta, rho)]
+
+    def slopes(of: Any) -> np.ndarray:
+        h = 1e-5
+        columns = [(of(z + h * e) - of(z - h * e)).ravel() / (2.0 * h) for e in np.eye(len(z))]
+        return np.array(columns).T
+
+    _, _, dc, dl, upper = at(z)
+    gradient = slopes(lambda z: at(z)[3].ravel() + at(z)[2].T @ m)
+    hessian = upper + np.triu(upper, 1).T
+    found = [row for name in ("found",) for row in range(*formulation.layout.states[name].indices(kind.nx))]
+    assert np.abs(dc[:, [kind.nx + kind.ny + i for i in found]]).max() > 1e-3
+    assert dc == pytest.approx(slopes(lambda z: at(z)[0]), abs=1e-7)
+    assert dl.ravel() == pytest.approx(slopes(lambda z: at(z)[1]).ravel(), abs=1e-6)
+    assert hessian == pytest.approx(gradient, abs=1e-5)
+
+
+def search(problem: Problem) -> tuple[float, np.ndarray]:
+    """Least cost of plain solves, and where: a search without derivatives from the start of the problem."""
+    lower, upper, start = np.array([(one.lower, one.upper, one.start) for one in problem.parameter]).T
+
+    def cost(shares: np.ndarray) -> float:
+        return plain_cost(problem, list(lower + shares * (upper - lower)))
+
+    bounds = [(0.0, 1.0)] * len(start)
+    options = {"xatol": 1e-5, "fatol": 1e-9}
+    begin = (start - lower) / (upper - lower)
+    best = minimize(cost, begin, method="Nelder-Mead", bounds=bounds, options=options)
+    return best.fun, lower + best.x * (upper - lower)
+
+
+@pytest.mark.parametrize("name", ["counterweight", "base_placement"])
+def test_agrees_with_a_search(name: str) -> None:
+    problem = mbocp.load_problem(EXAMPLES / f"{name}.toml")
+    solution = mbocp.solve(problem)
+    least, where = search(problem)
+    assert solution.cost == pytest.approx(least, rel=1e-6)
+    assert list(solution.parameters.values()) == pytest.approx(where, abs=1e-3)
+
+
+def test_lengths_of_a_loop_agree_with_a_search() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "five_bar_lengths.toml")
+    solution = mbocp.solve(problem)
+    crank, rod = solution.parameters.values()
+    assert solution.constraint_violation < 1e-12
+    assert crank == pytest.approx(problem.parameter[0].lower, abs=1e-6)
+    options = {"xatol": 1e-4}
+    best = minimize_scalar(
+        lambda p: plain_cost(problem, [crank, p]), bounds=(0.381, 0.4), method="bounded", options=options
+    )
+    assert solution.cost == pytest.approx(best.fun, rel=1e-6)
+    assert rod == pytest.approx(best.x, abs=1e-3)
+    pull = solution.facts.parameters[0].multiplier
+    assert pull < 0.0
+    assert -pull == pytest.approx((plain_cost(problem, [crank + 1e-5, rod]) - solution.cost) / 1e-5, rel=0.01)
+    assert "parameter" in [limit.kind for limit in solution.active_limits]
+
+
+def test_loops_begin_where_motors_say() -> None:
+    """Under `midpoint` plain solves choose conditions on velocities at the end again, where it is reached."""
+    problem = mbocp.load_problem(EXAMPLES / "five_bar_lengths.toml", {"integrator.scheme": "midpoint"})
+    solution = mbocp.solve(problem)
+    driven = [problem.robot.velocity_indices(name).start for name in ("left_shoulder", "right_shoulder")]
+    assert solution.qs[0][driven] == pytest.approx(problem.q_start[driven], abs=1e-12)
+    assert np.abs(solution.qs[0] - problem.q_start).max() > 0.1
+    assert solution.constraint_violation < 1e-12
+    assert plain_cost(problem, list(solution.parameters.values())) == pytest.approx(solution.cost, rel=1e-3)
+
+
+@pytest.mark.parametrize("key", ["coefficient", "length"])
+def test_springs(key: str) -> None:
+    problem = Problem.create(**SPRUNG)
+    name = problem.robot.forces[0].name
+    word = f"robot.spring.{name}.{key}"
+    is_now = number_of(problem.robot, word.removeprefix("robot."))
+    table = {"of": word, "min": 0.7 * is_now, "max": 1.3 * is_now}
+    problem = problem.with_(parameter=[{**table, "cost": {"square": 20.0 / is_now**2, "reference": is_now}}])
+    solution = mbocp.solve(problem)
+    (found,) = solution.parameters.values()
+    assert plain_cost(problem, [found]) == pytest.approx(solution.cost, rel=1e-9)
+    best = minimize_scalar(
+        lambda p: plain_cost(problem, [p]),
+        bounds=(table["min"], table["max"]),
+        method="bounded",
+        options={"xatol": 1e-5 * is_now},
+    )
+    assert solution.cost == pytest.approx(best.fun, rel=1e-5)
+
+
+def test_work_grows_with_the_steps_alone() -> None:
+    sizes = [
+        formulate(Problem.create(**{**ARM, "steps": n}, parameter=OF_ARM)).programme for n in (5, 10, 20)
+    ]
+    assert len({(p.kind.nx, p.kind.ny, p.kind.nu) for p in sizes}) == 1
+    few, some, many = (p.num_unknowns for p in sizes)
+    assert many - some == 2 * (some - few)
+
+
+def test_a_result_keeps_them(tmp_path: Path) -> None:
+    problem = mbocp.load_problem(EXAMPLES / "counterweight.toml")
+    solution = mbocp.solve(problem)
+    read = mbocp.Solution.load(solution.save(tmp_path / "result.mbocp"))
+    assert read.parameters == solution.parameters
+    assert read.facts.parameters == solution.facts.parameters
+    mass = solution.parameters["robot.payload.counterweight.mass"]
+    assert read.load_robot().payloads[0].mass == mass
+    assert mbocp.solve(problem, warm_start=read).iterations <= 1
+    again = read.load_problem()
+    assert number_of(again.robot, "payload.counterweight.mass") == mass
+    assert mbocp.solve(again).cost == pytest.approx(solution.cost, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"of": "robot.payload.load.weight"}, "payload.load.weight.*did you mean"),
+        ({"of": "cost.effort"}, r"parameter.0.of.*robot.payload.NAME.mass"),
+        ({"of": "robot.payload.load.mass", "max": -1.0}, r"parameter.0.max.*above parameter.0.min"),
+        ({"of": "robot.payload.load.mass", "max": 1.0}, r"parameter.0.start, that of the robot.*0 to 1"),
+        ({"of": "robot.payload.load.mass", "start": 9.0}, r"parameter.0.start: got 9.*0 to 3"),
+        ({"of": "robot.payload.load.mass", "least": 1.0}, "least.*unknown key"),
+        ({"of": "robot.payload.load.mass", "min": -1.0}, "payload 'load': mass: got -1"),
+        ({"of": "robot.joint.elbow_joint.length"}, "parameter.0.min: got 0, expected a length above 0"),
+        (
+            {"of": ["robot.base.x", "robot.base.yaw"]},
+            "parameter.0.of.*numbers of one unit; these are in m, rad",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(table: dict[str, Any], words: str) -> None:
+    with pytest.raises((InvalidValue, ProblemError, ProblemFileError), match=words):
+        Problem.create(**ARM, parameter=[{"min": 0.0, "max": 3.0, **table}])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"coordinates": "natural"}, "parameter: numbers of the robot are constants"),
+        ({"self_collision": True}, "parameter: robot.base.z moves frames"),
+        ({"parameter": [{"of": "robot.base.z", "min": -1, "max": 1}] * 2}, "named twice"),
+    ],
+)
+def test_what_does_not_go_with_them_is_refused(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        Problem.create(**{**ARM, "parameter": [{"of": "robot.base.z", "min": -1, "max": 1}], **changes})
