@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mbocp.exceptions import MbocpError, NotConverged
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
+    from mbocp.menus.menu import Menu, menu
     from mbocp.problem import Problem, load_problem
     from mbocp.receding import RecedingHorizon
     from mbocp.robot import Robot, load_robot
@@ -29,6 +30,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "MbocpError",
+    "Menu",
     "Motions",
     "NotConverged",
     "Problem",
@@ -40,6 +42,7 @@ __all__ = [
     "live",
     "load_problem",
     "load_robot",
+    "menu",
     "plot_solution",
     "replay_solution",
     "sensitivities",

@@ -21,8 +21,9 @@ _PLACES = {
     """,
     # Problems formulated and solved, each feature on a small robot; results, commands, files.
     "solve": """
-        damping explaining guesses holds mimic pairs phases solution stop strangers study cli/check cli/end
-        cli/end_to_end cli/machine cli/solve cli/spheres formulation/features formulation/fewer_ends
+        damping explaining guesses holds menus mimic pairs phases solution stop strangers study cli/check
+        cli/end cli/end_to_end cli/machine cli/menu cli/solve cli/spheres formulation/features
+        formulation/fewer_ends
         formulation/memory formulation/moved_start formulation/operations formulation/sources
         formulation/step_lengths formulation/steps formulation/turning problem/between_nodes
         problem/causes problem/clear_goal problem/default_cost problem/effort_rms problem/frame_goals

@@ -54,6 +54,7 @@ LAYERS = (
     "strategies",
     "solving",
     "stopping",
+    "menus",
     "many",
     "receding",
     "interactive",
