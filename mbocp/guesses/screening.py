@@ -162,9 +162,9 @@ class Screening:
         return outcome
 
 
-def with_fewer_steps(formulation: Formulation) -> Formulation:
-    """The problem with the steps of a trial."""
-    few = max(formulation.problem.num_steps // _FEWER, _LEAST)
+def with_fewer_steps(formulation: Formulation, part: int = _FEWER) -> Formulation:
+    """The problem with this part of its steps, for trials."""
+    few = max(formulation.problem.num_steps // part, _LEAST)
     if few >= formulation.problem.num_steps:
         return formulation
     return formulate(formulation.problem.with_(num_steps=few))

@@ -17,6 +17,7 @@ from mbocp._threads import SideBySide, Watch
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.guesses.line import line
 from mbocp.guesses.screening import Screening, Trial, can_screen, finer, with_fewer_steps
 from mbocp.guesses.ways import straight
@@ -38,10 +39,16 @@ from mbocp.strategies import strategy_for
 T = TypeVar("T")
 
 _SAME_MOTION, _SAME_COST = 0.05, 1e-3  # relative to how far a motion goes from its start, and to its cost
-_FADING, _SMALL = (1e-2, 1e-3), (1e-3,)  # weights of a trial: the first leave few minima, the other more
+_SHARES = (  # of the weight on velocities in a trial, one after the other: the first leave few minima
+    (1e-2, 1e-3, 1e-4),
+    (1e-3, 1e-4),
+    (1e-4,),
+)
 _LONGEST, _SHOWN = 80, 5  # letters of a name in that of a file; motions in one picture
 _BRIEF = 200  # iterations of a solve from a way: what takes more seldom comes to anything
-_DEAR = 3.0  # times the least effort of all trials: what takes more does not go on
+_PARTS = (4, 2, 1)  # of the steps in a trial: few are quick, many are right
+_TRIALS = 4  # with few steps for each way to try: they are cheap
+_DEAR = 10.0  # times the least effort of all trials: what takes more does not go on
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +210,8 @@ class _Search:
         for number, member in problem.members:
             place = number if problem.goals else None
             self._formulations[place] = formulate_with_independent_ends(member, self.job.deadline)[0]
-            ways += candidates(self._formulations[place], place, self.tries)
+            most = self.tries * (_TRIALS if _is_for_trials(self._formulations[place]) else 1)
+            ways += candidates(self._formulations[place], place, most)
         self.tried = len(ways)
         ways = [way for place in self._formulations for way in self._worth_it(place, ways)]
         found = self._side_by_side(self._solve, ways)
@@ -218,25 +226,30 @@ class _Search:
             return own
         mine = [way for way in own if way.way is not None]
         mine.append(Candidate("straight line", formulation.problem, straight(formulation.problem), place))
-        coarse = with_fewer_steps(formulation)
+        coarse = [with_fewer_steps(formulation, part) for part in _PARTS]
         settings = settings_of(formulation, 1)
         start = Start(formulation.programme, line(formulation))
 
         def work(candidate: Candidate, number: int, watch: Watch) -> Trial | None:
             assert candidate.way is not None
             limited = replace(settings, time_limit=time_until(self.job.deadline))
-            shares = _SMALL if number // 2 % 2 else _FADING  # ways of each kind with either
+            shares = _SHARES[number // 2 % len(_SHARES)]  # ways of each kind with any
             screening = Screening(formulation, limited, replace(start, callback=watch), 0)
-            return screening.trial(coarse, number, candidate.way, shares, set())
+            return screening.trial(_of(coarse, number), number, candidate.way, shares, set())
 
-        found = self._side_by_side(work, mine).values()
-        trials = sorted((trial for trial in found if trial is not None), key=lambda trial: trial.effort)
+        trials = list(self._side_by_side(work, mine).values())
+        ends = [finer(_of(coarse, trial.number), trial.iterate, formulation) for trial in trials]
+        turns = [describe_coarse_turn(formulation, formulation.motion_of(end)) is not None for end in ends]
+        order = sorted(range(len(trials)), key=lambda k: (turns[k], trials[k].effort))
         kept, last = [way for way in own if way.way is None], 0.0
-        for trial in trials:
-            if trial.effort > (1.0 + _SAME_COST) * last and trial.effort <= _DEAR * trials[0].effort:
-                begun = Carried.of(finer(coarse, trial.iterate, formulation), formulation.programme)
-                kept.append(replace(mine[trial.number], start=begun))
-                last = trial.effort
+        for k in order:
+            effort = trials[k].effort
+            if len(kept) == self.tries or turns[k] or effort > _DEAR * trials[order[0]].effort:
+                break
+            if effort > (1.0 + _SAME_COST) * last:
+                begun = Carried.of(ends[k], formulation.programme)
+                kept.append(replace(mine[trials[k].number], start=begun))
+                last = effort
         return kept
 
     def _solve(self, candidate: Candidate, number: int, watch: Watch) -> Solution:
@@ -267,6 +280,11 @@ class _Search:
             if not row.results:
                 raise
         return {number: found for number, found in row.results.items() if found is not None}
+
+
+def _of(coarse: Sequence[Formulation], number: int) -> Formulation:
+    """The formulation with the steps of a trial by its number."""
+    return coarse[number // 2 // len(_SHARES) % len(coarse)]
 
 
 def _is_for_trials(formulation: Formulation) -> bool:
