@@ -266,7 +266,7 @@ class _Search:
         return solution
 
     def _side_by_side(
-        self, work: Callable[[Candidate, int, Watch], T], ways: Sequence[Candidate]
+        self, work: Callable[[Candidate, int, Watch], T | None], ways: Sequence[Candidate]
     ) -> dict[int, T]:
         """What each candidate leads to, by its place; those for which there is time."""
 
