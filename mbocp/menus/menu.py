@@ -27,6 +27,7 @@ from mbocp.menus.names import names_of_motions
 from mbocp.problem import Problem
 from mbocp.programme.carried import Carried
 from mbocp.robot import Robot
+from mbocp.robot.nodes import between
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.later import retold
@@ -44,6 +45,7 @@ _SHARES = (  # of the weight on velocities in a trial, one after the other: the 
     (1e-3, 1e-4),
     (1e-4,),
 )
+_COMPARED = 41  # configurations of two motions
 _LONGEST, _SHOWN = 80, 5  # letters of a name in that of a file; motions in one picture
 _BRIEF = 200  # iterations of a solve from a way: what takes more seldom comes to anything
 _PARTS = (4, 2, 1)  # of the steps in a trial: few are quick, many are right
@@ -244,9 +246,9 @@ class _Search:
         kept, last = [way for way in own if way.way is None], 0.0
         for k in order:
             effort = trials[k].effort
-            if len(kept) == self.tries or turns[k] or effort > _DEAR * trials[order[0]].effort:
+            if len(kept) == self.tries:
                 break
-            if effort > (1.0 + _SAME_COST) * last:
+            if effort <= _DEAR * trials[order[0]].effort and abs(effort - last) > _SAME_COST * last:
                 begun = Carried.of(ends[k], formulation.programme)
                 kept.append(replace(mine[trials[k].number], start=begun))
                 last = effort
@@ -309,10 +311,19 @@ def _merge(robot: Robot, found: Sequence[Solution]) -> list[tuple[Solution, int]
 
 def _is_same(robot: Robot, one: Solution, other: Solution) -> bool:
     """Whether two motions are so near each other that nobody tells them apart."""
-    if abs(one.cost - other.cost) > _SAME_COST * abs(other.cost) or one.qs.shape != other.qs.shape:
+    if abs(one.cost - other.cost) > _SAME_COST * abs(other.cost):
         return False
-    apart = max(_distance(robot, p, q) for p, q in zip(one.qs, other.qs, strict=True))
-    return apart <= _SAME_MOTION * max(_distance(robot, other.qs[0], q) for q in other.qs)
+    mine, theirs = _places(robot, one), _places(robot, other)
+    apart = max(_distance(robot, p, q) for p, q in zip(mine, theirs, strict=True))
+    return apart <= _SAME_MOTION * max(_distance(robot, theirs[0], q) for q in theirs)
+
+
+def _places(robot: Robot, solution: Solution) -> Array:
+    """Configurations at shares of the duration: motions to be compared may have other steps."""
+    t, at = solution.t, np.linspace(solution.t[0], solution.t[-1], _COMPARED)
+    left = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    shares = (at - t[left]) / np.maximum(t[left + 1] - t[left], 1e-12)  # impacts take no time
+    return between(robot, solution.qs[left], solution.qs[left + 1], shares)
 
 
 def _distance(robot: Robot, q0: Array, q1: Array) -> float:

@@ -187,3 +187,10 @@ def test_results_are_saved_and_shown(ur5_menu, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(mbocp.MbocpError, match="file"):
         ur5_menu.save(tmp_path / "file")
+
+
+def test_via_points_take_the_guesses_of_several_starts():
+    menu = mbocp.menu("examples/arms/via_points.toml", tries=4)
+    assert menu.tried == 4
+    assert len(menu) > 1
+    assert menu.names[0] == "shoulder left"
