@@ -32,7 +32,7 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.later import retold
 from mbocp.solution.records import StartRecord
-from mbocp.solvers import Start
+from mbocp.solvers import Start, Status
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.records import Callback
 from mbocp.strategies import strategy_for
@@ -237,7 +237,10 @@ class _Search:
             limited = replace(settings, time_limit=time_until(self.job.deadline))
             shares = _SHARES[number // 2 % len(_SHARES)]  # ways of each kind with any
             screening = Screening(formulation, limited, replace(start, callback=watch), 0)
-            return screening.trial(_of(coarse, number), number, candidate.way, shares, set())
+            found = screening.trial(_of(coarse, number), number, candidate.way, shares, set())
+            if screening.runs and screening.runs[-1].result.status is Status.INTERRUPTED:
+                raise KeyboardInterrupt  # there is no motion yet
+            return found
 
         trials = list(self._side_by_side(work, mine).values())
         ends = [finer(_of(coarse, trial.number), trial.iterate, formulation) for trial in trials]
@@ -275,13 +278,17 @@ class _Search:
         def piece(number: int, watch: Watch) -> T | None:
             return work(ways[number], number, watch) if number == 0 or not self.job.is_late else None
 
-        row = SideBySide(piece, len(ways), self.job.callback)
+        row = SideBySide(piece, len(ways), self.job.callback, is_interrupted=_is_interrupted)
         try:
             row.run(self.threads)
         except KeyboardInterrupt:
-            if not row.results:
+            if not any(isinstance(found, Solution) for found in row.results.values()):
                 raise
         return {number: found for number, found in row.results.items() if found is not None}
+
+
+def _is_interrupted(found: object) -> bool:
+    return isinstance(found, Solution) and found.status is Status.INTERRUPTED
 
 
 def _of(coarse: Sequence[Formulation], number: int) -> Formulation:

@@ -194,3 +194,21 @@ def test_via_points_take_the_guesses_of_several_starts():
     assert menu.tried == 4
     assert len(menu) > 1
     assert menu.names[0] == "shoulder left"
+
+
+def test_ctrl_c_ends_a_menu_with_what_there_is(ur5_problem, ur5_menu):
+    records = []
+
+    def press(record: object) -> None:
+        records.append(record)
+        if len(records) == 60:
+            raise KeyboardInterrupt
+
+    menu = mbocp.menu(ur5_problem, threads=1, callback=press)
+    assert len(records) == 60
+    assert menu.converged
+    assert len(menu) < len(ur5_menu)
+    alone = ur5_problem.with_(cost={"velocity": 0.0}, goal={"q": [0.6, -1.2, 1.6, -2.0, -1.2, 0.3]})
+    records.clear()
+    with pytest.raises(KeyboardInterrupt):  # in a trial, before there is any motion
+        mbocp.menu(alone, threads=1, callback=press)
