@@ -73,7 +73,7 @@ def _facts(menu: Menu, files: Sequence[Path]) -> dict[str, object]:
 
 
 def _print_table(menu: Menu) -> None:
-    table, best = plain_table("", "motion", "cost", "of the best", "duration [s]", "ways"), menu[0]
+    table, best = plain_table("", "motion", "cost", "of the best", r"duration \[s]", "ways"), menu[0]
     for place, choice in enumerate(menu.choices, start=1):
         solution = choice.solution
         share = f"{solution.cost / best.cost:.3g}" if best.cost > 0.0 else "-"

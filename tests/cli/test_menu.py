@@ -14,6 +14,7 @@ def test_the_command_prints_a_table_and_writes_what_is_asked_for(run, tmp_path):
     assert done.exit_code == 0, done.stderr
     assert "shoulder" in done.stdout
     assert "motions from 4 ways" in done.stdout
+    assert "duration [s]" in done.stdout
     facts = json.loads(run(*words, "-o", str(folder), "--json").stdout)
     assert facts["tried"] == 4
     best = facts["choices"][0]
