@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mbocp.identification import identify
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
+    from mbocp.menus.menu import Menu, menu
     from mbocp.problem import Problem, load_problem
     from mbocp.receding import MovingHorizonEstimator, RecedingHorizon
     from mbocp.robot import Robot, load_robot
@@ -32,6 +33,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Bound",
     "MbocpError",
+    "Menu",
     "Motions",
     "MovingHorizonEstimator",
     "NotConverged",
@@ -46,6 +48,7 @@ __all__ = [
     "live",
     "load_problem",
     "load_robot",
+    "menu",
     "plot_solution",
     "replay_solution",
     "sensitivities",

@@ -75,7 +75,7 @@ class OtherWays:
     def run(self, job: Job) -> Solution:
         """Solve on the problem's own way, or on the first other one that leads to a solution."""
         solution = self.once.run(job)
-        if solution.converged or solution.status.is_stopped or job.patience.is_over:
+        if solution.converged or solution.status.is_stopped or job.is_only or job.patience.is_over:
             return solution
         if has_no_way(job.problem):
             return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")

@@ -48,6 +48,8 @@ class Job:
         Residual that will do; 0: solve to the end.
     brief : int
         Iterations of the monolithic solver that have to do; 0: as the problem's solver asks.
+    is_only : bool
+        Whether nothing else is tried: no other guess, no other way, no other minimum.
     """
 
     asked: Problem
@@ -59,6 +61,7 @@ class Job:
     has_gains: bool = False
     rough: float = 0.0
     brief: int = 0
+    is_only: bool = False
 
     @classmethod
     def of(
@@ -99,7 +102,7 @@ class Job:
     @property
     def has_several_starts(self) -> bool:
         """Whether several guesses or goals are to be tried, and no more is known."""
-        is_free = not self.rough and not isinstance(self.start, Carried)
+        is_free = not (self.rough or self.is_only or isinstance(self.start, Carried))
         return is_free and (self.problem.solver.starts > 1 or bool(self.problem.goals))
 
     def read(self, attempt: Attempt) -> Solution:

@@ -188,7 +188,7 @@ class WarmStart:
         """Solve from the warm start, briefly; from the guess; from the warm start, at length."""
         if job.start is None:
             return self.from_guess.run(job)
-        if not _has_a_guess_left(job.problem):
+        if job.is_only or not _has_a_guess_left(job.problem):
             return self.from_start.run(job)
         solution = self.from_start.run(replace(job, brief=_FROM_START))
         if _is_final(solution, job):

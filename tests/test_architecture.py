@@ -56,6 +56,7 @@ LAYERS = (
     "strategies",
     "solving",
     "stopping",
+    "menus",
     "many",
     "receding",
     "interactive",

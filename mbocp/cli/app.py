@@ -188,6 +188,27 @@ def solve(
 
 
 @_command
+def menu(
+    file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
+    settings: Settings = None,
+    tries: Annotated[int, typer.Option(min=1, metavar="N", help="Ways to try, to each goal.")] = 24,
+    output: Annotated[Path | None, _output("FOLDER", "Save a result for each in this folder.")] = None,
+    replay: Annotated[
+        Path | None, _option("--replay", "FILE.html", "Write a page with the first five at once.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """List different motions that solve a problem, the cheapest first.
+
+    Exit status: 0 converged, 1 none converged, 2 bad input, 130 interrupted before there is any.
+    """
+    from mbocp.cli.menu import print_menu
+
+    raise typer.Exit(print_menu(file, settings or [], tries, output, replay, as_json=as_json, quiet=quiet))
+
+
+@_command
 def check(
     file: ProblemFile,
     settings: Settings = None,

@@ -9,6 +9,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "mbocp solve reach.toml --set horizon.duration=1.5 --set limits.velocity=true",
         "mbocp solve reach.h5 --set horizon.steps=200 -o finer.h5",
     ),
+    "menu": ("mbocp menu reach.toml", "mbocp menu reach.toml --tries 50 -o reach_menu --replay menu.html"),
     "check": ("mbocp check reach.toml -o reach.html", "mbocp check reach.toml --json"),
     "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
     "bound": ("mbocp bound reach.toml", "mbocp bound reach.h5 --json"),

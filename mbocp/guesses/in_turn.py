@@ -54,13 +54,13 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
         label = f" (guess: {kind})" if number else ""
         start = Start(formulation.programme, iterate, job.callback, tried.iterations, label, job.patience)
         limited = replace(settings, is_doubtful=tried.is_infeasible)
-        is_own = number == 0 and kind not in GIVEN_SOLUTIONS
+        is_own = number == 0 and kind not in GIVEN_SOLUTIONS and not job.is_only
         outcome = _descend(job, formulation, limited, start, may_ease=is_own)
         phases += outcome.phases
         if job.rough:
             return outcome, words
         status = tried.add(with_end(formulation, outcome), words)
-        if job.patience.is_over or status is Status.CONVERGED or status.is_stopped:
+        if job.is_only or job.patience.is_over or status is Status.CONVERGED or status.is_stopped:
             break
     return tried.end()
 

@@ -9,7 +9,7 @@ the straight line.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.guesses.line import is_whole, line
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
-from mbocp.guesses.ways import middle_of_line, random_way, straight
+from mbocp.guesses.ways import Way, middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.robot.nodes import between
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
@@ -46,7 +46,7 @@ _DEAR = 3.0  # times the least effort of all trials: what takes more does not go
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """End of a solve with few steps."""
 
     number: int
@@ -82,10 +82,7 @@ class Screening:
 
     def best(self, known: Outcome) -> Outcome:
         """The best of what the trials lead to and of what is known."""
-        few = max(self.formulation.problem.num_steps // _FEWER, _LEAST)
-        coarse = self.formulation
-        if few < coarse.problem.num_steps:
-            coarse = formulate(coarse.problem.with_(num_steps=few))
+        coarse = with_fewer_steps(self.formulation)
         trials = sorted(self._trials(coarse), key=lambda trial: trial.effort)
         for count, trial in enumerate(trials):
             if trial.effort > _DEAR * trials[0].effort:
@@ -108,26 +105,39 @@ class Screening:
         is_stopped = bool(self.runs) and self.runs[-1].result.status is Status.INTERRUPTED
         return is_stopped or time.perf_counter() > self._deadline
 
-    def _trials(self, coarse: Formulation) -> Iterator[_Trial]:
+    def _trials(self, coarse: Formulation) -> Iterator[Trial]:
         """Ends of the trials that get there, one of those that meet on their way."""
         problem, passed = self.formulation.problem, set[tuple[float, float]]()
         middle = middle_of_line(problem)
         for number, (reach, shares) in enumerate(_TRIALS):
             rng = np.random.default_rng([problem.solver.seed, self.number, number])
-            iterate = line(coarse, random_way(problem, rng, reach, middle) if reach else straight(problem))
-            for share in shares:
-                if self._is_over:
-                    return
-                words = f"trial {number}, velocity weighed {share:g} of auto"
-                result = self._solve(coarse, iterate, share, words).result
-                iterate, cost = result.iterate, result.record.cost
-                if result.status is not Status.CONVERGED or any(
-                    _same(cost, was) for at, was in passed if at == share
-                ):
-                    break
-                passed.add((share, cost))
-            else:
-                yield _Trial(number, iterate, _effort(coarse, iterate))
+            way = random_way(problem, rng, reach, middle) if reach else straight(problem)
+            trial = self.trial(coarse, number, way, shares, passed)
+            if trial is not None:
+                yield trial
+
+    def trial(
+        self,
+        coarse: Formulation,
+        number: int,
+        way: Way,
+        shares: Sequence[float],
+        passed: set[tuple[float, float]],
+    ) -> Trial | None:
+        """Try one way with few steps; None where it fails or comes to a minimum that has been passed."""
+        iterate = line(coarse, way)
+        for share in shares:
+            if self._is_over:
+                return None
+            words = f"trial {number}, velocity weighed {share:g} of auto"
+            result = self._solve(coarse, iterate, share, words).result
+            iterate, cost = result.iterate, result.record.cost
+            if result.status is not Status.CONVERGED or any(
+                _same(cost, was) for at, was in passed if at == share
+            ):
+                return None
+            passed.add((share, cost))
+        return Trial(number, iterate, _effort(coarse, iterate))
 
     def _solve(self, formulation: Formulation, iterate: Iterate, share: float, words: str) -> Outcome:
         programme = formulation.programme
@@ -150,6 +160,14 @@ class Screening:
         )
         self.runs.append(outcome)
         return outcome
+
+
+def with_fewer_steps(formulation: Formulation, part: int = _FEWER) -> Formulation:
+    """The problem with this part of its steps, for trials."""
+    few = max(formulation.problem.num_steps // part, _LEAST)
+    if few >= formulation.problem.num_steps:
+        return formulation
+    return formulate(formulation.problem.with_(num_steps=few))
 
 
 def can_screen(formulation: Formulation) -> bool:

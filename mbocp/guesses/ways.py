@@ -18,7 +18,7 @@ from mbocp.formulation import Formulation
 from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
-from mbocp.problem.goals.frames import goal_branches
+from mbocp.problem.goals.frames import RESTARTS, goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.nodes import interpolate
@@ -74,13 +74,13 @@ def through(robot: Robot, corners: Iterable[Array]) -> Way:
     return way
 
 
-def branch_ways(problem: Problem) -> Iterator[tuple[str, Way]]:
+def branch_ways(problem: Problem, restarts: int = RESTARTS) -> Iterator[tuple[str, Way]]:
     """Straight lines to the other configurations in which frames are at the goal, the nearest first."""
     robot, goal = problem.robot, problem.goal
     if not goal.poses or goal.enforce == "none":
         return
     shares = np.linspace(0.0, 1.0, _CHECKED)
-    found = goal_branches(robot, goal, problem.q_start, problem.limits)
+    found = goal_branches(robot, goal, problem.q_start, problem.limits, restarts=restarts)
     for number, q in enumerate(found.branches, start=1):
         if np.abs(robot.difference(goal.q, q)).max() < _SAME_PLACE:
             continue

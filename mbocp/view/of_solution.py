@@ -30,6 +30,7 @@ def replay_solution(
     trace: Sequence[str] | None = None,
     ghosts: int | Sequence[float] = 0,
     others: Sequence[Solution] = (),
+    names: Sequence[str] = (),
     direction: tuple[float, float] | None = None,
     speed: float = 1.0,
 ) -> Path | None:
@@ -46,6 +47,8 @@ def replay_solution(
         Times [s] at which the robot is drawn once more, faint; or how many, evenly spread from start to end.
     others : sequence of Solution
         Shown at the same time, each in a colour of its own; up to four.
+    names : sequence of str
+        What these are called; by default their problems' names.
     trace, direction, speed
         As of `mbocp.view.replay.write_replay`.
 
@@ -59,7 +62,7 @@ def replay_solution(
     ReplayError, UnknownFrame
         As `mbocp.view.replay.write_replay`.
     """
-    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, speed)
+    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, speed, names)
     if path is None:
         open_replay(shown, solution.t, solution.qs, **drawn)
         return None
@@ -116,15 +119,17 @@ def _collect(
     others: Sequence[Solution],
     direction: tuple[float, float] | None,
     speed: float,
+    names: Sequence[str] = (),
 ) -> tuple[Robot, dict[str, Any]]:
     """The robot, and what a replay draws, as arguments of `write_replay`."""
     shown = solution.load_robot() if robot is None else robot
     for frame in trace or ():
         shown.frame_id(frame)
     times = _spread(solution, ghosts) if isinstance(ghosts, int) else ghosts
+    called = names or [other.problem_name or f"motion {k}" for k, other in enumerate(others, 2)]
     beside = [
-        OtherMotion(other.load_robot(), other.t, other.qs, other.problem_name or f"motion {k}")
-        for k, other in enumerate(others, 2)
+        OtherMotion(other.load_robot(), other.t, other.qs, name)
+        for other, name in zip(others, called, strict=True)
     ]
     more = {"trace": trace, "speed": speed, "ghosts": times, "others": beside, "direction": direction}
     return shown, {**drawn_of(solution, shown), **more}

@@ -27,7 +27,7 @@ from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.terms import FrameGoal, FrameProjections
 
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
-_BRANCHES, _RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
+_BRANCHES, RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight
 _MANY_RESTARTS, _MANY_WITH_LOOPS = 200, 30  # before a pose counts as out of reach; loops take longer
 _ORDINARY_NV, _MIN_RESTARTS = 12, 8
 _START_TOLERANCE = 1e-11  # [m, rad] the first step of the mechanics starts from here
@@ -145,7 +145,7 @@ def goal_branches(
     q_start: Array,
     limits: Bounds,
     most: int = _BRANCHES,
-    restarts: int = _RESTARTS,
+    restarts: int = RESTARTS,
 ) -> InverseKinematics:
     """Configurations at the poses of a goal's frames, `most` of them, the nearest to the start first.
 

@@ -1,0 +1,1 @@
+"""Menus: several local optima of one problem, each with a name."""
