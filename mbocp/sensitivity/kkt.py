@@ -150,6 +150,10 @@ class Places:
         filled[:, : self.size] = vectors.T
         return Parts(*(filled[:, at] for at in (self.xs[1:], self.ys, self.us, self.ms, self.eta, self.ws)))
 
+    def only(self, vector: Array) -> Parts:
+        """Parts of one vector of the system, without a first axis."""
+        return Parts(*(part[0] for part in self.split(vector[:, None])))
+
 
 @dataclass(frozen=True, eq=False)
 class Kkt:
@@ -380,14 +384,14 @@ def call(
     return tuple(outputs)
 
 
-def moved(optimum: Optimum, vector: Array, places: Places) -> Optimum:
-    """The optimum moved along a vector of the system, shape (size,)."""
-    step = Parts(*(part[0] for part in places.split(vector[:, None])))
-    programme, N = optimum.programme, optimum.programme.num_steps
-    (xs,) = call(programme.functions, "retract", N, [optimum.xs[1:], step.xs])
+def moved(optimum: Optimum, step: Parts, start: Array | None = None) -> Optimum:
+    """The optimum after a step, whose parts have no first axis, and one of the given state, shape (ndx,)."""
+    programme, kind = optimum.programme, optimum.programme.kind
+    steps = np.vstack([np.zeros(kind.ndx) if start is None else start, step.xs])
+    (xs,) = call(programme.functions, "retract", programme.num_steps + 1, [optimum.xs, steps])
     return replace(
         optimum,
-        xs=np.vstack([optimum.xs[:1], xs.dense(programme.kind.nx)]),
+        xs=xs.dense(kind.nx),
         ys=optimum.ys + step.ys,
         us=optimum.us + step.us,
         ms=optimum.ms + step.ms,

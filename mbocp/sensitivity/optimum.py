@@ -171,7 +171,7 @@ def _polished(optimum: Optimum) -> Kkt:
             break
         if length <= _STILL:
             return kkt
-        optimum = moved(optimum, step, kkt.places)
+        optimum = moved(optimum, kkt.places.only(step))
     raise SolverError(
         "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
         f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
