@@ -30,8 +30,9 @@ from mbocp.problem.robust import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.functions import load_stage_functions
 from mbocp.sensitivity.kkt import call
+from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import formulate_as_solved
-from mbocp.sensitivity.parameters import PARAMETERS, OfRobot, parameters_of
+from mbocp.sensitivity.parameters import PARAMETERS, parameters_of
 from mbocp.solution import Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status

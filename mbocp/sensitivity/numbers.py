@@ -17,6 +17,7 @@ from mbocp.sensitivity.kkt import call
 # Differences of fourth order: of numbers that depend on the move linearly or smoothly, right to 1e-11.
 _STEP = 2.0**-9
 _WEIGHTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+POINTS = tuple((at * _STEP, weight / _STEP) for at, weight in _WEIGHTS)  # moves, and their weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +59,14 @@ class Change:
         """Those of several parameters, one after the other."""
         return cls(*(np.concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
 
+    def along(self, weights: Array) -> Change:
+        """That along one move of all parameters."""
+        return type(self)(*(np.tensordot(weights, getattr(self, f.name), 1)[None] for f in fields(self)))
+
 
 def fourth_order(values: Callable[[float], Array]) -> Array:
     """Derivative at zero of a smooth function of a number of which one is a move of ordinary size."""
-    found: Array = np.sum([weight * values(at * _STEP) for at, weight in _WEIGHTS], axis=0) / _STEP
+    found: Array = np.sum([weight * values(at) for at, weight in POINTS], axis=0)
     return found
 
 

@@ -17,9 +17,11 @@ from mbocp.formulation import Formulation
 from mbocp.programme import Iterate
 from mbocp.sensitivity.kkt import Optimum, Parts
 from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
-from mbocp.sensitivity.parameters import OfRobot, Parameter, parameters_of
-from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, pull_back, read_along, readings_of
+from mbocp.sensitivity.parameter import Parameter
+from mbocp.sensitivity.parameters import parameters_of
+from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, Reader, readings_of
 from mbocp.sensitivity.slopes import ParameterFunctions, gradient_of
 from mbocp.solution import Solution
 
@@ -148,17 +150,43 @@ class Sensitivities:
         if quantity == "cost":
             found: Array = self._by_word(self._cost_at(optimum))[word]
             return found
-        columns = [read_along(self.formulation, optimum, move, quantity) for move in self._moves[word]]
+        columns = [self._reader.along(move, [quantity])[quantity] for move in self._moves[word]]
         return np.stack(columns, axis=-1)
 
+    def along(self, **moves: ArrayLike) -> dict[str, Array]:
+        """Derivatives of the cost and the motion along one move of the parameters, by one solve.
+
+        Parameters
+        ----------
+        **moves : array_like
+            How much each number of a parameter moves, by its word; those left out stay. Words have dots:
+            ``along(**{"start.q": dq})``.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Of `cost`, `qs`, `vs`, `us`, `u_values` and `dts`, as `of` gives them.
+        """
+        given = self._by_word(np.zeros(len(self._stretches)))
+        for word, move in moves.items():
+            _check_known("word", word, given)
+            given[word][:] = _fitting(word, move, given[word].shape)
+        weights = np.concatenate(list(given.values()))
+        stretch = np.array([weights @ self._stretches])
+        (along,) = self._moves_for(self._change.along(weights), stretch)
+        return {
+            "cost": weights @ self._cost_at(self._found.kkt.optimum),
+            **self._reader.along(along, OF_MOTION),
+        }
+
     def gradient(self, **bars: ArrayLike) -> dict[str, Array]:
-        """Gradient of a scalar function of the motion by parameter, with one solve for all parameters.
+        """Gradient of a scalar function of cost and motion by parameter, with one solve for all parameters.
 
         Parameters
         ----------
         **bars : array_like
-            Derivatives of the scalar in `qs` (N + 1, nv), in the tangent space, `vs`, `us`, `u_values` and
-            `dts`; those left out are zero.
+            Derivatives of the scalar in `cost`, `qs` (N + 1, nv), in the tangent space, `vs`, `us`,
+            `u_values` and `dts`; those left out are zero.
 
         Raises
         ------
@@ -167,26 +195,29 @@ class Sensitivities:
         SingularSystem
             If the optimum is not the only one near.
         """
-        given = {name: np.asarray(bar, dtype=np.float64) for name, bar in bars.items()}
         kkt, formulation = self._found.kkt, self.formulation
         motion = formulation.motion_of(self.iterate)
-        shapes = {"vs": motion.vs, "us": motion.us, "u_values": motion.values, "dts": motion.dts}
-        expected = {name: array.shape for name, array in shapes.items()} | {"qs": motion.vs.shape}
-        for name, bar in given.items():
-            _check_known("quantity", name, OF_MOTION)
-            if bar.shape != expected[name]:
-                raise DimensionMismatch(name, bar.shape, expected[name])
-        xs, us, stretch = pull_back(formulation, kkt.optimum, given)
-        bars_of_rows = Parts.zeros(kkt.optimum.programme, 1)._replace(xs=-xs[None, 1:], us=-us[None])
-        adjoint = kkt.solve(bars_of_rows)
+        shapes = {
+            "cost": (),
+            "qs": motion.vs.shape,
+            "vs": motion.vs.shape,
+            "us": motion.us.shape,
+            "u_values": motion.values.shape,
+            "dts": motion.dts.shape,
+        }
+        for name in bars:
+            _check_known("quantity", name, shapes)
+        given = {name: _fitting(name, bar, shapes[name]) for name, bar in bars.items()}
+        of_cost = given.pop("cost", np.zeros(()))
+        xs, us, stretch = self._reader.pull_back(given)
+        zeros = Parts.zeros(formulation.programme, 1)
+        adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
         found = self._functions.pull(kkt, adjoint)
         found.start[:] += xs[0]
-        whole = gradient_of(self._change, found, adjoint.ws[0], kkt.optimum.ws)
-        by_word = self._by_word(whole)
-        for parameter in self.parameters:
-            if parameter.scales_time:
-                by_word[parameter.word] += stretch / formulation.problem.duration
-        return by_word
+        whole = gradient_of(self._change, found, adjoint.ws[0], kkt.optimum.ws) + stretch * self._stretches
+        if of_cost:
+            whole += of_cost * self._cost_at(kkt.optimum)
+        return self._by_word(whole)
 
     @cached_property
     def _found(self) -> Found:
@@ -209,34 +240,47 @@ class Sensitivities:
         return Change.joined([parameter.change() for parameter in self.parameters])
 
     @cached_property
+    def _reader(self) -> Reader:
+        return Reader(self.formulation, self._found.kkt.optimum)
+
+    @cached_property
+    def _stretches(self) -> Array:
+        """By which part of them each number makes all given lengths of steps grow."""
+        T = self.formulation.problem.duration
+        return np.concatenate([np.full(len(p.names), p.scales_time / T) for p in self.parameters])
+
+    @cached_property
     def _moves(self) -> dict[str, list[Move]]:
         """Of each parameter a move of the optimum for each of its numbers."""
-        kkt, change = self._found.kkt, self._change
-        pushed = self._functions.push(kkt, change)
-        solved = kkt.solve(Parts(*(-part for part in pushed)))
-        stretches = np.concatenate(
-            [
-                np.full(len(p.names), p.scales_time / self.formulation.problem.duration)
-                for p in self.parameters
-            ]
-        )
-        moves = [
+        return self._by_word(self._moves_for(self._change, self._stretches))
+
+    def _moves_for(self, change: Change, stretches: Array) -> list[Move]:
+        """Moves of the optimum with changes of the programme's numbers."""
+        kkt = self._found.kkt
+        solved = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change))))
+        return [
             Move(
-                xs=np.vstack([change.start[k], solved.xs[k]]),
-                rest=Parts(*(part[k] for part in solved)),
+                start=change.start[k],
+                step=Parts(*(part[k] for part in solved)),
                 theta=change.theta[k],
                 rho=change.rho[k],
                 rho_terminal=change.rho_terminal[k],
-                stretch=float(stretches[k]),
+                stretch=float(stretch),
             )
-            for k in range(len(stretches))
+            for k, stretch in enumerate(stretches)
         ]
-        return self._by_word(moves)
 
     def _by_word(self, whole: Any) -> dict[str, Any]:
         """Parts of what belongs to all parameters, one after the other."""
         ends = np.cumsum([0, *(len(p.names) for p in self.parameters)])
         return {p.word: whole[ends[i] : ends[i + 1]] for i, p in enumerate(self.parameters)}
+
+
+def _fitting(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != shape:
+        raise DimensionMismatch(name, found.shape, shape)
+    return found
 
 
 def _check_known(name: str, value: str, known: Collection[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from mbocp.solvers.newton_method.held import active_limits
 from mbocp.solvers.newton_method.limits import why_limits_cannot_be_kept
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
+_STIFFNESSES = (1.0, 1e3, 1e6)  # at which limits count as active
 _ROUNDS = 8  # in which the active limits are found
 _WEAK, _NEAR = 1e-8, 1e-6  # of the largest multiplier; of a value's size: below it a limit is degenerate
 _STEPS = 8  # of Newton's method from the end of a solve; one or two are typical
@@ -92,16 +94,23 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
 def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
     """The optimum near an iterate, with its active limits as equations.
 
-    A limit is active where its multiplier is larger than the force on a control that is as far from its
-    optimum as the motion is from the limit, as in `mbocp.solvers.newton_method.held`. What a barrier leaves
-    in doubt is decided where the conditions hold to round-off: active limits pull, and others are kept.
+    Which these are is a guess, see `mbocp.solvers.newton_method.held`; where it leads nowhere, a stricter one
+    follows. What a barrier leaves in doubt is decided where the conditions hold to round-off: active limits
+    pull, and others are kept.
 
     Raises
     ------
     SolverError
         If there is none, or not one with any of these limits active.
     """
-    optimum = with_active_limits(formulation.programme, iterate)
+    programme = formulation.programme
+    for stiffness in _STIFFNESSES[:-1]:
+        with suppress(SolverError):
+            return _with_decided_limits(formulation, with_active_limits(programme, iterate, stiffness))
+    return _with_decided_limits(formulation, with_active_limits(programme, iterate, _STIFFNESSES[-1]))
+
+
+def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
         kkt = _polished(optimum)
         optimum = _corrected(kkt.optimum)
@@ -147,7 +156,7 @@ def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
     return bounds.lower, bounds.upper, bounds.are_equations, _values(optimum)
 
 
-def with_active_limits(programme: StagewiseProgramme, iterate: Iterate) -> Optimum:
+def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0) -> Optimum:
     """The iterate of a solver with its active limits, as far as its multipliers tell.
 
     Raises
@@ -157,7 +166,7 @@ def with_active_limits(programme: StagewiseProgramme, iterate: Iterate) -> Optim
     """
     if why := why_limits_cannot_be_kept(programme):
         raise SolverError(f"sensitivities: the kernel {why}, and has no derivatives of such an optimum")
-    ws, held, sides = active_limits(programme, iterate)
+    ws, held, sides = active_limits(programme, iterate, stiffness)
     return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))
 
 

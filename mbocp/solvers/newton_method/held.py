@@ -30,9 +30,7 @@ def hold_active_limits(
 ) -> tuple[KernelProgramme, BoolArray] | None:
     """Kernel programme at a solution with its active limits as equations, evaluated; and which these are.
 
-    A limit is active where its multiplier is larger than the force on a control that is as far from its
-    optimum as the motion is from the limit. Guards of the end condition are left out: no solution touches
-    them.
+    Guards of the end condition are left out: no solution touches them.
 
     Parameters
     ----------
@@ -55,8 +53,13 @@ def hold_active_limits(
     return (native, held) if native.evaluate().finite else None
 
 
-def active_limits(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, BoolArray, Array]:
+def active_limits(
+    programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0
+) -> tuple[Array, BoolArray, Array]:
     """Multipliers of all limits, which are active, and the sides at which they are.
+
+    A limit is active where its multiplier is larger than `stiffness` times the force on a control that is as far
+    from its optimum as the motion is from the limit.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def active_limits(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Arra
         plain = replace(programme, num_guards=0)
         pulls[bounds.limited] = multipliers_in_rows(iterate.bounds, plain)[: np.count_nonzero(bounds.limited)]
         distances = _distances(plain, iterate, pulls)
-    held = (np.abs(pulls) > programme.control_weight * distances) | bounds.are_equations
+    held = (np.abs(pulls) > stiffness * programme.control_weight * distances) | bounds.are_equations
     return pulls, held, np.where(pulls > 0.0, bounds.upper, bounds.lower)
 
 

@@ -1,0 +1,117 @@
+"""Derivatives of random optima against differences of optima that are solved again.
+
+Run it by `python -m benchmarks.sensitivities --count 200`. Robot, scheme, coordinates, weights, limits and
+starts are drawn. Counted are optima that agree, that are degenerate, so that derivatives of both sides
+differ, that are refused, and that differ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import mbocp
+from mbocp.autodiff.solution_map import SolutionMap
+from mbocp.exceptions import MbocpError, ProblemError
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+BASES = (
+    "arms/ur5_limits.toml",
+    "arms/ur5_reach.toml",
+    "arms/kinova_reach.toml",
+    "arms/payload.toml",
+    "loops/four_bar.toml",
+    "free_flyer/drone_flip.toml",
+    "so3/unicycle_pendulum.toml",
+)
+SCHEMES = ("", "se1", "midpoint", "gauss2", "rk4")
+COORDINATES = ("joint", "natural")
+WORDS = ("start.q", "start.v", "goal.q", "goal.v", "cost.effort", "horizon.duration", "limits.velocity.upper")
+TOLERANCE = 1e-6  # relative
+STEP = 2e-4
+POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+
+
+def drawn(rng: np.random.Generator) -> tuple[str, mbocp.Problem]:
+    """A random problem and what it is."""
+    base, scheme = rng.choice(BASES), rng.choice(SCHEMES)
+    coordinates = rng.choice(COORDINATES, p=(0.8, 0.2))
+    changes = {"steps": int(rng.integers(12, 40)), "solver": {"tolerance": 1e-12}}
+    if scheme:
+        changes["integrator"] = {"scheme": str(scheme)}
+    if coordinates != "joint":
+        changes["coordinates"] = str(coordinates)
+    problem = mbocp.load_problem(EXAMPLES / str(base)).with_(**changes)
+    cost = problem.cost.with_weights({"effort": problem.cost.effort * rng.uniform(0.5, 2.0)})
+    problem = replace(problem, cost=cost)
+    if not problem.robot.nc:
+        away = 0.05 * rng.normal(size=problem.robot.nv)
+        problem = replace(problem, q_start=problem.robot.integrate(problem.q_start, away))
+    limited = ""
+    if problem.robot.is_vector_space and rng.random() < 0.5:  # a share of the fastest speeds without limits
+        fastest = 0.9 * np.abs(mbocp.solve(problem, check=True).vs).max(axis=0)
+        fastest = np.maximum(fastest, np.abs(problem.v_start) + 0.1)
+        problem = replace(problem, limits=replace(problem.limits, v_lower=-fastest, v_upper=fastest))
+        limited = " limited"
+    return f"{base} {scheme or 'own scheme'} {coordinates}{limited}", problem
+
+
+def is_known(solution: mbocp.Solution, word: str) -> bool:
+    """Whether the problem has such a parameter."""
+    try:
+        mbocp.sensitivities(solution, [word])
+    except ProblemError:
+        return False
+    return True
+
+
+def verdict(problem: mbocp.Problem, rng: np.random.Generator) -> tuple[str, float]:
+    """What came of a comparison, and the relative error."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        solution = mbocp.solve(problem, check=True)
+        words = [word for word in WORDS if is_known(solution, word)]
+        word = str(rng.choice(words))
+        found = SolutionMap.of(problem, [word])
+        (value,) = found.values
+        move = np.where(np.isfinite(value), rng.normal(size=value.shape), 0.0)
+        exact = found.push([value], [move])
+        if any("one side alone" in str(one.message) for one in told):
+            return "degenerate", np.nan
+        again = [found([value + at * STEP * move]) for at, _ in POINTS]
+    worst = 0.0
+    for name in ("cost", "qs", "vs", "us"):
+        pairs = zip(again, POINTS, strict=True)
+        expected = sum(weight * out[name] for out, (_, weight) in pairs) / STEP
+        size = max(np.abs(expected).max(initial=0.0), 1e-3)
+        worst = max(worst, float(np.abs(exact[name] - expected).max(initial=0.0)) / size)
+    return ("agrees" if worst <= TOLERANCE else f"differs in {word}"), worst
+
+
+def main() -> None:
+    """Compare as many as are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    asked = parser.parse_args()
+    counts: Counter[str] = Counter()
+    for k in range(asked.count):
+        rng = np.random.default_rng([asked.seed, k])
+        name = ""
+        try:
+            name, problem = drawn(rng)
+            outcome, error = verdict(problem, rng)
+        except MbocpError as fault:
+            outcome, error = f"refused: {type(fault).__name__}: {str(fault)[:90]}", np.nan
+        print(f"{k:4d} {name}: {outcome} ({error:.1e})", flush=True)
+        counts[outcome.partition(":")[0].partition(" in ")[0]] += 1
+    print(dict(counts))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Optima as functions that JAX and PyTorch differentiate."""

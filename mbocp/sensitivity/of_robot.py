@@ -1,0 +1,159 @@
+"""Parameters that are numbers of the robot."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation import Formulation
+from mbocp.formulation.layout import places
+from mbocp.formulation.parameters import NUMBERS
+from mbocp.problem import Problem
+from mbocp.robot import Robot
+from mbocp.robot.named_numbers import number_of, numbers_behind, put
+from mbocp.robot.payload import INERTIA_KEYS, Payload
+from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.parameter import Parameter
+from mbocp.symbolic.numbers import with_values
+
+_NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
+
+
+@dataclass(frozen=True, eq=False)
+class OfRobot(Parameter):
+    """What is a function of numbers of the robot."""
+
+    @property
+    @abstractmethod
+    def in_numbers(self) -> Array:
+        """Derivatives of `robot.varying_values`, a row for each number."""
+
+    def change(self) -> Change:
+        """Of the numbers among the parameters of steps and end."""
+        found, layout, slopes = self._none, self.formulation.pieces.parameters, self.in_numbers
+        found.theta[:, places(layout.theta)[NUMBERS]] = slopes
+        found.rho_terminal[:, places(layout.terminal)[NUMBERS]] = slopes
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class NumbersOfRobot(OfRobot):
+    """All numbers of a robot that functions take as parameters, see `Robot.varying`."""
+
+    @classmethod
+    def words(cls, formulation: Formulation) -> Iterator[str]:
+        """One, where there are such numbers."""
+        if NUMBERS in formulation.pieces.parameters.theta:
+            yield "robot.numbers"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Kind, owner and entry."""
+        robot, model = self.problem.robot, self.problem.robot.model
+        joints = list(model.names)
+        owners = {
+            "frame_placement": [frame.name for frame in model.frames],
+            "force": [element.name for element in robot.forces],
+            "payload": [payload.name for payload in robot.payloads],
+        }
+        pairs = ((n, owners.get(n.of, joints)) for n in robot.varying)
+        return tuple(f"{n.of} of {of_kind[n.owner]}: {n.entry}" for n, of_kind in pairs)
+
+    @property
+    def in_numbers(self) -> Array:
+        """Themselves."""
+        return np.eye(len(self.problem.robot.varying))
+
+    @property
+    def value(self) -> Array:
+        """Themselves."""
+        return np.array(self.problem.robot.varying_values)
+
+    def put(self, problem: Problem, value: Array) -> Problem:
+        """With a robot of other numbers."""
+        return replace(problem, robot=_with_numbers(problem.robot, value))
+
+
+def _with_numbers(robot: Robot, values: Array) -> Robot:
+    return replace(robot, model=with_values(robot.model, robot.varying, values))
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadNumbers(OfRobot):
+    """Mass, centre of mass or moments of inertia of a payload."""
+
+    @classmethod
+    def words(cls, formulation: Formulation) -> Iterator[str]:
+        """Of each payload, where functions take its numbers."""
+        payloads = formulation.problem.robot.payloads
+        carrying = {payload.frame for payload in payloads}  # what else stands on one would move with it
+        if NUMBERS in formulation.pieces.parameters.theta:
+            for payload in payloads:
+                if payload.name not in carrying:
+                    yield from (f"robot.payload.{payload.name}.{key}" for key in _NAMES)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """As the keys have them."""
+        return _NAMES[self._key]
+
+    @property
+    def _key(self) -> str:
+        return self.word.rpartition(".")[2]
+
+    def _payload_of(self, robot: Robot) -> Payload:
+        name = self.word.split(".", 3)[2]
+        return next(payload for payload in robot.payloads if payload.name == name)
+
+    def _numbers_of(self, robot: Robot) -> tuple[ca.SX, ca.SX]:
+        return _numbers_with(robot, self.word.removeprefix("robot."), self.names)
+
+    @property
+    def in_numbers(self) -> Array:
+        """Of the body that carries it, and of the frame at its centre of mass."""
+        moved, numbers = self._numbers_of(self.problem.robot)
+        slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(numbers, moved))])
+        found: Array = np.asarray(slopes(np.zeros(moved.numel()))).T
+        return found
+
+    @property
+    def value(self) -> Array:
+        """As the payload has it."""
+        return np.array(getattr(self._payload_of(self.problem.robot), self._key), dtype=np.float64)
+
+    def put(self, problem: Problem, value: Array) -> Problem:
+        """With a robot that carries another payload.
+
+        Raises
+        ------
+        InvalidValue
+            If no body has such a mass or inertia.
+        """
+        robot, key = problem.robot, self._key
+        payload = self._payload_of(robot)
+        own = np.array(getattr(payload, key))
+        said: Any = float(value) if key == "mass" else tuple(map(float, value))
+        carried = tuple(replace(p, **{key: said}) if p is payload else p for p in robot.payloads)
+        moved, numbers = self._numbers_of(robot)
+        values = np.asarray(ca.Function("numbers", [moved], [ca.densify(numbers)])(value - own)).ravel()
+        spec = {**robot.spec, "payload": [one.table for one in carried]}
+        robot = replace(_with_numbers(robot, values), payloads=carried, spec=spec)
+        return replace(problem, robot=robot)
+
+
+def _numbers_with(robot: Robot, word: str, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
+    """By how much numbers of the robot are changed, and what `robot.varying_values` are then."""
+    moved = ca.SX.sym("moved", len(names))
+    words = [word] if len(names) == 1 else [f"{word}.{name}" for name in names]
+    given = numbers_behind(robot, words)
+    now = {n: ca.SX(v) for n, v in zip(given, robot.values_of(given), strict=True)}
+    now |= {n: ca.SX(v) for n, v in zip(robot.varying, robot.varying_values, strict=True)}
+    changed = [(one, number_of(robot, one) + m) for one, m in zip(words, ca.vertsplit(moved), strict=True)]
+    after = put(robot, now, changed)
+    return moved, ca.vertcat(*[after[number] for number in robot.varying])
