@@ -154,11 +154,14 @@ double Barrier::missed(const Increment& step) {
     if (missed_.empty()) return 0.0;
     limits_.along(step, ds_);
     double most = 0, all = dense::largest(static_cast<int>(step.dx.size()), step.dx.data());
+    double pull = 0, all_pulls = dense::largest(static_cast<int>(dlambda_.size()), dlambda_.data());
     for (std::size_t k = 0; k < missed_.size(); ++k) {
-        const double ds = ds_[limits_.equations[k].row];
-        most = std::max(most, std::abs(missed_[k] + ds)), all = std::max({all, std::abs(missed_[k]), std::abs(ds)});
+        const double ds = ds_[limits_.equations[k].row], miss = std::abs(missed_[k] + ds);
+        most = std::max(most, miss), all = std::max({all, std::abs(missed_[k]), std::abs(ds)});
+        pull = std::max(pull, weight_[k] * miss);
     }
-    return all > 0.0 ? most / all : most;
+    const auto share = [](double part, double whole) { return part > 0.0 ? part / whole : 0.0; };
+    return std::min(share(most, all), share(pull, all_pulls));
 }
 
 void Barrier::correct_equations(double alpha) {

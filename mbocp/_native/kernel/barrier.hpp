@@ -61,7 +61,8 @@ public:
     void correct_equations(double alpha);
     // Of another right-hand side, to which inequalities give nothing: minus these, by the equations' order.
     void start_equations(const Numbers& rhs);
-    // The largest by which a step misses the equations, by the largest of their terms.
+    // The largest by which a step misses the equations, by the largest of their terms, or what their multipliers would
+    // still change, by their largest: whichever is less.
     double missed(const Increment& step);
     const Numbers& equation_step() const { return dlambda_; }
     // The equations' multipliers along the direction. Another pass may change them, and has what this one changed added

@@ -58,8 +58,8 @@ def active_limits(
 ) -> tuple[Array, BoolArray, Array]:
     """Multipliers of all limits, which are active, and the sides at which they are.
 
-    A limit is active where its multiplier is larger than `stiffness` times the force on a control that is as far
-    from its optimum as the motion is from the limit.
+    A limit is active where its multiplier is larger than `stiffness` times the force on a control that is
+    as far from its optimum as the motion is from the limit.
 
     Returns
     -------
