@@ -20,10 +20,9 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import Formulation
-from mbocp.formulation.gains import tangents
+from mbocp.formulation.gains import has_joint_states, tangents
 from mbocp.formulation.tightening import margins_of, words_of
 from mbocp.job import Job, Strategy
-from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.robust import Robust, Tube
@@ -139,7 +138,7 @@ class Tubes:
         """
         formulation, iterate = formulate_as_solved(solution)
         problem = formulation.problem
-        if not isinstance(formulation.space, ConfigurationSpace) or formulation.layout.ns != problem.robot.nv:
+        if not has_joint_states(formulation):
             raise ProblemError(
                 'robust: states are not (q, v) of the joints, as with coordinates = "natural", and with '
                 "controls that prescribe motions"

@@ -10,7 +10,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
 from mbocp.bounds.task import Task
+from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution import Solution
 
 _PARTS = 400  # of the range of a free duration
@@ -126,7 +128,8 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
         words.append("momenta")
     value = value + efforts if math.isnan(task.reached) else min(value + efforts, max(task.reached, value))
     # Steps of this scheme are motions of constant accelerations, whose forces and jerks are others.
-    is_linear = task.problem.scheme == "midpoint" and task.problem.coordinates == "joint"
+    has_joint_states = COORDINATES[task.problem.coordinates].has_joint_states
+    is_linear = has_joint_states and VELOCITY_TAU.get(task.problem.scheme) == 0.5
     is_same = not efforts and method not in (BY_FORCES, BY_FRAMES)
     is_both = is_linear and is_same and "j" not in task.problem.widest_limits.letters
     of = "continuous and discretised" if is_both else "continuous"

@@ -27,6 +27,8 @@ EXTRAS = {
     "dask": "distributed",
     "bench": "toppra",
     "live": "viser",
+    "jax": "jax",
+    "torch": "torch",
     "xacro": "xacro",
     "xarray": "xarray",
 }

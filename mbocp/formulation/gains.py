@@ -58,8 +58,7 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     robot = problem.robot
     is_plain = layout.is_flat and robot.nq != robot.nv
     leaves_group = is_plain and problem.scheme in TABLEAUX and problem.lie != "munthe_kaas"
-    space = formulation.space
-    if not isinstance(space, ConfigurationSpace) or leaves_group or layout.ns != robot.nv:
+    if not has_joint_states(formulation) or leaves_group:
         return np.zeros((0, 0, 0))
     weight = FIRST_WEIGHT
     if problem.robust is not None:
@@ -80,6 +79,12 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
         gains = np.concatenate([along, gains[:, :, layout.nz :]], axis=2)
     gains[held[:, kind.nx : kind.nx + layout.num_own]] = 0.0
     return gains
+
+
+def has_joint_states(formulation: Formulation) -> bool:
+    """Whether states are (q, v) of the joints."""
+    is_of_joints = isinstance(formulation.space, ConfigurationSpace)
+    return is_of_joints and formulation.layout.ns == formulation.problem.robot.nv
 
 
 def tangents(formulation: Formulation, xs: Array) -> Array:

@@ -42,7 +42,7 @@ def _blocks(solution: SolutionData) -> Iterator[tuple[str, tuple[Column, ...], A
     """Beginning of the names, columns and rows of each quantity, those of no limits left out."""
     for name, quantity in QUANTITIES.items():
         values, columns, prefix = getattr(solution, name), solution.columns(name), quantity.heading
-        if prefix is None:
+        if prefix is None or (quantity.may_lack and not values.size):
             continue
         if quantity.axes[1:2] == ("share",):  # where controls vary within steps
             for k, share in enumerate(solution.u_shares):

@@ -45,8 +45,10 @@ def dataset_of(solution: SolutionData) -> xarray.Dataset:
         letter, rows = entry.columns, _DIMENSIONS.get(entry.axes[0], "")
         if not rows or entry.axes[1:] != (letter,) or not (columns := solution.columns(key)):
             continue
-        names = f"{letter}_name"
-        variables[letter] = ((rows, names), getattr(solution, key), _words(key))
+        values, names = getattr(solution, key), f"{letter}_name"
+        if entry.may_lack and not values.size:
+            continue
+        variables[entry.heading or letter] = ((rows, names), values, _words(key))
         coordinates[names] = (names, _distinct(columns))
         coordinates[f"{letter}_unit"] = (names, [column.unit for column in columns])
     if not solution.has_constant_controls:

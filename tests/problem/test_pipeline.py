@@ -63,13 +63,13 @@ def test_each_step_takes_what_is_there_before_it() -> None:
     """And no two give the same; all fields of a problem are given by one."""
     problem = mbocp.Problem.create("double_pendulum", 1.0, 10, goal={"q": [1.0, 0.0]})
     given = {name for name in problem.draft if name.endswith("_table")}
-    known = given | {"robot", "coordinates", "terms_given", "folder", "is_cost_left"}
+    known = given | {"robot_of_file", "coordinates", "terms_given", "folder", "is_cost_left"}
     known |= {"said_holds", "said_releases", "said_impacts"}
     for step in (*READ, *RESOLVE):
         assert not set(step.takes) - known, step.work
         assert not set(step.gives) & known, step.work
         known |= set(step.gives)
-    of_solves = {"limits_within"}  # what a solve finds it needs
+    of_solves = {"limits_within", "tube"}  # what a solve finds it needs
     assert {*ProblemData.__dataclass_fields__} - {"source", "name"} - of_solves <= known
 
 

@@ -20,7 +20,7 @@ KEYS = [
     "constraint_violation", "velocity_violation", "limit_violation", "limit_excess",
     "limit_excess_of", "limit_excess_time", "manifold_drift",
     "manifold_drift_resimulated", "clearance", "clearance_between", "clearance_time", "positive_work",
-    "accuracy", "unknowns", "num_steps", "duration", "via_times", "phase_times", "wall_time_s", "phases",
+    "sigmas", "tightest", "accuracy", "unknowns", "num_steps", "duration", "via_times", "phase_times", "parameters", "wall_time_s", "phases",
     "history",
     "control_hamiltonian", "control_momentum_drift",
     "conserved", "q_final", "p_final", "u_first", "u_last", "eta", "starts",

@@ -30,11 +30,11 @@ class ParameterTable(Table):
         str | list[str],
         Key("which number, as `robot.payload.NAME.mass`: [parameters](parameters.md); a list has one value"),
     ]
-    min: Annotated[Finite, Key("least value; one table `[[parameter]]` each", "of the number")]
-    max: Annotated[Finite, Key("greatest value", "of the number")]
-    start: Annotated[Finite | None, Key("where the search begins", "of the number", "that of the robot")] = (
-        None
-    )
+    min: Annotated[Finite, Key("least value; one table `[[parameter]]` each", "those of the number")]
+    max: Annotated[Finite, Key("greatest value", "those of the number")]
+    start: Annotated[
+        Finite | None, Key("where the search begins", "those of the number", "that of the robot")
+    ] = None
     cost: Annotated[ParameterCostTable | None, Key("what it costs", "", "nothing")] = None
 
 
