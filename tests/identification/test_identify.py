@@ -140,6 +140,7 @@ def test_a_payload_is_found(ur5):
         found.save("never.urdf")
 
 
+@pytest.mark.slow
 def test_offsets_of_joints_are_found(ur5, truth):
     log = simulate_log(truth, duration=8.0)
     moved = {name: dict(columns) for name, columns in log.joints.items()}
