@@ -18,7 +18,7 @@ from benchmarks.tables import Table, present
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 
-_DOCS = Path(__file__).parent.parent / "docs" / "bounds.md"
+_DOCS = Path(__file__).parent / "measured" / "bounds.md"
 _BEGIN = "<!-- tables: python -m benchmarks.bounds --docs -->"
 _STEPS = 60
 _ROBOTS = Path(__file__).parent.parent / "examples" / "optima" / "robots"

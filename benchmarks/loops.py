@@ -32,7 +32,7 @@ _STEPS = (1000, 4000)
 _PIECE = 100
 _METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+fbsm_newton", "fbsm_bb+monolithic")
 _HALVINGS = (50, 100, 200, 400)
-_DOCS = Path(__file__).parent.parent / "docs" / "loops.md"
+_DOCS = Path(__file__).parent / "measured" / "loops.md"
 _BEGIN = "<!-- tables: python -m benchmarks.loops --docs -->"
 _CONVERGENCE = Path(__file__).with_suffix(".csv")
 
@@ -191,10 +191,10 @@ def convergence_table(robots: Sequence[str] = ROBOTS) -> Table:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print all tables, or put them into the documentation."""
+    """Print all tables, or put them into the measured ones."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.loops", description=__doc__)
     parser.add_argument(
-        "--docs", action="store_true", help=f"write them into docs/{_DOCS.name} and {_CONVERGENCE.name}"
+        "--docs", action="store_true", help=f"write them into measured/{_DOCS.name} and {_CONVERGENCE.name}"
     )
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS), metavar="NAME")
     options = parser.parse_args(arguments)

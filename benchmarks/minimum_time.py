@@ -26,7 +26,7 @@ from mbocp.robot import Robot
 
 __all__ = ["ARMS", "Limits", "Pair", "largest_torques", "minimum_time_table", "pairs", "problem_of"]
 
-_DOCS = Path(__file__).parent.parent / "docs" / "minimum_time.md"
+_DOCS = Path(__file__).parent / "measured" / "minimum_time.md"
 _BEGIN = "<!-- tables: python -m benchmarks.minimum_time --docs -->"
 _STEPS = 200
 _TOLERANCE = 1e-7  # with so small a cost of effort round-off leaves no better one to some of them

@@ -15,7 +15,7 @@ from benchmarks.tables import Table, present
 __all__ = ["CASES", "Optimum", "optima_table"]
 
 _EXAMPLES = Path(__file__).parent.parent / "examples" / "optima"
-_DOCS = Path(__file__).parent.parent / "docs" / "optima.md"
+_DOCS = Path(__file__).parent / "measured" / "optima.md"
 _BEGIN = "<!-- tables: python -m benchmarks.optima --docs -->"
 
 

@@ -142,8 +142,7 @@ class SolverTable(Table):
         Finite | None,
         positive("s"),
         Key(
-            "wall time of the solve, compiling included; without it one whose first attempt fails goes on "
-            "for [twenty times as long](solver.md#when-attempts-fail)",
+            "wall time; else [twenty times](solver.md#when-attempts-fail) that of the first attempt",
             "s",
         ),
     ] = SolverOptions.time_limit
@@ -151,10 +150,7 @@ class SolverTable(Table):
     starts: Annotated[
         int,
         whole(1),
-        Key(
-            "guesses from which the problem is solved; the best result is the solution: "
-            "[Several starts](solver.md#several-starts)"
-        ),
+        Key("guesses of which the best result is taken: [Several starts](solver.md#several-starts)"),
     ] = SolverOptions.starts
     seed: Annotated[int, whole(0), Key("of the random guesses among them", takes="whole number")] = (
         SolverOptions.seed
@@ -162,10 +158,7 @@ class SolverTable(Table):
     threads: Annotated[
         int | str,
         Check('whole number > 0 or `"auto"`', _THREADS, work=_threads),
-        Key(
-            'threads that share a solve, `"auto"`: as many as processors; the result is the same: '
-            "[Threads](solver.md#threads)"
-        ),
+        Key('[threads](solver.md#threads) that share a solve, `"auto"`: as many as processors'),
     ] = SolverOptions.threads
 
 

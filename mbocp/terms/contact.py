@@ -102,8 +102,7 @@ class ContactKeys(Table):
     constraint: Annotated[
         str | None,
         Key(
-            'kind `"contact_force"`: name of the constraint whose [force](contact.md) on its first frame is '
-            "bounded; it takes the place of `frame`",
+            'kind `"contact_force"`: the constraint whose [force](contact.md) is bounded; no `frame`',
             default="required",
         ),
     ] = None
@@ -130,8 +129,7 @@ class ContactKeys(Table):
     pressure: Annotated[
         Pair,
         Key(
-            "sides of the rectangle about the first frame's origin in which the centre of pressure of a weld "
-            "stays",
+            "sides of the rectangle in which the centre of pressure of a weld stays",
             "m",
             takes="2 numbers > 0",
         ),

@@ -33,7 +33,7 @@ class EnergyTable(Table):
     regeneration: Annotated[
         Control,
         Takes("number in [0, 1], list, table"),
-        Key("part of the braking power behind the gear that is given back; 0: a resistor burns it"),
+        Key("part of the braking power that is given back"),
     ] = 0.0
     width: Annotated[
         Control,

@@ -219,8 +219,8 @@ class Orientation(PathTerm):
         axis: Annotated[
             Triple,
             Key(
-                'of an `"orientation"`: axis in the frame, and direction in the world; the angle between '
-                'them is from `min` to `max`; of a `"follow"` the axis',
+                'of an `"orientation"`: axis in the frame, direction in the world, with an angle from `min` '
+                'to `max`; of a `"follow"` the axis',
                 default="z",
                 beside=("direction",),
             ),

@@ -42,7 +42,7 @@ class Line(PathTerm):
         a: Annotated[
             Triple,
             Key(
-                'kind `"line"`: two points of the straight line on which the origin stays',
+                'kind `"line"`: two points of the line',
                 "m",
                 default="where the frame is at the start, and its goal",
                 takes="3 numbers each",

@@ -79,7 +79,7 @@ class Tracking(RunningCost):
         target: Annotated[
             TargetTable | None,
             Key(
-                "y_d: one row, or one for every step, compared where the scheme evaluates the cost",
+                "y_d: one row, or one for every step",
                 default="the goal",
                 takes="table with `q` and `p`",
             ),
@@ -219,7 +219,7 @@ class Potential(Weighted):
 
         potential: Annotated[
             Finite,
-            Key("kappa, of any sign: weight of the potential energy; negative where it shall be high", "1/J"),
+            Key("kappa, of any sign: weight of the potential energy", "1/J"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -239,10 +239,7 @@ class EffortAboutGravity(Weighted):
 
         effort_about_gravity: Annotated[
             ControlWeights,
-            Key(
-                "weight of squares of the controls less what holds the robot's weight against each; beside "
-                "`effort`, or with `effort = 0` in its place"
-            ),
+            Key("on squares of the controls less what holds the weight; beside or in place of `effort`"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

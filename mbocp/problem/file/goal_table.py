@@ -44,7 +44,7 @@ class GoalMemberTable(Table):
     a: Annotated[
         RateOrFree,
         Key(
-            "acceleration at the end: `a = 0` with `v = 0` for a smooth stop",
+            "acceleration at the end; 0 with `v = 0`: a smooth stop",
             "m/s^2, rad/s^2",
             "0 of joints that stop and have limited jerk, else nothing",
         ),
@@ -63,8 +63,7 @@ class GoalMemberTable(Table):
         str | None,
         choice(ENFORCE),
         Key(
-            '`"exact"` (gamma = 1), `"penalty"` (beta_T), `"both"`, or `"none"`: then the goal is at most '
-            "the target of the tracking cost",
+            '`"none"`: the goal is at most the target of the tracking cost',
             "",
             '`"exact"` if the goal says anything, else `"none"`',
         ),

@@ -63,7 +63,7 @@ class GroundTable(Table):
     ] = None
     lift: Annotated[
         NonNegative,
-        Key("how far feet in the air are above the ground in the middle of a swing at least", "m"),
+        Key("least height of feet in the middle of a swing", "m"),
     ] = 0.0
     meeting: Annotated[
         str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest already')

@@ -27,10 +27,7 @@ class LimitsTable(Table):
 
     profile: Annotated[
         ProfileName,
-        Key(
-            "[limits that a maker publishes](profiles.md), by name or file; `true`: by the robot's name. "
-            "Keys beside it take the place of its own"
-        ),
+        Key("[limits that a maker publishes](profiles.md), by name or file; `true`: by the robot's name"),
     ] = None
     effort: Annotated[Limits, Key("[limits](#limits) of the controls; `true`: the robot's own", "N, N m")] = (
         None
@@ -38,8 +35,7 @@ class LimitsTable(Table):
     effort_rms: Annotated[
         Sizes,
         Key(
-            "of the [root mean squares](#root-mean-squares) of the controls over the whole motion, which "
-            "heat motors",
+            "of the [root mean squares](#root-mean-squares) of the controls",
             "N, N m",
         ),
     ] = None

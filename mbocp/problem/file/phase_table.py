@@ -62,7 +62,7 @@ class HorizonTable(Table):
     lengths: Annotated[
         list[Positive] | None,
         Key(
-            "in place of `steps`: the length of each; their sum is the duration, which may be left out",
+            "in place of `steps`: the length of each; their sum is the duration",
             "s",
             takes="list of numbers > 0",
         ),
@@ -161,10 +161,7 @@ class PhaseTable(Table):
     release: Annotated[
         list[ReleaseTable],
         RELEASED,
-        Key(
-            'constraints of the robot that do not hold; `{ name = string, meeting = "soft" }` says how they '
-            "are taken on again"
-        ),
+        Key("constraints of the robot that do not hold"),
     ] = Field(default_factory=list)
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]

@@ -31,7 +31,7 @@ class ViaTable(Table):
     time: Annotated[
         ViaTime,
         Key(
-            "when it holds: at the nearest node; or [when the motion passes it](#free-times)",
+            "when it holds, at the nearest node, or [when it is passed](#free-times)",
             "s",
             "`via.share`",
         ),
@@ -39,7 +39,7 @@ class ViaTable(Table):
     share: Annotated[
         Finite | None,
         Key(
-            "in place of a time; beside a free one the part of the steps that lead there",
+            "in place of a time; of a free one the part of the steps until there",
             "part of the horizon",
             "`via.time`",
         ),
