@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
@@ -41,8 +40,7 @@ def without_end_rows(
     """
     pieces = _fewer(formulation.pieces, rows)
     programme = _with_end_of(formulation.programme, formulation.pieces, pieces, deadline)
-    fields = {"programme": programme, "end_rows": pieces.end_rows, "pieces": pieces}  # every one has them
-    return cast(Formulation, replace(cast(Any, formulation), **fields))
+    return replace(formulation, programme=programme, end_rows=pieces.end_rows, pieces=pieces)
 
 
 def _fewer(pieces: Pieces, rows: Sequence[int]) -> Pieces:

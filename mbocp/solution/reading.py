@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -165,7 +165,7 @@ def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tup
         problem = replace(problem, parameter=found)
     begin = asked.q_start if asked.start_free is None else motion.qs[0]
     told = replace(asked, robot=problem.robot, parameter=problem.parameter, q_start=begin)
-    return cast(Formulation, replace(cast(Any, formulation), problem=problem)), told
+    return replace(formulation, problem=problem), told
 
 
 def judge(
