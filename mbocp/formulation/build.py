@@ -30,7 +30,7 @@ from mbocp.formulation.parameters import (
     parameter_layout,
     path_parameters,
 )
-from mbocp.formulation.rows import RowLabels, row_describer
+from mbocp.formulation.rows import RowDescriber, RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import LATER, build_first_functions, build_functions
@@ -173,9 +173,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         rows_are_gaps=signature.steps.rows_are_gaps,
         dt=problem.dt,
         control_weight=control_weight_of(problem),
-        describe_row=row_describer(
-            problem, space, signature.features, at, pieces.end_rows, pieces.labels, bounds
-        ),
+        describe_row=RowDescriber(pieces, bounds),
         units=units_of(problem, signature, at, pieces.algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=problem.timeline.has_free_lengths,

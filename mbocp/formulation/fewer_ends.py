@@ -14,7 +14,7 @@ from mbocp.formulation.build import Pieces, load_end_functions
 from mbocp.formulation.goal import EndTarget
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import concatenate
-from mbocp.formulation.rows import row_describer
+from mbocp.formulation.rows import RowDescriber
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme
 
@@ -76,15 +76,7 @@ def _with_end_of(
         ),
         rho_terminal=concatenate(numbers, layout.terminal),
         terminal_weights=layout.weighing(layout.terminal),
-        describe_row=row_describer(
-            problem,
-            pieces.space,
-            signature.features,
-            pieces.layout,
-            pieces.end_rows,
-            pieces.labels,
-            programme.bounds,
-        ),
+        describe_row=RowDescriber(pieces, programme.bounds),
         units=replace(programme.units, terminal=of_force, end_rows=force_rows),
     )
 
