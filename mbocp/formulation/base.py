@@ -18,10 +18,11 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.build import Pieces, build_programme
+from mbocp.formulation.build import build_programme
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
+from mbocp.formulation.pieces import Pieces
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import Space
 from mbocp.mechanics.diagnostics import ConstraintViolation

@@ -10,10 +10,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.build import Pieces, load_end_functions
+from mbocp.formulation.build import load_end_functions
 from mbocp.formulation.goal import EndTarget
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import concatenate
+from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.rows import RowDescriber
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,16 +12,13 @@ from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import acceleration_rows
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.robot import Label
 from mbocp.terms import PeriodicEnd
-
-if TYPE_CHECKING:
-    from mbocp.formulation.build import Pieces
 
 
 @dataclass(frozen=True)
@@ -41,31 +37,6 @@ class _Times:
     @property
     def end(self) -> str:
         return "at the end" if self.duration is None else f"at t = {self.duration:g} s"
-
-
-@dataclass(frozen=True)
-class RowLabels:
-    """Names of what the rows of a step speak of.
-
-    Attributes
-    ----------
-    positions : tuple of Label
-        Of the kinematic rows, where these are as many as tangent directions.
-    balance : str
-        What the rows after them are: a balance of momenta, or rates.
-    speeds : tuple of Label
-        Of these rows.
-    constraints : tuple of Label
-        Of the constraints' rows.
-    of_stages : tuple of str
-        What the rows before those are, where a step has stages.
-    """
-
-    positions: tuple[Label, ...]
-    balance: str
-    speeds: tuple[Label, ...]
-    constraints: tuple[Label, ...] = ()
-    of_stages: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

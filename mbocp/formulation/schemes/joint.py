@@ -11,12 +11,12 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals, Formulation
-from mbocp.formulation.build import Pieces, check_size
+from mbocp.formulation.build import check_size
 from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.base import Duals, Formulation
-from mbocp.formulation.build import Pieces, check_size, signature_of
+from mbocp.formulation.build import check_size, signature_of
 from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
@@ -24,7 +24,7 @@ from mbocp.formulation.features.switches import (
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
 from mbocp.formulation.schemes.joint import (

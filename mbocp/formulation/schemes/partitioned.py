@@ -14,7 +14,7 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
