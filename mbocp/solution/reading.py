@@ -26,7 +26,7 @@ from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
