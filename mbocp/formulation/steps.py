@@ -54,16 +54,6 @@ class RunningCost(Protocol):
         """
 
 
-def _free_of_cost(
-    q: ca.SX,
-    v: ca.SX,
-    acceleration: Callable[[], ca.SX],
-    share: float | None = None,
-    control: ca.SX | None = None,
-) -> ca.SX:
-    return ca.SX(0)
-
-
 class StepDerivatives(NamedTuple):
     """Rows and cost of a step with their derivatives in z = (x1, y, x0, u), at zero tangents."""
 
@@ -162,7 +152,7 @@ class StepSymbols:
     of_found: Callable[[ca.SX], Mechanics] | None = None
     follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}
     own_rows: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
-    running_cost: RunningCost = _free_of_cost
+    running_cost: RunningCost = lambda *_, **__: ca.SX(0)
 
     @property
     def has_before(self) -> ca.SX:
