@@ -18,7 +18,7 @@ from mbocp.cli.app import app_for
 from mbocp.problem.file.keys_page import update_page
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.solution.records import Status
 from mbocp.storage.content import QUANTITIES
 

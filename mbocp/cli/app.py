@@ -76,6 +76,7 @@ def _switch(names: str, words: str) -> Any:
 
 ProblemFile = Annotated[Path, _argument("FILE", "Problem file (TOML).")]
 ResultFile = Annotated[Path, _argument("RESULT", "What `mbocp solve -o` wrote.")]
+ProblemOrResult = Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")]
 Robot = Annotated[str, _argument("ROBOT", "Robot, by name or path of its URDF.")]
 PackageDirs = Annotated[
     list[Path] | None, _option("--package-dir", "DIR", "Folder with ROS packages (meshes). Repeatable.")
@@ -115,15 +116,6 @@ def _main(
     pass
 
 
-def _options(
-    package_dirs: list[Path] | None,
-    free_flyer: bool | None,
-    dynamics: bool | None,
-    locks: list[str] | None,
-) -> RobotOptions:
-    return RobotOptions(tuple(package_dirs or ()), free_flyer, dynamics, tuple(locks or ()))
-
-
 @_command
 def new(
     name: Robot,
@@ -141,7 +133,7 @@ def new(
     """
     from mbocp.cli.new import write_new
 
-    write_new(name, output, _options(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
+    write_new(name, output, RobotOptions(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
 
 
 @_command
@@ -227,7 +219,7 @@ def check(
 
 @_command
 def explain(
-    file: Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")],
+    file: ProblemOrResult,
     settings: Settings = None,
     search: Annotated[
         bool, _switch("--search/--no-search", "Solve with wider limits, to see which is in the way.")
@@ -246,7 +238,7 @@ def explain(
 
 @_command
 def bound(
-    file: Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")],
+    file: ProblemOrResult,
     settings: Settings = None,
     as_json: Json = False,
 ) -> None:
@@ -431,7 +423,7 @@ def robots(
     if name is None:
         print_robots(as_json=as_json)
     else:
-        print_robot(name, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
+        print_robot(name, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
 @_command
@@ -450,7 +442,7 @@ def spheres(
     from mbocp.cli.spheres import print_spheres
 
     signals.leave_in_order()
-    print_spheres(name, replay, _options(package_dir, free_flyer, dynamics, lock), as_json=as_json)
+    print_spheres(name, replay, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
 @_command
@@ -532,7 +524,7 @@ def identify(
 
     asked = Asked(held_out, payload, friction, rotors, offsets, friction_speed, tuple(torque_constant or ()))
     signals.leave_in_order()
-    options = _options(package_dir, None, None, lock)
+    options = RobotOptions(package_dir, None, None, lock)
     identify_robot(name, log, options, asked, out, plot, as_json=as_json, quiet=quiet)
 
 

@@ -19,20 +19,20 @@ class RobotOptions:
 
     Parameters
     ----------
-    package_dirs : sequence of Path
+    package_dirs : sequence of Path, optional
         Folders that hold the packages of ``package://`` addresses.
     free_flyer : bool, optional
         Whether the root link floats; None: what the robot says.
     dynamics : bool, optional
         Whether forces move the robot; None: what the robot says.
-    locks : sequence of str
+    locks : sequence of str, optional
         ``JOINT``, or ``JOINT=VALUE`` with an angle [rad] or a length [m].
     """
 
-    package_dirs: Sequence[Path] = ()
+    package_dirs: Sequence[Path] | None = None
     free_flyer: bool | None = None
     dynamics: bool | None = None
-    locks: Sequence[str] = ()
+    locks: Sequence[str] | None = None
 
     def table(self, name: str) -> dict[str, Any]:
         """The table `[robot]` of a problem file that says the same, with absolute folders."""
@@ -41,7 +41,7 @@ class RobotOptions:
             if getattr(self, key) is not None:
                 table[key] = getattr(self, key)
         if self.locks:
-            table["lock"] = self._lock(name)
+            table["lock"] = _lock(self.locks)
         if self.package_dirs:
             table["package_dirs"] = [str(folder.resolve()) for folder in self.package_dirs]
         return table
@@ -58,16 +58,17 @@ class RobotOptions:
 
         return robot_from_spec(self.table(name))
 
-    def _lock(self, name: str) -> list[str] | dict[str, float]:
-        pairs = [lock.partition("=") for lock in self.locks]
-        if not any(sign for _, sign, _ in pairs):
-            return [joint for joint, _, _ in pairs]
-        values = {}
-        for joint, sign, text in pairs:
-            if not sign:
-                raise RobotError(f"--lock {joint}: give each joint a value, JOINT=VALUE, or none of them")
-            try:
-                values[joint] = float(text)
-            except ValueError:
-                raise RobotError(f"--lock {joint}={text}: expected a number [rad, m]") from None
-        return values
+
+def _lock(locks: Sequence[str]) -> list[str] | dict[str, float]:
+    pairs = [lock.partition("=") for lock in locks]
+    if not any(sign for _, sign, _ in pairs):
+        return [joint for joint, _, _ in pairs]
+    values = {}
+    for joint, sign, text in pairs:
+        if not sign:
+            raise RobotError(f"--lock {joint}: give each joint a value, JOINT=VALUE, or none of them")
+        try:
+            values[joint] = float(text)
+        except ValueError:
+            raise RobotError(f"--lock {joint}={text}: expected a number [rad, m]") from None
+    return values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -19,7 +19,7 @@ from mbocp.formulation.features.kinds import features_of
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.features.switches import has_step_before
-from mbocp.formulation.goal import EndRows, EndTarget, acceleration_rows, frame_ends
+from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
@@ -27,18 +27,16 @@ from mbocp.formulation.parameters import (
     ParameterLayout,
     concatenate,
     mask,
-    parameter_layout,
     path_parameters,
 )
-from mbocp.formulation.rows import RowLabels, row_describer
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.rows import RowDescriber
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import LATER, build_first_functions, build_functions
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.tightening import tighten
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import Space
 from mbocp.problem import Problem
 from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
@@ -48,64 +46,11 @@ from mbocp.terms import (
     AccelerationEnd,
     ExactGoal,
     Follow,
-    Sizes,
     TerminalCost,
     TermNumbers,
     own_ends,
     running_terms,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Pieces:
-    """What a formulation chooses, and a programme is made of.
-
-    Attributes
-    ----------
-    problem : Problem
-    joints : ConfigurationSpace
-        Of the joints, which costs and goals speak of.
-    space : Space
-        Of the states.
-    signature : FunctionSignature
-        What the stage functions depend on.
-    layout : StateLayout
-    algebraic : Algebraic
-        Unknowns of a step beside states and controls: multipliers of constraints, and those of stages.
-    groups : tuple of (int, int, tuple of int)
-        See `StageKind`.
-    end_rows : EndRows
-        Projections of the end condition, of the joints.
-    end : EndTarget
-        The end condition in the states' coordinates.
-    turning : ndarray, shape (ndx,)
-        See `StageKind`.
-    x_start : ndarray, shape (nx,)
-    speed_bounds : tuple of ndarray, shapes (ns,), (1, ns) or (N, ns)
-        Lower and upper ones.
-    labels : RowLabels
-        Names for messages.
-    """
-
-    problem: Problem
-    joints: ConfigurationSpace
-    space: Space
-    signature: FunctionSignature
-    layout: StateLayout
-    algebraic: Algebraic
-    groups: tuple[tuple[int, int, tuple[int, ...]], ...]
-    end_rows: EndRows
-    end: EndTarget
-    turning: Array
-    x_start: Array
-    speed_bounds: tuple[Array, Array]
-    labels: RowLabels
-
-    @property
-    def parameters(self) -> ParameterLayout:
-        """Pieces of the programme's parameters."""
-        space, joints, robot = self.space, self.joints, self.problem.robot
-        return parameter_layout(self.signature, Sizes(space.nz, space.nv, robot.nu, joints.nz, robot.nv))
 
 
 def needs_plain_states(problem: Problem) -> bool:
@@ -173,9 +118,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         rows_are_gaps=signature.steps.rows_are_gaps,
         dt=problem.dt,
         control_weight=control_weight_of(problem),
-        describe_row=row_describer(
-            problem, space, signature.features, at, pieces.end_rows, pieces.labels, bounds
-        ),
+        describe_row=RowDescriber(pieces, bounds),
         units=units_of(problem, signature, at, pieces.algebraic, layout),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=problem.timeline.has_free_lengths,

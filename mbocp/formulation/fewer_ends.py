@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.build import Pieces, load_end_functions
+from mbocp.formulation.build import load_end_functions
 from mbocp.formulation.goal import EndTarget
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import concatenate
-from mbocp.formulation.rows import row_describer
+from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.rows import RowDescriber
 from mbocp.formulation.units import units_of_end
 from mbocp.programme import StagewiseProgramme
 
@@ -41,8 +41,7 @@ def without_end_rows(
     """
     pieces = _fewer(formulation.pieces, rows)
     programme = _with_end_of(formulation.programme, formulation.pieces, pieces, deadline)
-    fields = {"programme": programme, "end_rows": pieces.end_rows, "pieces": pieces}  # every one has them
-    return cast(Formulation, replace(cast(Any, formulation), **fields))
+    return replace(formulation, programme=programme, end_rows=pieces.end_rows, pieces=pieces)
 
 
 def _fewer(pieces: Pieces, rows: Sequence[int]) -> Pieces:
@@ -78,15 +77,7 @@ def _with_end_of(
         ),
         rho_terminal=concatenate(numbers, layout.terminal),
         terminal_weights=layout.weighing(layout.terminal),
-        describe_row=row_describer(
-            problem,
-            pieces.space,
-            signature.features,
-            pieces.layout,
-            pieces.end_rows,
-            pieces.labels,
-            programme.bounds,
-        ),
+        describe_row=RowDescriber(pieces, programme.bounds),
         units=replace(programme.units, terminal=of_force, end_rows=force_rows),
     )
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, cast
 
 from mbocp.formulation.base import Formulation
 from mbocp.integrators import PAIRS, TABLEAUX
@@ -76,7 +75,7 @@ def with_compiled_functions(formulation: Formulation) -> Formulation:
         If the compiler refuses the generated code, or nothing can be written.
     """
     programme = formulation.programme.compile()
-    return cast(Formulation, replace(cast(Any, formulation), programme=programme))
+    return replace(formulation, programme=programme)
 
 
 def _formulate(problem: Problem, deadline: float) -> Formulation:

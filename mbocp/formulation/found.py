@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, cast
 
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.motion import Motion
@@ -15,4 +14,4 @@ def at_found(formulation: Formulation, motion: Motion) -> Formulation:
     if not names:
         return formulation
     found = problem.with_found(dict(zip(names, motion.found.tolist(), strict=True)))
-    return cast(Formulation, replace(cast(Any, formulation), problem=found))
+    return replace(formulation, problem=found)

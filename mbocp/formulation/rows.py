@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
-from mbocp.formulation.features.feature import Feature, join
+from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends
-from mbocp.formulation.goal import EndRows, acceleration_rows
+from mbocp.formulation.goal import acceleration_rows
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.robot import Label
 from mbocp.terms import PeriodicEnd
 
 
@@ -37,31 +37,6 @@ class _Times:
     @property
     def end(self) -> str:
         return "at the end" if self.duration is None else f"at t = {self.duration:g} s"
-
-
-@dataclass(frozen=True)
-class RowLabels:
-    """Names of what the rows of a step speak of.
-
-    Attributes
-    ----------
-    positions : tuple of Label
-        Of the kinematic rows, where these are as many as tangent directions.
-    balance : str
-        What the rows after them are: a balance of momenta, or rates.
-    speeds : tuple of Label
-        Of these rows.
-    constraints : tuple of Label
-        Of the constraints' rows.
-    of_stages : tuple of str
-        What the rows before those are, where a step has stages.
-    """
-
-    positions: tuple[Label, ...]
-    balance: str
-    speeds: tuple[Label, ...]
-    constraints: tuple[Label, ...] = ()
-    of_stages: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -101,16 +76,26 @@ class _RowWords:
 
 
 @dataclass(frozen=True, eq=False)
-class _WordsLater:
-    """The same, made when a row is asked for: few solves do."""
+class RowDescriber:
+    """The same, made when a row is asked for: few solves do.
 
-    make: Callable[[], _RowWords]
+    Attributes
+    ----------
+    pieces : Pieces
+        Of the programme.
+    bounds : StateBounds
+    """
+
+    pieces: Pieces
+    bounds: StateBounds
 
     @cached_property
     def words(self) -> _RowWords:
-        return self.make()
+        """What can be sent to another process."""
+        return _row_words(self.pieces, self.bounds)
 
     def __call__(self, stage: int, row: int) -> str:
+        """Say what a row is."""
         return self.words(stage, row)
 
     def __reduce__(self) -> tuple[Callable[[_RowWords], _RowWords], tuple[_RowWords]]:
@@ -121,34 +106,14 @@ def _as_they_are(words: _RowWords) -> _RowWords:
     return words
 
 
-def row_describer(
-    problem: Problem,
-    space: Space,
-    features: Sequence[Feature],
-    at: StateLayout,
-    rows: EndRows,
-    labels: RowLabels,
-    bounds: StateBounds,
-) -> Callable[[int, int], str]:
-    """(stage, row) -> words, see `StagewiseProgramme.describe_row`."""
-    return _WordsLater(partial(_row_words, problem, space, features, at, rows, labels, bounds))
-
-
-def _row_words(
-    problem: Problem,
-    space: Space,
-    features: Sequence[Feature],
-    at: StateLayout,
-    rows: EndRows,
-    labels: RowLabels,
-    bounds: StateBounds,
-) -> _RowWords:
-    robot, of_end = problem.robot, tuple(rows.words(problem.robot, problem.goal))
+def _row_words(pieces: Pieces, bounds: StateBounds) -> _RowWords:
+    problem, features, labels = pieces.problem, pieces.signature.features, pieces.labels
+    robot, of_end = problem.robot, tuple(pieces.end_rows.words(problem.robot, problem.goal))
     for term in problem.terms:
         of_end += (term.name,) * (term.trace(robot).rows if term.role == "end" else 0)
     for row in acceleration_rows(problem) if problem.sets_acceleration.any() else ():
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
-    of_end += _start_words(problem, space)
+    of_end += _start_words(problem, pieces.space)
     is_free = bool(problem.timeline.num_lengths or problem.timeline.impacts)
     times = _Times(
         problem.num_steps,
@@ -156,12 +121,12 @@ def _row_words(
         duration=problem.duration if problem.duration_range is None else None,
     )
     return _RowWords(
-        at,
+        pieces.layout,
         labels,
         times,
         of_end,
         bounds,
-        limits=tuple(_limits(problem, space, features, at, labels.speeds)),
+        limits=tuple(_limits(pieces)),
         blocks=tuple(word for f in features for word in f.row_words(problem, labels.speeds)),
     )
 
@@ -181,35 +146,24 @@ def _start_words(problem: Problem, space: Space) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _limits(
-    problem: Problem,
-    space: Space,
-    features: Sequence[Feature],
-    at: StateLayout,
-    speeds: tuple[Label, ...],
-) -> list[str]:
+def _limits(pieces: Pieces) -> list[str]:
     """What limits of the entries of a state, of the controls and of the path functions are called."""
-    words = _state_limits(problem, space, features, at, speeds)
+    problem, features, words = pieces.problem, pieces.signature.features, _state_limits(pieces)
     path = [f"path constraint {label.name!r}" for constraint in problem.path for label in constraint.labels]
     path += [f"limit of {label.name}" for limit in problem.limits_of_rates for label in limit.labels]
     of_controls = [word for feature in features for word in feature.control_words(problem)]
-    return [*(words.get(i, f"limit of state {i + 1}") for i in range(at.nx)), *of_controls, *path]
+    return [*(words.get(i, f"limit of state {i + 1}") for i in range(pieces.layout.nx)), *of_controls, *path]
 
 
-def _state_limits(
-    problem: Problem,
-    space: Space,
-    features: Sequence[Feature],
-    at: StateLayout,
-    speeds: tuple[Label, ...],
-) -> dict[int, str]:
+def _state_limits(pieces: Pieces) -> dict[int, str]:
     """Names of those of a state's entries that have one, by their places."""
+    problem, at, speeds = pieces.problem, pieces.layout, pieces.labels.speeds
     names = {at.s.start + i: f"velocity limit of {speeds[i].name}" for i in range(at.ns)}
-    for part in space.parts:
+    for part in pieces.space.parts:
         for i in range(min(part.at_q.stop - part.at_q.start, part.at_z.stop - part.at_z.start)):
             label = problem.robot.q_labels[part.at_q.start + i]
             names[part.at_z.start + i] = f"position limit of {label.name}"
-    words = join(feature.state_words(problem) for feature in features)
+    words = join(feature.state_words(problem) for feature in pieces.signature.features)
     for name in words.keys() & at.states.keys():
         where = at.states[name]
         names |= dict.fromkeys(range(where.start, where.stop), words[name])

@@ -1,14 +1,15 @@
 """What a formulation says of its steps: which equations they are, and all that follows from their kind.
 
-A formulation supplies one frozen value of a class that has the attributes and methods of `Steps`. The rest of
-the folder asks that value, and never which one it is.
+A formulation supplies one frozen value of a class of `Steps`. The rest of the folder asks that value, and
+never which one it is.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 
@@ -16,7 +17,7 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
-from mbocp.mechanics import Mechanics
+from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.robot import Robot
 
 HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
@@ -51,16 +52,6 @@ class RunningCost(Protocol):
 
         `control`: that of the share, in the user's units; None: the one of the step.
         """
-
-
-def _free_of_cost(
-    q: ca.SX,
-    v: ca.SX,
-    acceleration: Callable[[], ca.SX],
-    share: float | None = None,
-    control: ca.SX | None = None,
-) -> ca.SX:
-    return ca.SX(0)
 
 
 class StepDerivatives(NamedTuple):
@@ -161,7 +152,7 @@ class StepSymbols:
     of_found: Callable[[ca.SX], Mechanics] | None = None
     follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}
     own_rows: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
-    running_cost: RunningCost = _free_of_cost
+    running_cost: RunningCost = lambda *_, **__: ca.SX(0)
 
     @property
     def has_before(self) -> ca.SX:
@@ -230,67 +221,30 @@ class StepSymbols:
         return self.units_of_u * within(self.shares, self.values, share)
 
 
-class Steps(Protocol):
-    """Steps of a formulation with some scheme."""
-
-    @property
-    def state_key(self) -> Mapping[str, Any]:
-        """What tells the states apart in the cache: the words "coordinates" and "rotations"."""
-
-    @property
-    def stage_key(self) -> Mapping[str, Any]:
-        """What else the functions of a step depend on: the words "scheme", "lie" and "substeps"."""
-
-    @property
-    def end_key(self) -> Mapping[str, Any]:
-        """What else the functions of the end depend on: the word "scheme"."""
-
-    @property
-    def rows_are_gaps(self) -> bool:
-        """Whether rows are F(x0, u) - x1, in the units of states; others balance momenta."""
-
-    @property
-    def takes_numbers(self) -> bool:
-        """Whether functions take what varies of a robot as parameters, see `Robot.varying`."""
-
-    @property
-    def parameters(self) -> Mapping[str, int]:
-        """Names and sizes of parameters beside step length and unit of force."""
-
-    @property
-    def tau(self) -> float:
-        """Where in a step its running cost is evaluated, between 0 and 1."""
-
-    @property
-    def remedy(self) -> str:
-        """What to do where the functions become too large."""
-
-    def operations(self, nv: int) -> float:
-        """Operations of a step with its derivatives, to within a factor of ten or so."""
-
-    def mechanics(self, robot: Robot) -> Mechanics:
-        """Equations of motion in the form that the steps ask for."""
-
-    def num_algebraic(self, mechanics: Mechanics) -> int:
-        """Unknowns of a step beside states and controls: multipliers of constraints."""
-
-    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
-        """Rows and cost of a step, with exact first and second derivatives."""
-
-
 @dataclass(frozen=True)
-class EquationSteps:
-    """Steps that are equations between two states, with quaternions: what all of them have in common."""
+class Steps(ABC):
+    """Steps of a formulation with some scheme; members that a class does not define are those of the joints.
+
+    Attributes
+    ----------
+    scheme : str
+    coordinates : str
+        Of the states.
+    rows_are_gaps : bool
+        Whether rows are F(x0, u) - x1, in the units of states; others balance momenta.
+    takes_numbers : bool
+        Whether functions take what varies of a robot as parameters, see `Robot.varying`.
+    """
 
     scheme: str
 
-    coordinates: ClassVar[str]
+    coordinates = "joint"
     rows_are_gaps = False
     takes_numbers = True
 
     @property
     def state_key(self) -> Mapping[str, str]:
-        """What tells the states apart."""
+        """What tells the states apart in the cache."""
         return {"coordinates": self.coordinates, "rotations": "quaternion"}
 
     @property
@@ -301,9 +255,35 @@ class EquationSteps:
     @property
     def end_key(self) -> Mapping[str, str]:
         """What else the functions of the end depend on."""
-        return {"scheme": "implicit"}
+        return {"scheme": "explicit" if self.rows_are_gaps else "implicit"}
 
     @property
     def parameters(self) -> Mapping[str, int]:
-        """None of their own."""
+        """Names and sizes of parameters beside step length and unit of force."""
         return {}
+
+    @property
+    @abstractmethod
+    def tau(self) -> float:
+        """Where in a step its running cost is evaluated, between 0 and 1."""
+
+    @property
+    @abstractmethod
+    def remedy(self) -> str:
+        """What to do where the functions become too large."""
+
+    @abstractmethod
+    def operations(self, nv: int) -> float:
+        """Operations of a step with its derivatives, to within a factor of ten or so."""
+
+    def mechanics(self, robot: Robot) -> Mechanics:
+        """Equations of motion in the form that the steps ask for."""
+        return JointMechanics(robot, numbers=symbols_of(robot))
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """Unknowns of a step beside states and controls: one impulse for each constraint."""
+        return mechanics.nc
+
+    @abstractmethod
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""

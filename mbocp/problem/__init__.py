@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from mbocp.problem.contact_force import ContactForce
     from mbocp.problem.cost import Cost
     from mbocp.problem.file.load import load_problem, parse_problem
-    from mbocp.problem.file.write import problem_to_toml
+    from mbocp.problem.file.tables import problem_to_toml
     from mbocp.problem.goals.goal import Goal
     from mbocp.problem.guess import Guess
     from mbocp.problem.integration import Stabilisation

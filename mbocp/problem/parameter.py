@@ -58,12 +58,12 @@ class Parameter:
         return OF_ROBOT + self.words[0]
 
 
-def opened_robot(robot: Robot, parameters: Sequence[Parameter]) -> Robot:
+def opened_robot(robot_of_file: Robot, parameter: Sequence[Parameter]) -> Robot:
     """Return the robot with parameters at their starts, whose functions take them."""
-    if not parameters:
-        return robot
-    at_start = with_values(robot, parameters, [one.start for one in parameters])
-    return opened_for(at_start, [word for one in parameters for word in one.words])
+    if not parameter:
+        return robot_of_file
+    at_start = with_values(robot_of_file, parameter, [one.start for one in parameter])
+    return opened_for(at_start, [word for one in parameter for word in one.words])
 
 
 def with_values(robot: Robot, parameters: Sequence[Parameter], values: Sequence[float] | Array) -> Robot:

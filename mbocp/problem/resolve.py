@@ -188,17 +188,6 @@ def _acting(
     return table, with_contacts(path_of_frames, robot, scheme, table)
 
 
-def _via(
-    robot: Robot,
-    said_via: tuple[ViaPoint, ...],
-    phase: tuple[Phase, ...],
-    horizon: Horizon,
-    q_start: Array,
-    limits: Bounds,
-) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
-    return ordered_via(robot, said_via, phase, horizon, q_start, limits)
-
-
 def free_at_end(robot: Robot, switches: SwitchTable | None, q: Array) -> Array:
     """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
     if switches is None:
@@ -310,7 +299,7 @@ RESOLVE = (
     Step.of(_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),
-    Step.of(_via, "via_in_order", "nodes_of_via"),
+    Step.of(ordered_via, "via_in_order", "nodes_of_via"),
     Step.of(_goal, "goal_at_pose"),
     Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),

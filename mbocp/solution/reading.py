@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
@@ -165,7 +165,7 @@ def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tup
         problem = replace(problem, parameter=found)
     begin = asked.q_start if asked.start_free is None else motion.qs[0]
     told = replace(asked, robot=problem.robot, parameter=problem.parameter, q_start=begin)
-    return cast(Formulation, replace(cast(Any, formulation), problem=problem)), told
+    return replace(formulation, problem=problem), told
 
 
 def judge(

@@ -17,7 +17,7 @@ from mbocp.cli.app import app
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from tests.phases.test_holds import hits
 from tests.phases.test_partings import thrown
 

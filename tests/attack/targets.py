@@ -17,7 +17,7 @@ import numpy as np
 from mbocp.cli import main as command_line
 from mbocp.cli.summary import solution_rows
 from mbocp.problem import load_problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.robot import describe, load_robot
 from mbocp.solution import Solution
 from mbocp.solving import solve

@@ -17,7 +17,7 @@ import mbocp
 from mbocp.accuracy.flow import Flow
 from mbocp.formulation import formulate, transcribe
 from mbocp.problem import Problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.programme.compiler import compiler
 from mbocp.robot import Payload, Robot, load_robot
 from mbocp.study import Study, run_study

@@ -16,7 +16,7 @@ from mbocp._files import parse_toml
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem.file.build import problem_from_tables
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.newton_method.newton import start
 

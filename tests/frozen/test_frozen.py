@@ -11,7 +11,7 @@ import pytest
 
 from mbocp._files import parse_toml
 from mbocp.problem import parse_problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
 
 pytestmark = pytest.mark.usefixtures("interpreted")

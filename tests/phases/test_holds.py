@@ -16,7 +16,7 @@ from mbocp.cli.app import app
 from mbocp.exceptions import MbocpError
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.timeline.hold import Hold, Release
 from tests.holds.cases import four_bar, pendulum
 

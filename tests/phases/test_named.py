@@ -13,7 +13,7 @@ from mbocp import Problem, load_robot
 from mbocp.exceptions import MbocpError
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from tests.timelines import numbers_of
 
 UR5 = load_robot("ur5")

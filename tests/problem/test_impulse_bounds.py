@@ -11,7 +11,7 @@ import mbocp
 from mbocp import Problem, Solution
 from mbocp._arrays import Array
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from tests.holds.cases import pendulum
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -12,7 +12,7 @@ import mbocp
 from mbocp.cli.export import export_result
 from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.sent import motion_as_sent
-from mbocp.solution.sent_torques import has_torques, torque_excesses, torques_along
+from mbocp.solution.sent_checks import has_torques, torque_excesses, torques_along
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

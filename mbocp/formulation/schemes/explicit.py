@@ -17,7 +17,7 @@ from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.schemes.joint import (
@@ -45,7 +45,6 @@ class ExplicitFormulation(JointFormulation):
     """
 
     end_rows_may_depend = True
-    keeps_adjoints = False
     solves_for_lams = False
     tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
@@ -69,7 +68,7 @@ class ExplicitFormulation(JointFormulation):
         words = RowLabels(robot.v_labels, "rate", robot.speed_labels)
         start_speeds = robot.speeds(problem.q_start, problem.v_start)
         own = (impulses(0, problem.dt), start_speeds, free_speed_bounds(problem))
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
 
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""

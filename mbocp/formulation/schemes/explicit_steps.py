@@ -10,7 +10,7 @@ import casadi as ca
 
 from mbocp.formulation.features.accelerations import rate_of_speeds
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.steps import StepDerivatives, StepSymbols
+from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
@@ -22,7 +22,7 @@ _OPERATIONS = 3000  # of "complete" by nv^2 and stage of the method
 
 
 @dataclass(frozen=True)
-class ExplicitSteps:
+class ExplicitSteps(Steps):
     """Maps from a state to the next one; see `Steps`.
 
     Attributes
@@ -37,29 +37,22 @@ class ExplicitSteps:
         Steps of equal length in each.
     """
 
-    scheme: str
     rotations: str
     lie: str
     substeps: int
 
     rows_are_gaps = True
-    takes_numbers = True
     tau = 0.0
 
     @property
     def state_key(self) -> Mapping[str, str]:
         """What tells the states apart."""
-        return {"coordinates": "joint", "rotations": self.rotations}
+        return {"coordinates": self.coordinates, "rotations": self.rotations}
 
     @property
     def stage_key(self) -> Mapping[str, str | int]:
         """What else the functions of a step depend on."""
         return {"scheme": self.scheme, "lie": self.lie, "substeps": self.substeps}
-
-    @property
-    def end_key(self) -> Mapping[str, str]:
-        """What else the functions of the end depend on."""
-        return {"scheme": "explicit"}
 
     @property
     def parameters(self) -> Mapping[str, int]:

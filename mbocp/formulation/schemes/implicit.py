@@ -22,7 +22,7 @@ from mbocp.formulation.features.switches import (
 )
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.schemes.joint import (
@@ -33,7 +33,6 @@ from mbocp.formulation.schemes.joint import (
     tangent_duals,
 )
 from mbocp.formulation.start import consistent_velocity
-from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
 from mbocp.programme import Iterate, zero_multipliers
@@ -47,8 +46,6 @@ if TYPE_CHECKING:
 class ImplicitFormulation(JointFormulation):
     """States are (q, v) of the joints; steps are equations that hold between two of them."""
 
-    end_rows_may_depend = False
-
     @classmethod
     def of(cls, problem: Problem, *, deadline: float = math.inf) -> ImplicitFormulation:
         """See `mbocp.formulation.formulate`."""
@@ -60,7 +57,7 @@ class ImplicitFormulation(JointFormulation):
         labels = labels_of(problem)
         words = RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels)
         own = (impulses(len(labels), problem.dt), consistent_velocity(problem), problem.limits_along()["v"])
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
 
     @property
     def keeps_adjoints(self) -> bool:
@@ -71,20 +68,6 @@ class ImplicitFormulation(JointFormulation):
     def start_velocity(self) -> Array:
         """Velocity of the joints with which the steps begin, shape (nv,)."""
         return self.programme.x_start[self.layout.s]
-
-    @property
-    def tau(self) -> float:
-        """Where in a step the velocity is that its kinematics take."""
-        return VELOCITY_TAU[self.problem.scheme]
-
-    @property
-    def force_tau(self) -> float:
-        """Where in a step its forces are taken."""
-        return TAU[self.problem.scheme]
-
-    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
-        """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""

@@ -8,10 +8,10 @@ from functools import partial
 import casadi as ca
 
 from mbocp.formulation.features.accelerations import mean_acceleration
-from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
+from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
 from mbocp.integrators.switched import switched_point, switched_rows
-from mbocp.mechanics import JointMechanics, Mechanics, natural_mechanics, symbols_of
+from mbocp.mechanics import Mechanics, natural_mechanics
 from mbocp.robot import Robot
 
 _OPERATIONS = 525  # of "complete" by nv^2, with arms and chains
@@ -19,10 +19,9 @@ _OPERATIONS_BY_COORDINATE = 400  # of "complete" of bodies: they grow with their
 
 
 @dataclass(frozen=True)
-class ImplicitSteps(EquationSteps):
+class ImplicitSteps(Steps):
     """Equations between two states in joint coordinates; see `Steps`."""
 
-    coordinates = "joint"
     remedy = 'Take coordinates = "natural", or lock joints'
 
     @property
@@ -34,31 +33,42 @@ class ImplicitSteps(EquationSteps):
         """Second derivatives of a tree are dense."""
         return float(_OPERATIONS * nv**2)
 
-    def mechanics(self, robot: Robot) -> Mechanics:
-        """Equations of motion of the joints."""
-        return JointMechanics(robot, numbers=symbols_of(robot))
-
-    def num_algebraic(self, mechanics: Mechanics) -> int:
-        """One impulse for each constraint."""
-        return mechanics.nc
-
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
-        """Rows and cost of a step, with exact first and second derivatives."""
-        return _derivatives(self.scheme, symbols)
+        """Kinematics, momentum balance, memory and constraints, with exact first and second derivatives."""
+        at, scheme = symbols, self.scheme
+        mechanics, space, layout = at.mechanics, at.space, at.space.layout
+        dt, force = at.dt, at.given["force"]
+        before = State(at.at0[layout.z], at.at0[layout.s])
+        after = State(at.at1[layout.z], at.at1[layout.s])
+        impulse, difference = force * at.y, space.configuration_difference
+        states = (mechanics, scheme, before, after)
+        if at.switched is not None:
+            point = switched_point(*states, dt, at.switched)
+            own = (impulse, at.controls, dt, at.switched)
+            rows = switched_rows(*states, point, *own, difference=difference)
+        else:
+            point = evaluation_point(*states, dt)
+            rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)
+        momentum = (1.0 / force) * rows.momentum
+        c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.own_rows, rows.constraint))
+        cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
+        z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
+        hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
+        derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
+        others = [at.y, at.inputs, at.m, at.theta, at.rho]
+        c, cost, dc_dz, dl_dz, hessian = space.at_zero_tangents(
+            [at.x0, at.x1], derivatives, others, [at.d0, at.d1]
+        )
+        return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)
 
 
 @dataclass(frozen=True)
-class NaturalSteps(EquationSteps):
-    """Equations between two states of the bodies; see `Steps`."""
+class NaturalSteps(ImplicitSteps):
+    """Equations between two states of the bodies; those of rigid bodies and joints are constraints, too."""
 
     coordinates = "natural"
     takes_numbers = False
     remedy = "Lock joints"
-
-    @property
-    def tau(self) -> float:
-        """Where in a step its running cost is evaluated."""
-        return TAU[self.scheme]
 
     def operations(self, nv: int) -> float:
         """Bodies know their neighbours alone."""
@@ -67,39 +77,3 @@ class NaturalSteps(EquationSteps):
     def mechanics(self, robot: Robot) -> Mechanics:
         """Equations of motion of the bodies."""
         return natural_mechanics(robot)
-
-    def num_algebraic(self, mechanics: Mechanics) -> int:
-        """One impulse for each constraint, those of rigid bodies and joints included."""
-        return mechanics.nc
-
-    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
-        """Rows and cost of a step, with exact first and second derivatives."""
-        return _derivatives(self.scheme, symbols)
-
-
-def _derivatives(scheme: str, at: StepSymbols) -> StepDerivatives:
-    """Kinematics, momentum balance, memory and constraints, with their derivatives."""
-    mechanics, space, layout = at.mechanics, at.space, at.space.layout
-    dt, force = at.dt, at.given["force"]
-    before = State(at.at0[layout.z], at.at0[layout.s])
-    after = State(at.at1[layout.z], at.at1[layout.s])
-    impulse, difference = force * at.y, space.configuration_difference
-    states = (mechanics, scheme, before, after)
-    if at.switched is not None:
-        point = switched_point(*states, dt, at.switched)
-        own = (impulse, at.controls, dt, at.switched)
-        rows = switched_rows(*states, point, *own, difference=difference)
-    else:
-        point = evaluation_point(*states, dt)
-        rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)
-    momentum = (1.0 / force) * rows.momentum
-    c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.own_rows, rows.constraint))
-    cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
-    z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
-    hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
-    derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
-    others = [at.y, at.inputs, at.m, at.theta, at.rho]
-    c, cost, dc_dz, dl_dz, hessian = space.at_zero_tangents(
-        [at.x0, at.x1], derivatives, others, [at.d0, at.d1]
-    )
-    return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)

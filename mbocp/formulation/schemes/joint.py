@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.base import Duals
-from mbocp.formulation.build import Pieces, build_programme, check_size
+from mbocp.formulation.base import Duals, Formulation
+from mbocp.formulation.build import check_size
 from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
@@ -30,49 +30,19 @@ from mbocp.terms import TermNumbers, running_terms
 if TYPE_CHECKING:
     from mbocp.problem import Problem
 
-F = TypeVar("F", bound="JointFormulation")
-
 _KEPT = 16  # functions of configuration spaces
 
 
 @dataclass(frozen=True, eq=False)
-class JointFormulation:
+class JointFormulation(Formulation):
     """States are coordinates and speeds of the joints; schemes say what is otherwise with theirs."""
 
-    problem: Problem
-    programme: StagewiseProgramme
-    layout: StateLayout
     space: ConfigurationSpace
-    end_rows: EndRows
-    pieces: Pieces
-
-    counts_turns = True
-    solves_for_lams = True
-
-    @classmethod
-    def made_of(cls: type[F], pieces: Pieces, space: ConfigurationSpace, deadline: float) -> F:
-        """Return the formulation with its programme, compiled or from the cache."""
-        programme = build_programme(pieces, deadline=deadline)
-        return cls(pieces.problem, programme, pieces.layout, space, pieces.end_rows, pieces)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
         """Name and unit of each holonomic constraint."""
         return labels_of(self.problem)
-
-    @property
-    def can_drift(self) -> bool:
-        """Whether configurations can leave their group."""
-        return not self.space.is_vector
-
-    @property
-    def start_velocity(self) -> Array:
-        """Velocity of the joints with which the steps begin, shape (nv,)."""
-        return self.problem.v_start
-
-    def start_state(self, q: Array, v: Array) -> Array:
-        """First state of the programme at a state of the robot, without what it remembers."""
-        return np.concatenate([self.space.coordinates(q[None])[0], v])
 
     def states_and_controls(
         self, motion: Motion, speeds: Array, lams: Array | None = None
@@ -103,10 +73,6 @@ class JointFormulation:
         if table is not None:
             return switched_violation(table, motion.qs, motion.vs)
         return constraint_violation(self.problem.robot, motion.qs, motion.vs)
-
-    def drifts(self, xs: Array) -> Array:
-        """Largest defect of the configurations of states, shape (k,)."""
-        return largest_defects(self.space, xs[:, self.layout.z])
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Multipliers of limits of velocities from those of states."""
@@ -241,17 +207,3 @@ def weighed_components(problem: Problem) -> Array | None:
         if bounded[problem.robot.configuration_indices(joint)].any():
             weights[:nv][problem.robot.velocity_indices(joint)] += 1.0
     return weights if weights.any() else None
-
-
-def largest_defects(space: ConfigurationSpace, zs: Array) -> Array:
-    """Largest defect of coordinates (k, nz) as configurations, shape (k,)."""
-    found = np.abs(np.asarray(_defects_of(space).map(len(zs))(zs.T)))
-    largest: Array = found.max(axis=0, initial=0.0)
-    return largest
-
-
-@lru_cache(maxsize=_KEPT)
-def _defects_of(space: ConfigurationSpace) -> ca.Function:
-    """Coordinates -> what vanishes where they are a configuration."""
-    z = ca.SX.sym("z", space.nz)
-    return ca.Function("defects", [z], [ca.densify(space.defects(z))])

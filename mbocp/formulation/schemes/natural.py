@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.formulation.base import Duals
-from mbocp.formulation.build import Pieces, build_programme, check_size, signature_of
+from mbocp.formulation.base import Duals, Formulation
+from mbocp.formulation.build import check_size, signature_of
 from mbocp.formulation.features.switches import (
     breaks_symmetries,
     filled_impulses,
@@ -24,7 +24,7 @@ from mbocp.formulation.features.switches import (
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
 from mbocp.formulation.schemes.joint import (
@@ -35,7 +35,7 @@ from mbocp.formulation.schemes.joint import (
 )
 from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
-from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
+from mbocp.integrators import VELOCITY_TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, kept_symmetries, worst_violation
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
@@ -46,24 +46,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class NaturalFormulation:
+class NaturalFormulation(Formulation):
     """States are coordinates z of bodies and their rates w; constraints keep bodies rigid and joined.
 
     What people say of joints is said in terms of bodies, and read back. Bodies have no limits, angles or
     turns: a step of Newton's method bends the constraints, and the line search sees that.
     """
 
-    problem: Problem
-    programme: StagewiseProgramme
-    layout: StateLayout
     space: NaturalSpace
-    end_rows: EndRows
-    pieces: Pieces
 
-    end_rows_may_depend = False
     counts_turns = False
-    keeps_adjoints = False
-    solves_for_lams = True
     can_drift = True
 
     @classmethod
@@ -101,35 +93,16 @@ class NaturalFormulation:
             speed_bounds=(-unbounded, unbounded),
             labels=RowLabels(names, "momentum balance", names, labels),
         )
-        return cls(problem, build_programme(pieces, deadline=deadline), at, space, rows, pieces)
+        return cls.made_of(pieces, deadline)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:
         """Name and unit of each holonomic constraint."""
         return _labels(self.problem, self.space.mechanics)
 
-    @property
-    def start_velocity(self) -> Array:
-        """Velocity of the joints with which the steps begin, shape (nv,)."""
-        return self.problem.v_start
-
-    @property
-    def tau(self) -> float:
-        """Where in a step the velocity is that its kinematics take."""
-        return VELOCITY_TAU[self.problem.scheme]
-
-    @property
-    def force_tau(self) -> float:
-        """Where in a step its forces are taken."""
-        return TAU[self.problem.scheme]
-
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""
         return np.concatenate(_start(self.problem, self.space, q, v))
-
-    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
-        """Configurations and velocities at which the forces of each step are taken."""
-        return evaluation_points(self.problem.robot, self.force_tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """All bodies where the joints put them.
@@ -224,13 +197,6 @@ class NaturalFormulation:
         acts[1:, own:] = table.own
         found = worst_violation(position * acts, velocity * acts, names)
         return worse_of(found, switched_violation(table, motion.qs, motion.vs))
-
-    def drifts(self, xs: Array) -> Array:
-        """How far bodies are from rigid ones, shape (k,)."""
-        z = ca.SX.sym("z", self.space.nz)
-        defects = ca.Function("defects", [z], [ca.densify(self.space.defects(z))]).map(len(xs))
-        found: Array = np.abs(np.asarray(defects(xs[:, self.layout.z].T))).max(axis=0, initial=0.0)
-        return found
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Zeros: bodies have no limits."""

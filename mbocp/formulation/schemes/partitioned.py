@@ -14,7 +14,7 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.rows import RowLabels
+from mbocp.formulation.pieces import RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
@@ -23,7 +23,7 @@ from mbocp.formulation.schemes.joint import (
     tangent_duals,
 )
 from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
-from mbocp.integrators import PAIRS, Pair, evaluation_points
+from mbocp.integrators import PAIRS, Pair
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.programme import Iterate, zero_multipliers
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 class PartitionedFormulation(JointFormulation):
     """States are (q, v) of the joints; steps have stages, whose rates are unknowns."""
 
-    end_rows_may_depend = False
-    keeps_adjoints = False  # rows of stages have multipliers that a solution does not store
+    # Adjoints are not kept: rows of stages have multipliers that a solution does not store.
     tau = force_tau = 0.5
 
     @classmethod
@@ -59,16 +58,12 @@ class PartitionedFormulation(JointFormulation):
         )
         algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
         own = (algebraic, problem.v_start, problem.limits_along()["v"])
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), space, deadline)
+        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
 
     @property
     def pair(self) -> Pair:
         """Coefficients of the scheme."""
         return PAIRS[self.problem.scheme]
-
-    def evaluation_points(self, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
-        """The middles of the steps, as a guess takes them."""
-        return evaluation_points(self.problem.robot, self.tau, qs, vs, dts)
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion, with rates of stages of the cubic through both nodes; adjoints are zero."""

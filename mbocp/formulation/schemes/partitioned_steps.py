@@ -9,32 +9,26 @@ from functools import partial
 import casadi as ca
 
 from mbocp.formulation.features.accelerations import acceleration_at, mean_acceleration
-from mbocp.formulation.steps import EquationSteps, StepDerivatives, StepSymbols
+from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import PAIRS, State
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
-from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
-from mbocp.robot import Robot
+from mbocp.mechanics import JointMechanics, Mechanics
 
 _INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off
 _OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms and chains
 
 
 @dataclass(frozen=True)
-class PartitionedSteps(EquationSteps):
+class PartitionedSteps(Steps):
     """Equations between two states in joint coordinates, with stages between them; see `Steps`."""
 
-    coordinates = "joint"
     tau = 0.5
     remedy = "Take a scheme of fewer stages, or lock joints"
 
     def operations(self, nv: int) -> float:
         """Second derivatives of a tree are dense, and those of each stage are its own."""
         return float(_OPERATIONS * nv**2 * PAIRS[self.scheme].num_stages)
-
-    def mechanics(self, robot: Robot) -> Mechanics:
-        """Equations of motion of the joints."""
-        return JointMechanics(robot, numbers=symbols_of(robot))
 
     def num_algebraic(self, mechanics: Mechanics) -> int:
         """The rates of the stages, then one impulse for each constraint at each stage."""

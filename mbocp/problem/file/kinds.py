@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from mbocp._keys import Kind, OneOrSeveral
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import show
 from mbocp.terms.written import Named, Vector, range_of, read_side, read_vector
 
+T = TypeVar("T")
 Limit: TypeAlias = float | list[float]
 
 
@@ -43,45 +44,42 @@ def _releases(value: Any) -> Any:
     return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
 
 
-def _limit(value: Any, where: str = "") -> Limit:
+def _each(value: Any, read: Callable[[Any, str], T]) -> T | list[T] | dict[str, T]:
+    """Values of a list or of a table by name, read one by one, or the one value there is."""
+    if isinstance(value, list):
+        return [read(entry, f" at index {i}") for i, entry in enumerate(value)]
+    if isinstance(value, Mapping):
+        return {name: read(entry, f" for {show(name)}") for name, entry in value.items()}
+    return read(value, "")
+
+
+def _limit(value: Any, where: str) -> Limit:
     return range_of(value, where) if isinstance(value, list) else read_side(value, where)
 
 
-def _limits(value: Any) -> bool | float | list[Limit] | dict[str, Limit]:
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, list):
-        return [_limit(entry, f" at index {i}") for i, entry in enumerate(value)]
-    if isinstance(value, Mapping):
-        return {name: _limit(entry, f" for {show(name)}") for name, entry in value.items()}
+def _limits(value: Any) -> bool | Limit | list[Limit] | dict[str, Limit]:
     if isinstance(value, str):
         raise ValueError(f"got {show(value)}, expected true, a number, a list or a table by name")
-    return read_side(value)
+    return value if isinstance(value, bool) else _each(value, _limit)
 
 
 def _sizes(value: Any) -> float | list[float] | dict[str, float]:
     """Positive numbers, for all or for each; infinite where there is no limit."""
-    if isinstance(value, list):
-        return [_size(entry, f" at index {i}") for i, entry in enumerate(value)]
-    if isinstance(value, Mapping):
-        return {name: _size(entry, f" for {show(name)}") for name, entry in value.items()}
-    return _size(value)
+    return _each(value, _size)
 
 
-def _size(value: Any, where: str = "") -> float:
+def _size(value: Any, where: str) -> float:
     found = read_side(value, where)
     if not found > 0.0:
         raise ValueError(f"got {show(value)}{where}, expected a number above 0 (inf for no limit)")
     return found
 
 
-def _ranges(value: Any) -> bool | list[list[float]] | dict[str, list[float]]:
+def _ranges(value: Any) -> bool | list[float] | list[list[float]] | dict[str, list[float]]:
     if isinstance(value, bool):
         return value
-    if isinstance(value, list):
-        return [range_of(entry, f" at index {i}") for i, entry in enumerate(value)]
-    if isinstance(value, Mapping):
-        return {name: range_of(entry, f" for {show(name)}") for name, entry in value.items()}
+    if isinstance(value, list | Mapping):
+        return _each(value, range_of)
     raise ValueError(f"got {show(value)}, expected true, a list of [lower, upper] or a table of them by name")
 
 

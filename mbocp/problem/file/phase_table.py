@@ -173,7 +173,7 @@ class PhaseTable(Table):
     ] = Field(default_factory=list)
 
 
-def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[Phase, ...]:
+def phases_from(robot: Robot, phases_on_ground: Sequence[PhaseTable]) -> tuple[Phase, ...]:
     """Make the phases from the tables of `[[phase]]`, but for their weights.
 
     Raises
@@ -182,7 +182,7 @@ def phases_from(robot: Robot, tables: Sequence[PhaseTable]) -> tuple[Phase, ...]
         If a value cannot be right, or does not fit the robot.
     """
     found = []
-    for table in tables:
+    for table in phases_on_ground:
         key = f"phase {table.name!r}"
         with in_phase(table.name):
             if table.limits.profile:

@@ -45,7 +45,7 @@ from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.memory import check_horizon
-from mbocp.problem.parameter import Parameter, opened_robot
+from mbocp.problem.parameter import opened_robot
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions, SolverTable
 from mbocp.problem.timeline.phase import Phase, checked_phase
@@ -73,16 +73,6 @@ def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
     """Load the robot that a problem names."""
     with locate("robot"):
         return load_keys(keys, folder)
-
-
-def _robot(robot_of_file: Robot, parameter: tuple[Parameter, ...]) -> Robot:
-    """The robot with its parameters open."""
-    return opened_robot(robot_of_file, parameter)
-
-
-def _phases(phases_on_ground: list[PhaseTable], robot: Robot) -> tuple[Phase, ...]:
-    """The phases, but for their weights."""
-    return phases_from(robot, phases_on_ground)
 
 
 def _horizon(
@@ -135,11 +125,11 @@ def _solver(solver_table: SolverTable) -> SolverOptions:
 
 READ = (
     Step.of(parameters_from, "parameter"),
-    Step.of(_robot, "robot"),
+    Step.of(opened_robot, "robot"),
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
     Step.of(phases_of_gait, "phases_of_gait"),
     Step.of(on_ground, "phases_on_ground", "forces_of_feet"),
-    Step.of(_phases, "phases_unweighted"),
+    Step.of(phases_from, "phases_unweighted"),
     Step.of(
         _horizon,
         "said_duration",

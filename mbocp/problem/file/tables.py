@@ -61,6 +61,11 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
     }
 
 
+def problem_to_toml(problem: ProblemData) -> str:
+    """Return a problem file that loads as the same problem, see `tables_of`: a result keeps it."""
+    return to_toml(tables_of(problem))
+
+
 def _steps(problem: ProblemData) -> dict[str, Any]:
     """What says which steps there are."""
     if problem.accuracy is not None:

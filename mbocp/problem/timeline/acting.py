@@ -54,24 +54,23 @@ def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[
 
 def _own_rows(robot: Robot, releases: Sequence[Release], num_steps: int) -> BoolArray:
     acts = np.ones((num_steps, robot.nc), dtype=np.bool_)
+    names = _names_of_rows(robot)
     for release in releases:
-        mine = [row for row, name in enumerate(_names_of_own(robot)) if name == release.constraint]
+        mine = [place for place, row in enumerate(robot.kept_rows) if names[row] == release.constraint]
         for first, last in release.spans:
             acts[first:last, mine] = False
-        _check_release(robot, release, mine)
+        _check_release(robot, release)
     return acts
 
 
-def _names_of_own(robot: Robot) -> list[str]:
-    """Return the name of the constraint that each kept row of the robot belongs to."""
-    names = [constraint.name for constraint in robot.constraints for _ in constraint.rows]
-    return [names[row] for row in robot.kept_rows]
+def _names_of_rows(robot: Robot) -> list[str]:
+    """Return the name of the constraint that each row of the robot belongs to."""
+    return [constraint.name for constraint in robot.constraints for _ in constraint.rows]
 
 
-def _check_release(robot: Robot, release: Release, mine: Sequence[int]) -> None:
+def _check_release(robot: Robot, release: Release) -> None:
     """Refuse to release what implies rows of others that the robot leaves out."""
-    names = [constraint.name for constraint in robot.constraints for _ in constraint.rows]
-    others = [row for row, name in enumerate(names) if name != release.constraint]
+    others = [row for row, name in enumerate(_names_of_rows(robot)) if name != release.constraint]
     kept = [row for row in robot.kept_rows if row in set(others)]
     jacobian = robot.closure_jacobian(robot.q0)
     ranks = [np.linalg.matrix_rank(jacobian[rows], tol=1e-6) if rows else 0 for rows in (others, kept)]

@@ -29,16 +29,16 @@ _EXACT = 1e-8  # [m, rad]
 
 def ordered_via(
     robot: Robot,
-    via: Sequence[ViaPoint],
-    phases: Sequence[Phase],
+    said_via: Sequence[ViaPoint],
+    phase: Sequence[Phase],
     horizon: Horizon,
     q_start: Array,
     limits: Bounds,
 ) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
     """Return via points in the order of the motion, with configurations; their nodes, as far as known."""
-    nodes = via_nodes(via, horizon, phases)
-    order = via_order(via, nodes)
-    found = _resolved_points(robot, [via[i] for i in order], q_start, limits)
+    nodes = via_nodes(said_via, horizon, phase)
+    order = via_order(said_via, nodes)
+    found = _resolved_points(robot, [said_via[i] for i in order], q_start, limits)
     for point in found:
         warn_singular(robot, point.goal.q, f"via {point.name!r}")
     return found, tuple(nodes[i] for i in order)

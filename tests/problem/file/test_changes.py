@@ -11,8 +11,7 @@ import pytest
 from mbocp._files import parse_toml
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.file.tables import tables_of, to_toml, written_tables
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml, tables_of, to_toml, written_tables
 from mbocp.robot import Robot
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -26,7 +26,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem.file.load import load_problem, parse_problem
-from mbocp.problem.file.write import problem_to_toml
+from mbocp.problem.file.tables import problem_to_toml
 from mbocp.robot import Robot, describe, load_parts, robot_from_spec
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "worlds" / "two_arms_one_load.toml"
