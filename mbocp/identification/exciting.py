@@ -132,7 +132,8 @@ def information(
     G = np.broadcast_to(np.eye(dynamics.n), (len(a), dynamics.n, dynamics.n))
     Y = _columns(dynamics, unknowns, base, Motion(np.asarray(solution.qs), np.asarray(solution.vs), a, G))
     Y = Y / _noise(torque_noise, dynamics.n)[:, None]
-    weights = rate * np.gradient(np.asarray(solution.t))
+    steps = np.diff(solution.t)
+    weights = 0.5 * rate * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal rule
     return Information(base, np.einsum("k,kjp,kjr->pr", weights, Y, Y))
 
 
@@ -152,10 +153,12 @@ class _Search:
         at = np.concatenate([[0.0] * _DEGREE, inner, [T] * _DEGREE])
         self.times = (np.arange(4 * count) + 0.5) * T / (4 * count)
         self.spline = BSpline(at, np.eye(count), _DEGREE)
-        slopes = [self.spline.derivative(k) for k in (0, 1, 2)]
-        self.values = [each(self.times) for each in slopes]  # B, B', B''
-        # A spline lies in the hull of its control points, and so do its derivatives in that of theirs.
-        self.hulls = [each.c[: count - k] for k, each in enumerate(slopes)]
+        self.values = [self.spline.derivative(k)(self.times) for k in (0, 1, 2)]  # B, B', B''
+        # Splines and derivatives lie in the hulls of their control points; the more knots, the tighter.
+        fine = self.spline
+        for middle in 0.5 * (inner[1:] + inner[:-1]):
+            fine = fine.insert_knot(middle)
+        self.hulls = [fine.derivative(k).c[: len(fine.t) - _DEGREE - 1 - k] for k in (0, 1, 2)]
         self.free = np.arange(count) % (count - _AT_REST) >= _AT_REST
         blend = np.clip((np.arange(count) - _AT_REST + 1) / (knots + 1), 0.0, 1.0)
         self.line = first + blend[:, None] * (last - first)
@@ -195,7 +198,7 @@ class _Search:
         size = np.sqrt(np.diag(told))
         roots = np.linalg.inv(np.linalg.cholesky(told / np.outer(size, size))).T / size[:, None]
         full, still = self.dynamics.regressor(motion), np.zeros((len(motion.v), self.problem.robot.nu))
-        found = np.zeros((self.hulls[0].shape[0], self.dynamics.n))
+        found = np.zeros(self.line.shape)
         for values in (shares @ roots).T:
             rest = 2.0 * self.weight * (full @ values) / self.noise**2
             parts = self.dynamics.slopes(motion, values, still)
