@@ -307,6 +307,7 @@ class _Search:
             },
             robot=robot,
             label="excite",
+            terms=[term for term in problem.terms if term.role == "path"],
         )
 
 

@@ -12,6 +12,7 @@ import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.identification import information
 from mbocp.identification.exciting import Information, _columns, _log_det, _Search
+from mbocp.terms.own import path_constraint
 
 SPEED, EFFORT = 3.0, 25.0
 
@@ -70,6 +71,13 @@ def test_goals_elsewhere_are_reached() -> None:
     solution = mbocp.excite(arm(goal=goal), starts=1, rounds=3, knots=6)
     assert solution.converged
     np.testing.assert_allclose(solution.qs[-1], goal["q"], atol=1e-8)
+
+
+def test_path_constraints_of_ones_own_stay() -> None:
+    below = path_constraint(lambda at: at.q[0], upper=0.3, name="below")
+    solution = mbocp.excite(arm(terms=[below]), starts=1, rounds=10, knots=6)
+    assert solution.converged
+    assert solution.qs[:, 0].max() == pytest.approx(0.3, abs=1e-5)
 
 
 @pytest.mark.parametrize(
