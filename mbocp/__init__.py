@@ -14,7 +14,7 @@ TYPE_CHECKING = False  # as in `typing`, which takes longer to import than all t
 if TYPE_CHECKING:
     from mbocp.bounds.of_problem import Bound, bound
     from mbocp.exceptions import MbocpError, NotConverged
-    from mbocp.identification import identify
+    from mbocp.identification import excite, identify
     from mbocp.interactive import live
     from mbocp.many import Motions, solve_many
     from mbocp.menus.menu import Menu, menu
@@ -44,6 +44,7 @@ __all__ = [
     "Solution",
     "__version__",
     "bound",
+    "excite",
     "identify",
     "live",
     "load_problem",

@@ -30,7 +30,7 @@ _PLACES = {
         problem/mesh_obstacles problem/pair_clearances problem/place_causes problem/file/gait
         problem/file/ground problem/via programme/c_files programme/keys programme/later
         receding/estimator receding/horizon robot/large_robots robot/loops/undriven ros sensitivity menus
-        cli/menu solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
+        cli/menu cli/excite solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/contact terms/distances terms/effort_about_gravity
         terms/end_acceleration terms/energy identification terms/hulls terms/kept terms/motor
         terms/whole_path view/replay

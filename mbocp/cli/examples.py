@@ -13,6 +13,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "check": ("mbocp check reach.toml -o reach.html", "mbocp check reach.toml --json"),
     "explain": ("mbocp explain reach.toml", "mbocp explain failed.h5 --no-search"),
     "bound": ("mbocp bound reach.toml", "mbocp bound reach.h5 --json"),
+    "excite": ("mbocp excite reach.toml", "mbocp excite reach.toml -o exciting.h5 --torque-noise 0.1"),
     "replay": (
         "mbocp replay reach.h5",
         "mbocp replay reach.h5 --open --trace tool0 --speed 0.5",

@@ -8,6 +8,7 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.identification.base import BaseParameters, base_parameters
+    from mbocp.identification.exciting import Information, excite, information
     from mbocp.identification.log import Log, read_log, write_log
     from mbocp.identification.of_log import Identification, Residuals, identify
     from mbocp.identification.simulated import simulate_log
@@ -15,10 +16,13 @@ if TYPE_CHECKING:
 __all__ = [
     "BaseParameters",
     "Identification",
+    "Information",
     "Log",
     "Residuals",
     "base_parameters",
+    "excite",
     "identify",
+    "information",
     "read_log",
     "simulate_log",
     "write_log",

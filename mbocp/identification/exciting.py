@@ -1,0 +1,345 @@
+"""`excite`: the motion whose torques tell most about a robot's base parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline
+from scipy.optimize import linprog
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
+from mbocp.identification.base import BaseParameters, Unknowns, base_of, unknowns_of
+from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.problem import Problem
+from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.file.tables import written_tables
+from mbocp.solution import Solution
+from mbocp.solution.from_files import problem_from
+from mbocp.solving import solve
+
+_DEGREE = 5  # of splines: jerks are continuous
+_AT_REST = 3  # control points at each end that make velocity and acceleration zero there
+_ROOM = 0.97  # share of limits that splines use: steps of a scheme are not splines
+_TIGHT = 0.95  # share of torque limits up to which they are taken for linear
+_GAIN = 1e-3  # of log det per step, below which the search ends
+_KEPT = 1e-6  # weight of the effort [1/(N m)^2] beside that of distances from the spline
+_NEAR = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    r"""What torques along a motion tell of base parameters: :math:`I = \sum_k Y_k^T \Sigma^{-1} Y_k`.
+
+    Parameters
+    ----------
+    base : BaseParameters
+    matrix : ndarray, shape (rank, rank)
+        I, in units of the base parameters.
+    """
+
+    base: BaseParameters
+    matrix: Array
+
+    @property
+    def log_det(self) -> float:
+        """Logarithm of its determinant: the larger, the smaller the volume of uncertainty."""
+        return _log_det(self.matrix)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the weighted regressor, in SI units."""
+        return float(np.sqrt(np.linalg.cond(self.matrix)))
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations of the base parameters by least squares, shape (rank,)."""
+        size = np.sqrt(np.diag(self.matrix))
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.matrix / np.outer(size, size)))) / size)
+
+    def __str__(self) -> str:
+        """The measures, and each base parameter's standard deviation."""
+        rows = (f"{sd:10.3g}  {name}" for sd, name in zip(self.sd, self.base.names, strict=True))
+        return "\n".join([f"log det {self.log_det:.2f}, condition number {self.condition:.4g}", *rows])
+
+
+def excite(
+    problem: Problem | str | Path,
+    *,
+    torque_noise: ArrayLike = 0.05,
+    friction: str = "both",
+    knots: int = 15,
+    starts: int = 5,
+    rounds: int = 60,
+    seed: int = 0,
+) -> Solution:
+    """Find the D-optimal motion from start to goal, from rest to rest: log det of its information is largest.
+
+    The motion is a spline, improved within limits of position, velocity, acceleration and torque; then the
+    problem is solved close to it, with all that it asks for. Its cost is left out.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        With a configuration as goal, the same as the start for a periodic motion, and a duration.
+    torque_noise : float or array_like, shape (nv,)
+        Standard deviation of measured torques [N m, N].
+    friction : {"both", "viscous", "coulomb", "none"}
+        Which is unknown, as in `identify`.
+    knots : int
+        Free control points of each joint's spline.
+    starts, rounds : int
+        Random motions that are improved, and how often at most.
+    seed : int
+
+    Returns
+    -------
+    Solution
+        Converged or not: its `status` and `advice` tell. `information` says what it is worth.
+
+    Raises
+    ------
+    UnsupportedRobot, ProblemError, InvalidValue
+        For closed loops, phases, via points, a free duration, ends that are not at rest, and where nothing
+        limits how fast the robot moves.
+    """
+    problem = problem_from(problem)
+    for name, value in (("knots", knots), ("starts", starts), ("rounds", rounds)):
+        if value < 1:
+            raise InvalidValue(f"excite: {name}", value, "a positive whole number")
+    search = _Search(problem, torque_noise, friction, knots)
+    rng = np.random.default_rng(seed)
+    found = max((search.climb(search.begin(rng), rounds) for _ in range(starts)), key=lambda pair: pair[0])[1]
+    return solve(search.problem_near(found))
+
+
+def information(
+    solution: Solution, *, torque_noise: ArrayLike = 0.05, friction: str = "both", rate: float = 100.0
+) -> Information:
+    """Say what torques along a motion tell, measured so often a second [1/s]; see `excite`."""
+    if not rate > 0.0:
+        raise InvalidValue("rate", rate, "a positive number [1/s]")
+    dynamics = InverseDynamics(solution.load_robot())
+    _refuse_loops(dynamics)
+    unknowns = unknowns_of(dynamics, friction)
+    base = base_of(dynamics, unknowns)
+    a = np.array([solution.acceleration_at(n) for n in range(len(solution.t))])
+    G = np.broadcast_to(np.eye(dynamics.n), (len(a), dynamics.n, dynamics.n))
+    Y = _columns(dynamics, unknowns, base, Motion(np.asarray(solution.qs), np.asarray(solution.vs), a, G))
+    Y = Y / _noise(torque_noise, dynamics.n)[:, None]
+    steps = np.diff(solution.t)
+    weights = 0.5 * rate * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal rule
+    return Information(base, np.einsum("k,kjp,kjr->pr", weights, Y, Y))
+
+
+class _Search:
+    """Splines between the ends of a problem, their information, and steps that increase it."""
+
+    def __init__(self, problem: Problem, torque_noise: ArrayLike, friction: str, knots: int) -> None:
+        self.problem, self.dynamics = problem, InverseDynamics(problem.robot)
+        robot, n = problem.robot, self.dynamics.n
+        _refuse_loops(self.dynamics)
+        first, last = _ends(problem, self.dynamics)
+        self.unknowns = unknowns_of(self.dynamics, friction)
+        self.base = base_of(self.dynamics, self.unknowns)
+        self.noise = _noise(torque_noise, n)
+        T, count = problem.duration, knots + 2 * _AT_REST
+        inner = np.linspace(0.0, T, count - _DEGREE + 1)
+        at = np.concatenate([[0.0] * _DEGREE, inner, [T] * _DEGREE])
+        self.times = (np.arange(4 * count) + 0.5) * T / (4 * count)
+        self.spline = BSpline(at, np.eye(count), _DEGREE)
+        self.values = [self.spline.derivative(k)(self.times) for k in (0, 1, 2)]  # B, B', B''
+        # Splines and derivatives lie in the hulls of their control points; the more knots, the tighter.
+        fine = self.spline
+        for middle in 0.5 * (inner[1:] + inner[:-1]):
+            fine = fine.insert_knot(middle)
+        self.hulls = [fine.derivative(k).c[: len(fine.t) - _DEGREE - 1 - k] for k in (0, 1, 2)]
+        self.free = np.arange(count) % (count - _AT_REST) >= _AT_REST
+        blend = np.clip((np.arange(count) - _AT_REST + 1) / (knots + 1), 0.0, 1.0)
+        self.line = first + blend[:, None] * (last - first)
+        self.weight = T / len(self.times) * 100.0  # samples at 100 Hz for each of these times
+        limits = problem.widest_limits
+        places = [robot.configuration_indices(name).start for name in self.dynamics.names]
+        self.bounds = [
+            (limits.q_lower[places], limits.q_upper[places]),
+            (_ROOM * limits.v_lower, _ROOM * limits.v_upper),
+            (_ROOM * limits.a_lower, _ROOM * limits.a_upper),
+        ]
+        pushes = robot.actuation.selection
+        if robot.nu != n or not np.array_equal(pushes, np.eye(n)):
+            raise UnsupportedRobot(f"excite: robot {robot.name!r}: it takes one motor in each joint")
+        self.torques = (_ROOM * limits.u_lower, _ROOM * limits.u_upper)
+        fast = limits.finite("v") | limits.finite("a") | limits.finite("u")
+        if not fast.all():
+            raise ProblemError(
+                f"excite: nothing limits how fast {self.dynamics.names[int(fast.argmin())]!r} moves; give "
+                "limits.velocity, limits.acceleration or limits.effort"
+            )
+
+    def motion(self, c: Array) -> Motion:
+        """The motion of control points (count, n)."""
+        y, yd, ydd = (B @ c for B in self.values)
+        near = np.broadcast_to(self.problem.robot.q0, (len(y), self.problem.robot.nq))
+        return self.dynamics.motion(y, yd, ydd, near)
+
+    def matrix(self, motion: Motion) -> Array:
+        """Its information."""
+        Y = _columns(self.dynamics, self.unknowns, self.base, motion) / self.noise[:, None]
+        return np.asarray(self.weight * np.einsum("kjp,kjr->pr", Y, Y))
+
+    def slope(self, motion: Motion) -> Array:
+        """Gradient of log det in the control points: the trace of inv(I) dI."""
+        told, shares = self.matrix(motion), self.unknowns.shares[:, self.base.chosen]
+        size = np.sqrt(np.diag(told))
+        roots = np.linalg.inv(np.linalg.cholesky(told / np.outer(size, size))).T / size[:, None]
+        full, still = self.dynamics.regressor(motion), np.zeros((len(motion.v), self.problem.robot.nu))
+        found = np.zeros(self.line.shape)
+        for values in (shares @ roots).T:
+            rest = 2.0 * self.weight * (full @ values) / self.noise**2
+            parts = self.dynamics.slopes(motion, values, still)
+            found += sum(
+                B.T @ np.einsum("kj,kji->ki", rest, part) for B, part in zip(self.values, parts, strict=True)
+            )
+        return found
+
+    def begin(self, rng: np.random.Generator) -> Array:
+        """A random motion, as large as limits allow, about the straight one."""
+        away = rng.standard_normal(self.line.shape) * self.free[:, None]
+        for size in 4.0 * 0.9 ** np.arange(100.0):
+            if self.holds(self.line + size * away):
+                return np.asarray(self.line + size * away)
+        raise ProblemError(
+            "excite: no smooth motion from start to goal keeps the limits: give a longer horizon.duration"
+        )
+
+    def holds(self, c: Array) -> bool:
+        """Whether the limits hold."""
+        rows, upper = self.linear
+        if (rows @ c.ravel() > upper + 1e-9).any():
+            return False
+        u = self.torque(self.motion(c))
+        return bool(((u >= self.torques[0]) & (u <= self.torques[1])).all())
+
+    def torque(self, motion: Motion) -> Array:
+        """Torques of the motors by the file's parameters."""
+        still = np.zeros((len(motion.v), self.problem.robot.nu))
+        return np.asarray(
+            self.dynamics.regressor(motion) @ self.dynamics.values - self.dynamics.applied(motion, still)
+        )
+
+    @cached_property
+    def linear(self) -> tuple[Array, Array]:
+        """Rows and upper bounds of limits that are linear in the control points."""
+        rows, upper = [], []
+        for hull, (lo, hi) in zip(self.hulls, self.bounds, strict=True):
+            row = np.kron(hull, np.eye(self.dynamics.n))
+            for sign, side in ((1.0, hi), (-1.0, -lo)):
+                rows.append(sign * row)
+                upper.append(np.tile(side, len(hull)))
+        limit = np.concatenate(upper)
+        finite = np.isfinite(limit)
+        return np.vstack(rows)[finite], limit[finite]
+
+    def torque_rows(self, motion: Motion) -> tuple[Array, Array]:
+        """The limits of torques, linear about a motion: rows and upper bounds of changes."""
+        still = np.zeros((len(motion.v), self.problem.robot.nu))
+        parts, n = self.dynamics.slopes(motion, self.dynamics.values, still), self.dynamics.n
+        blocks = [np.einsum("kc,kji->kjci", B, part) for B, part in zip(self.values, parts, strict=True)]
+        slope = np.sum(blocks, axis=0).reshape(len(still) * n, -1)
+        u = self.torque(motion).ravel()
+        rows, upper = [], []
+        for sign, side in ((1.0, self.torques[1]), (-1.0, -self.torques[0])):
+            rows.append(sign * slope)
+            upper.append(np.maximum(_TIGHT * np.tile(side, len(still)) - sign * u, 0.0))
+        limit = np.concatenate(upper)
+        finite = np.isfinite(limit)
+        return np.vstack(rows)[finite], limit[finite]
+
+    def climb(self, c: Array, rounds: int) -> tuple[float, Array]:
+        """Linear programmes within a box that grows while log det does; every iterate keeps the limits."""
+        rows, upper = self.linear
+        free, motion, box = np.flatnonzero(np.repeat(self.free, self.dynamics.n)), self.motion(c), 0.2
+        best = _log_det(self.matrix(motion))
+        for _ in range(rounds):
+            slope, (more, room) = self.slope(motion).ravel()[free], self.torque_rows(motion)
+            A = np.vstack([rows, more])[:, free]
+            b = np.concatenate([np.maximum(upper - rows @ c.ravel(), 0.0), room])
+            gain = 0.0
+            while box > 1e-4:
+                step = linprog(-slope, A_ub=A, b_ub=b, bounds=(-box, box), method="highs").x
+                trial = c.ravel().copy()
+                trial[free] += 0.0 if step is None else step
+                there = self.motion(trial.reshape(c.shape))
+                gain = _log_det(self.matrix(there)) - best
+                if gain > 0.0 and self.holds(trial.reshape(c.shape)):
+                    c, motion, best, box = trial.reshape(c.shape), there, best + gain, 1.5 * box
+                    break
+                box *= 0.4
+            if gain < _GAIN:
+                break
+        return best, c
+
+    def problem_near(self, c: Array) -> Problem:
+        """The problem, with the distance from a spline as cost."""
+        problem, robot = self.problem, self.problem.robot
+        times = np.linspace(0.0, problem.duration, problem.num_steps + 1)[1:]
+        y, yd = self.spline(times) @ c, self.spline.derivative()(times) @ c
+        qs = self.dynamics.place(y, np.broadcast_to(robot.q0, (len(y), robot.nq)))
+        ps = [robot.momentum(q, v) for q, v in zip(qs, yd, strict=True)]
+        tables = written_tables(problem)
+        for key in ("guess", "terms", "cost", "goal"):
+            tables.pop(key, None)
+        return problem_from_tables(
+            {
+                **tables,
+                "goal": {"q": np.asarray(problem.goal.q).tolist(), "v": 0.0, "enforce": "exact"},
+                "cost": {
+                    "effort": _KEPT,
+                    "tracking": _NEAR,
+                    "target": {"q": qs.tolist(), "p": np.array(ps).tolist()},
+                },
+                "guess": {"kind": "way", "q": qs[:-1].tolist()},
+            },
+            robot=robot,
+            label="excite",
+            terms=[term for term in problem.terms if term.role == "path"],
+        )
+
+
+def _ends(problem: Problem, dynamics: InverseDynamics) -> tuple[Array, Array]:
+    """Independent coordinates at both ends."""
+    if problem.phase or problem.via:
+        raise ProblemError("excite: motions with phases or via points are not searched")
+    if problem.duration_range is not None:
+        raise InvalidValue("excite: horizon.duration", "a range", "a number [s]")
+    if not problem.goal.q_active.all():
+        raise InvalidValue("excite: goal", "no configuration", "goal.q, as start.q if periodic")
+    if np.any(problem.v_start):
+        raise InvalidValue("excite: start.v", problem.v_start, "rest")
+    return dynamics.coordinates(problem.q_start), dynamics.coordinates(problem.goal.q)
+
+
+def _refuse_loops(dynamics: InverseDynamics) -> None:
+    if len(dynamics.dependent):
+        raise UnsupportedRobot(f"excite: robot {dynamics.robot.name!r} has closed loops: it takes trees")
+
+
+def _noise(torque_noise: ArrayLike, n: int) -> Array:
+    given: Sequence[float] | Array = np.asarray(torque_noise, dtype=np.float64)
+    if np.shape(given) not in ((), (n,)) or not (np.isfinite(given).all() and np.all(np.greater(given, 0.0))):
+        raise InvalidValue("torque_noise", torque_noise, f"a positive number, or {n} of them [N m, N]")
+    return np.broadcast_to(given, (n,))
+
+
+def _columns(dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: Motion) -> Array:
+    return np.asarray(dynamics.regressor(motion) @ unknowns.shares[:, base.chosen])
+
+
+def _log_det(matrix: Array) -> float:
+    sign, value = np.linalg.slogdet(matrix)
+    return float(value) if sign > 0.0 else -np.inf
