@@ -105,7 +105,7 @@ def test_editors_refuse_what_no_problem_has(wrong: dict[str, Any]) -> None:
 
 def test_editors_explain_keys() -> None:
     found = problem_schema()["$defs"]["SolverTable"]["properties"]["time_limit"]
-    assert found["description"].startswith("Wall time of the solve")
+    assert found["description"].startswith("Wall time")
     assert "[s]" in found["description"]
     assert found["exclusiveMinimum"] == 0
     for name, table in problem_schema()["$defs"].items():
