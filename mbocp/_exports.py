@@ -1,12 +1,12 @@
 """Public names of a package that are imported when they are first asked for.
 
 A package such as `mbocp.robot` shows names of many modules: whoever wants one of them need not wait for all.
-Its `__init__.py` imports them for type checkers alone, and the same lines say where each name is::
+Its `__init__.py` imports them for type checkers alone, to which `as` says that they are public. The same
+lines say where each name is::
 
     if TYPE_CHECKING:
-        from mbocp.robot.robot import Robot
+        from mbocp.robot.robot import Robot as Robot
 
-    __all__ = ["Robot"]
     __getattr__ = names_of(__name__, __file__)
 """
 
@@ -21,7 +21,7 @@ from typing import Any
 
 
 def names_of(package: str, source: str) -> Callable[[str], Any]:
-    """A `__getattr__` (PEP 562) for a package.
+    """A `__getattr__` (PEP 562) for a package, which has `__all__`, too.
 
     Parameters
     ----------
@@ -33,6 +33,8 @@ def names_of(package: str, source: str) -> Callable[[str], Any]:
     def find(name: str) -> Any:
         if not homes:
             homes.update(homes_in(Path(source).read_text(encoding="utf-8")))
+        if name == "__all__":
+            return list(homes)
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, there = homes[name]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.accuracy.errors import accuracy_of
-    from mbocp.accuracy.of_solution import follows_fast, with_accuracy
+    from mbocp.accuracy.errors import accuracy_of as accuracy_of
+    from mbocp.accuracy.of_solution import follows_fast as follows_fast
+    from mbocp.accuracy.of_solution import with_accuracy as with_accuracy
 
-__all__ = ["accuracy_of", "follows_fast", "with_accuracy"]
 
 __getattr__ = names_of(__name__, __file__)

@@ -7,23 +7,16 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.mechanics.duals import dual_of_momentum, dual_of_velocity, duals_of_momenta
-    from mbocp.mechanics.either import Mechanics, Space
-    from mbocp.mechanics.joint import JointMechanics, symbols_of
-    from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
-    from mbocp.mechanics.natural_coordinates.space import NaturalSpace, natural_mechanics
+    from mbocp.mechanics.duals import dual_of_momentum as dual_of_momentum
+    from mbocp.mechanics.duals import dual_of_velocity as dual_of_velocity
+    from mbocp.mechanics.duals import duals_of_momenta as duals_of_momenta
+    from mbocp.mechanics.either import Mechanics as Mechanics
+    from mbocp.mechanics.either import Space as Space
+    from mbocp.mechanics.joint import JointMechanics as JointMechanics
+    from mbocp.mechanics.joint import symbols_of as symbols_of
+    from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics as NaturalMechanics
+    from mbocp.mechanics.natural_coordinates.space import NaturalSpace as NaturalSpace
+    from mbocp.mechanics.natural_coordinates.space import natural_mechanics as natural_mechanics
 
-__all__ = [
-    "JointMechanics",
-    "Mechanics",
-    "NaturalMechanics",
-    "NaturalSpace",
-    "Space",
-    "dual_of_momentum",
-    "dual_of_velocity",
-    "duals_of_momenta",
-    "natural_mechanics",
-    "symbols_of",
-]
 
 __getattr__ = names_of(__name__, __file__)

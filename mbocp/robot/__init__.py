@@ -11,106 +11,56 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.robot.collision.source import CollisionSphere
-    from mbocp.robot.collision.spheres import LinkSpheres
-    from mbocp.robot.facts import describe
-    from mbocp.robot.gathering import gather, load_stored
-    from mbocp.robot.link_inertia import LinkInertia
-    from mbocp.robot.loading.checks import SingularMassMatrix
-    from mbocp.robot.loading.load import load_parts, load_robot, robot_from_spec
-    from mbocp.robot.loading.sources import RobotEntry, list_robots
-    from mbocp.robot.loops.kinds.base import Constraint, Kinematics
-    from mbocp.robot.loops.kinds.coupling import Coupling
-    from mbocp.robot.loops.kinds.hinge import Hinge
-    from mbocp.robot.loops.kinds.line import PointOnLine
-    from mbocp.robot.loops.kinds.plane import PointOnPlane
-    from mbocp.robot.loops.kinds.point import Point
-    from mbocp.robot.loops.kinds.rod import Rod
-    from mbocp.robot.loops.kinds.screw import Screw
-    from mbocp.robot.loops.kinds.weld import Weld
-    from mbocp.robot.loops.redundancy import singular_closure
-    from mbocp.robot.named_numbers import number_of, with_numbers
-    from mbocp.robot.parts import (
-        Actuation,
-        Connector,
-        Drive,
-        FrameActuator,
-        Label,
-        Limits,
-        QuarticSpring,
-        SpringDamper,
-    )
-    from mbocp.robot.payload import Payload
-    from mbocp.robot.placed import PlacedRobot
-    from mbocp.robot.poses.inverse_kinematics import InverseKinematics
-    from mbocp.robot.poses.target import FrameTarget
-    from mbocp.robot.resistance import JointResistance
-    from mbocp.robot.robot import Robot
-    from mbocp.robot.stored import RobotFiles
-    from mbocp.robot.warnings import (
-        EstimatedInertiaWarning,
-        HeldJointsWarning,
-        IgnoredKeysWarning,
-        ImpossibleInertiaWarning,
-        InitialPoseWarning,
-        MissingMeshWarning,
-        NormalisationWarning,
-        NotModelledWarning,
-        RobotChangedWarning,
-        RobotNotStoredWarning,
-    )
+    from mbocp.robot.collision.source import CollisionSphere as CollisionSphere
+    from mbocp.robot.collision.spheres import LinkSpheres as LinkSpheres
+    from mbocp.robot.facts import describe as describe
+    from mbocp.robot.gathering import gather as gather
+    from mbocp.robot.gathering import load_stored as load_stored
+    from mbocp.robot.link_inertia import LinkInertia as LinkInertia
+    from mbocp.robot.loading.checks import SingularMassMatrix as SingularMassMatrix
+    from mbocp.robot.loading.load import load_parts as load_parts
+    from mbocp.robot.loading.load import load_robot as load_robot
+    from mbocp.robot.loading.load import robot_from_spec as robot_from_spec
+    from mbocp.robot.loading.sources import RobotEntry as RobotEntry
+    from mbocp.robot.loading.sources import list_robots as list_robots
+    from mbocp.robot.loops.kinds.base import Constraint as Constraint
+    from mbocp.robot.loops.kinds.base import Kinematics as Kinematics
+    from mbocp.robot.loops.kinds.coupling import Coupling as Coupling
+    from mbocp.robot.loops.kinds.hinge import Hinge as Hinge
+    from mbocp.robot.loops.kinds.line import PointOnLine as PointOnLine
+    from mbocp.robot.loops.kinds.plane import PointOnPlane as PointOnPlane
+    from mbocp.robot.loops.kinds.point import Point as Point
+    from mbocp.robot.loops.kinds.rod import Rod as Rod
+    from mbocp.robot.loops.kinds.screw import Screw as Screw
+    from mbocp.robot.loops.kinds.weld import Weld as Weld
+    from mbocp.robot.loops.redundancy import singular_closure as singular_closure
+    from mbocp.robot.named_numbers import number_of as number_of
+    from mbocp.robot.named_numbers import with_numbers as with_numbers
+    from mbocp.robot.parts import Actuation as Actuation
+    from mbocp.robot.parts import Connector as Connector
+    from mbocp.robot.parts import Drive as Drive
+    from mbocp.robot.parts import FrameActuator as FrameActuator
+    from mbocp.robot.parts import Label as Label
+    from mbocp.robot.parts import Limits as Limits
+    from mbocp.robot.parts import QuarticSpring as QuarticSpring
+    from mbocp.robot.parts import SpringDamper as SpringDamper
+    from mbocp.robot.payload import Payload as Payload
+    from mbocp.robot.placed import PlacedRobot as PlacedRobot
+    from mbocp.robot.poses.inverse_kinematics import InverseKinematics as InverseKinematics
+    from mbocp.robot.poses.target import FrameTarget as FrameTarget
+    from mbocp.robot.resistance import JointResistance as JointResistance
+    from mbocp.robot.robot import Robot as Robot
+    from mbocp.robot.stored import RobotFiles as RobotFiles
+    from mbocp.robot.warnings import EstimatedInertiaWarning as EstimatedInertiaWarning
+    from mbocp.robot.warnings import HeldJointsWarning as HeldJointsWarning
+    from mbocp.robot.warnings import IgnoredKeysWarning as IgnoredKeysWarning
+    from mbocp.robot.warnings import ImpossibleInertiaWarning as ImpossibleInertiaWarning
+    from mbocp.robot.warnings import InitialPoseWarning as InitialPoseWarning
+    from mbocp.robot.warnings import MissingMeshWarning as MissingMeshWarning
+    from mbocp.robot.warnings import NormalisationWarning as NormalisationWarning
+    from mbocp.robot.warnings import NotModelledWarning as NotModelledWarning
+    from mbocp.robot.warnings import RobotChangedWarning as RobotChangedWarning
+    from mbocp.robot.warnings import RobotNotStoredWarning as RobotNotStoredWarning
 
-__all__ = [
-    "Actuation",
-    "CollisionSphere",
-    "Connector",
-    "Constraint",
-    "Coupling",
-    "Drive",
-    "EstimatedInertiaWarning",
-    "FrameActuator",
-    "FrameTarget",
-    "HeldJointsWarning",
-    "Hinge",
-    "IgnoredKeysWarning",
-    "ImpossibleInertiaWarning",
-    "InitialPoseWarning",
-    "InverseKinematics",
-    "JointResistance",
-    "Kinematics",
-    "Label",
-    "Limits",
-    "LinkInertia",
-    "LinkSpheres",
-    "MissingMeshWarning",
-    "NormalisationWarning",
-    "NotModelledWarning",
-    "Payload",
-    "PlacedRobot",
-    "Point",
-    "PointOnLine",
-    "PointOnPlane",
-    "QuarticSpring",
-    "Robot",
-    "RobotChangedWarning",
-    "RobotEntry",
-    "RobotFiles",
-    "RobotNotStoredWarning",
-    "Rod",
-    "Screw",
-    "SingularMassMatrix",
-    "SpringDamper",
-    "Weld",
-    "describe",
-    "gather",
-    "list_robots",
-    "load_parts",
-    "load_robot",
-    "load_stored",
-    "number_of",
-    "robot_from_spec",
-    "singular_closure",
-    "with_numbers",
-]
 
 __getattr__ = names_of(__name__, __file__)

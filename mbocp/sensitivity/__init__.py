@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.sensitivity.of_solution import DegenerateLimitWarning, Sensitivities, sensitivities
+    from mbocp.sensitivity.of_solution import DegenerateLimitWarning as DegenerateLimitWarning
+    from mbocp.sensitivity.of_solution import Sensitivities as Sensitivities
+    from mbocp.sensitivity.of_solution import sensitivities as sensitivities
 
-__all__ = ["DegenerateLimitWarning", "Sensitivities", "sensitivities"]
 
 __getattr__ = names_of(__name__, __file__)

@@ -7,45 +7,29 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.programme.iterate import Iterate, zero_multipliers
-    from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
-    from mbocp.solvers.newton_method.newton import PlainState
-    from mbocp.solvers.options import Options
-    from mbocp.solvers.protocol import Solver, SolverState
-    from mbocp.solvers.records import IterationRecord, Phase, Status
-    from mbocp.solvers.settings import SolverSettings
-    from mbocp.solvers.staggered.fbsm_gradient import FBSMGradient, GradientState
-    from mbocp.solvers.staggered.fbsm_newton import FBSMNewton
-    from mbocp.solvers.staggered.switch import Switch
-    from mbocp.solvers.strategies.iterating import SolverResult, run
-    from mbocp.solvers.strategies.phases import Outcome, Start
-    from mbocp.solvers.strategies.registry import SOLVERS, make_solver
-    from mbocp.solvers.strategies.strategy import run_strategy
+    from mbocp.programme.iterate import Iterate as Iterate
+    from mbocp.programme.iterate import zero_multipliers as zero_multipliers
+    from mbocp.solvers.newton_method.monolithic import GlobalisedNewton as GlobalisedNewton
+    from mbocp.solvers.newton_method.monolithic import PureNewton as PureNewton
+    from mbocp.solvers.newton_method.newton import PlainState as PlainState
+    from mbocp.solvers.options import Options as Options
+    from mbocp.solvers.protocol import Solver as Solver
+    from mbocp.solvers.protocol import SolverState as SolverState
+    from mbocp.solvers.records import IterationRecord as IterationRecord
+    from mbocp.solvers.records import Phase as Phase
+    from mbocp.solvers.records import Status as Status
+    from mbocp.solvers.settings import SolverSettings as SolverSettings
+    from mbocp.solvers.staggered.fbsm_gradient import FBSMGradient as FBSMGradient
+    from mbocp.solvers.staggered.fbsm_gradient import GradientState as GradientState
+    from mbocp.solvers.staggered.fbsm_newton import FBSMNewton as FBSMNewton
+    from mbocp.solvers.staggered.switch import Switch as Switch
+    from mbocp.solvers.strategies.iterating import SolverResult as SolverResult
+    from mbocp.solvers.strategies.iterating import run as run
+    from mbocp.solvers.strategies.phases import Outcome as Outcome
+    from mbocp.solvers.strategies.phases import Start as Start
+    from mbocp.solvers.strategies.registry import SOLVERS as SOLVERS
+    from mbocp.solvers.strategies.registry import make_solver as make_solver
+    from mbocp.solvers.strategies.strategy import run_strategy as run_strategy
 
-__all__ = [
-    "SOLVERS",
-    "FBSMGradient",
-    "FBSMNewton",
-    "GlobalisedNewton",
-    "GradientState",
-    "Iterate",
-    "IterationRecord",
-    "Options",
-    "Outcome",
-    "Phase",
-    "PlainState",
-    "PureNewton",
-    "Solver",
-    "SolverResult",
-    "SolverSettings",
-    "SolverState",
-    "Start",
-    "Status",
-    "Switch",
-    "make_solver",
-    "run",
-    "run_strategy",
-    "zero_multipliers",
-]
 
 __getattr__ = names_of(__name__, __file__)

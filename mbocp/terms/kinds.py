@@ -7,61 +7,34 @@ Modules with terms of a list are imported here and nowhere else, so that their o
 from __future__ import annotations
 
 from mbocp._keys import Table
-from mbocp.terms.cost import COST_TERMS
+from mbocp.terms.cost import COST_TERMS as COST_TERMS
 from mbocp.terms.running import (
-    ControlRate,
-    Effort,
-    EffortAboutGravity,
-    Potential,
-    Tracking,
-    Velocity,
+    ControlRate as ControlRate,
+    Effort as Effort,
+    EffortAboutGravity as EffortAboutGravity,
+    Potential as Potential,
+    Tracking as Tracking,
+    Velocity as Velocity,
 )
-from mbocp.terms.energy import Energy
-from mbocp.terms.time import Time
-from mbocp.terms.end import ExactGoal, TerminalCost
-from mbocp.terms.path import PATH_TERMS
+from mbocp.terms.energy import Energy as Energy
+from mbocp.terms.time import Time as Time
+from mbocp.terms.end import ExactGoal as ExactGoal, TerminalCost as TerminalCost
+from mbocp.terms.path import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import (
-    AngularMomentum,
-    AngularSpeed,
-    CentreOfMass,
-    Distance,
-    Orientation,
-    Position,
-    Speed,
+    AngularMomentum as AngularMomentum,
+    AngularSpeed as AngularSpeed,
+    CentreOfMass as CentreOfMass,
+    Distance as Distance,
+    Orientation as Orientation,
+    Position as Position,
+    Speed as Speed,
 )
-from mbocp.terms.braking import Braking
-from mbocp.terms.motor import Motor
-from mbocp.terms.kept import Line, OrientationKept
-from mbocp.terms.follow import Follow
+from mbocp.terms.braking import Braking as Braking
+from mbocp.terms.motor import Motor as Motor
+from mbocp.terms.kept import Line as Line, OrientationKept as OrientationKept
+from mbocp.terms.follow import Follow as Follow
 from mbocp.terms.contact import ContactKeys, ContactTerm
 
-__all__ = [
-    "COST_TERMS",
-    "PATH_KEYS",
-    "PATH_TERMS",
-    "AngularMomentum",
-    "AngularSpeed",
-    "Braking",
-    "CentreOfMass",
-    "ControlRate",
-    "Distance",
-    "Effort",
-    "EffortAboutGravity",
-    "Energy",
-    "ExactGoal",
-    "Follow",
-    "Line",
-    "Motor",
-    "Orientation",
-    "OrientationKept",
-    "Position",
-    "Potential",
-    "Speed",
-    "TerminalCost",
-    "Time",
-    "Tracking",
-    "Velocity",
-]
 
 PATH_KEYS: dict[str, type[Table]] = {
     **{kind: term.Keys for kind, term in PATH_TERMS.items()},
