@@ -18,7 +18,7 @@ from benchmarks.tables import Table, put_into, show
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solvers import SolverSettings, Start, run_strategy
 

@@ -17,7 +17,7 @@ from benchmarks.tables import Table, put_into, show
 from mbocp.formulation import formulate
 from mbocp.mechanics import NaturalSpace
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.programme.kernel import kernel_programme
 
 __all__ = ["ROBOTS", "Simulation", "convergence_table", "simulate", "simulation_table", "solver_table"]

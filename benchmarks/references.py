@@ -31,7 +31,7 @@ from benchmarks.tables import Table, present, show
 from benchmarks.work_precision import SYSTEMS
 from mbocp.integrators import CONTROLS, PAIRS, cost_order
 from mbocp.problem import Problem
-from mbocp.problem.default_scheme import AUTO_SCHEME
+from mbocp.problem.integration import AUTO_SCHEME
 
 __all__ = [
     "CASES",

@@ -18,10 +18,12 @@ from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
-from mbocp.problem.obstacles.near_pairs import missing_pairs, rows_of, with_pairs
 from mbocp.problem.obstacles.reserves import (
     largest_reserve,
+    missing_pairs,
+    rows_of,
     with_first_reserve,
+    with_pairs,
     with_room,
     with_rows_and_room,
 )

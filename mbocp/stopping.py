@@ -12,8 +12,8 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
 from mbocp.problem._checks import check_finite
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import written_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve

@@ -17,8 +17,7 @@ from mbocp import clearing
 from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
 from mbocp.problem import Problem
-from mbocp.problem.obstacles.near_pairs import missing_pairs
-from mbocp.problem.obstacles.reserves import largest_reserve
+from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs
 from mbocp.solution import Status
 from tests.robot.urdfs import link, robot, write
 from tests.test_determinism import digest, digest_of

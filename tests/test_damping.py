@@ -14,7 +14,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 import mbocp
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.problem import problem_from_tables
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -14,7 +14,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import describe, load_robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.solution import Solution

@@ -11,7 +11,7 @@ import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem import Guess, Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import robot_from_spec
 from mbocp.solution import Solution

@@ -19,9 +19,9 @@ from mbocp import Problem, Solution, load_problem, load_robot, solve
 from mbocp.cli.summary import goal_error
 from mbocp.exceptions import MbocpError
 from mbocp.lie import ConfigurationSpace
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.goals.periodic import Periodic, point_jacobian
+from mbocp.problem.problem import problem_from_tables
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

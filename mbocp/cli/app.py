@@ -246,7 +246,7 @@ def bound(
 
     Nothing is solved. A result is compared with it.
     """
-    from mbocp.cli.bound import print_bound
+    from mbocp.cli.explain import print_bound
 
     print_bound(file, settings or [], as_json=as_json)
 
@@ -266,7 +266,7 @@ def excite(
 
     From start to goal within all limits; the cost is left out. Exit status: 0 converged, 1 not, 2 bad input.
     """
-    from mbocp.cli.excite import print_exciting
+    from mbocp.cli.identify import print_exciting
 
     raise typer.Exit(print_exciting(file, settings or [], output, torque_noise, starts, as_json=as_json))
 
@@ -570,7 +570,7 @@ def schema(
 
     Editors complete, check and explain their keys by it.
     """
-    from mbocp.cli.schema import write_schema
+    from mbocp.cli.keys import write_schema
 
     write_schema(output)
 

@@ -1,20 +1,23 @@
-"""`mbocp explain`: why a problem has no solution, or a result is none."""
+"""`mbocp explain` and `bound`: why a problem has no solution, and what none can be better than."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 from rich.text import Text
 
+from mbocp._arrays import plain_json
 from mbocp.cli import signals
 from mbocp.cli.solve import problem_and_solution
 
 if TYPE_CHECKING:
     from mbocp.explaining import Explanation
+
 
 _MAX_CAUSES = 6
 _OR = "or"
@@ -75,3 +78,19 @@ def _facts(found: Explanation) -> dict[str, object]:
         ],
         "words": found.words,
     }
+
+
+def print_bound(file: Path, settings: Sequence[str], *, as_json: bool) -> None:
+    """Print the bounds of a problem file, or of a result beside what it reached."""
+    from mbocp.bounds.of_problem import bound
+
+    signals.leave_in_order()
+    problem, solution = problem_and_solution(file, settings)
+    found = bound(problem, solution)
+    if as_json:
+        typer.echo(json.dumps(plain_json({**asdict(found), "gap": found.gap}), indent=2))
+        return
+    from mbocp.cli.summary import print_rows
+
+    rows = [("cost", found.words), ("duration", f"{found.duration:.6g} s at least")]
+    print_rows(problem.name, [*rows, *([("of", f"the {found.of} problem")] if found.is_valid else [])])

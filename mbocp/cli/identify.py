@@ -1,4 +1,4 @@
-"""`mbocp identify`: masses, inertias and friction of a robot from a log."""
+"""`mbocp identify` and `excite`: parameters of a robot from a log, and motions that tell most about them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ import numpy as np
 import typer
 
 from mbocp._arrays import plain_json
+from mbocp._files import RESULT_SUFFIXES
+from mbocp.cli import signals
 from mbocp.cli.console import count, output, plain_table
+from mbocp.cli.results import tell
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.solve import IMAGES, check_output
+from mbocp.cli.solve import IMAGES, check_output, problem_of
 from mbocp.exceptions import InvalidValue
 
 if TYPE_CHECKING:
@@ -166,3 +169,33 @@ def _print(found: Identification) -> None:
         noise = (found.torque_noise[k], found.position_noise[k])
         table.add_row(name, *(f"{x:.3g}" for x in left + noise))
     console.print(table)
+
+
+def print_exciting(
+    file: Path,
+    settings: Sequence[str],
+    output: Path | None,
+    torque_noise: float,
+    starts: int,
+    *,
+    as_json: bool,
+) -> int:
+    """Print the information of the motion, save it, and return the exit status."""
+    if output is not None:
+        check_output(output, "-o", RESULT_SUFFIXES)
+    from mbocp.identification import excite, information
+
+    signals.leave_in_order()
+    solution = excite(problem_of(file, settings), torque_noise=torque_noise, starts=starts)
+    told = information(solution, torque_noise=torque_noise)
+    if output is not None:
+        solution.save(output)
+        tell(f"result: {output}", as_json)
+    if as_json:
+        facts = {"status": str(solution.status), "log_det": told.log_det, "condition": told.condition}
+        typer.echo(json.dumps({**facts, "sd": dict(zip(told.base.names, told.sd.tolist(), strict=True))}))
+    else:
+        typer.echo(str(told))
+    if not solution.converged:
+        typer.echo(f"{file.name}: {solution.status}: {solution.advice}", err=True)
+    return 0 if solution.converged else 1

@@ -1,10 +1,11 @@
-"""`mbocp keys`: the keys of problem files, from their declarations."""
+"""`mbocp keys`: the keys of problem files, from their declarations; `mbocp schema`: the same for editors."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections.abc import Mapping
+from pathlib import Path
 
 import typer
 from rich.text import Text
@@ -12,10 +13,12 @@ from rich.text import Text
 from mbocp._keys import without_links
 from mbocp._text import show
 from mbocp.cli.console import output, plain_table
+from mbocp.cli.solve import check_output
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.problem.file.keys_page import Row, rows
 
 _INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
+SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it know it
 
 
 def print_keys(name: str | None, *, as_json: bool) -> None:
@@ -59,3 +62,21 @@ def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mappi
 def _facts(key: str, row: Row) -> dict[str, str]:
     cells = {"takes": row.takes, "unit": row.unit, "default": row.default, "says": row.says}
     return {"key": key, **{name: without_links(words) for name, words in cells.items()}}
+
+
+def write_schema(output: Path | None) -> None:
+    """Write the JSON schema of problem files, to the screen where no file is given.
+
+    Raises
+    ------
+    MbocpError
+        If the file is none that can be written.
+    """
+    from mbocp.problem.file.schema import problem_schema
+
+    text = json.dumps(problem_schema(), indent=1)
+    if output is None:
+        typer.echo(text)
+    else:
+        check_output(output, "-o", (".json",))
+        output.write_text(f"{text}\n", encoding="utf-8")

@@ -11,8 +11,8 @@ import numpy as np
 import typer
 
 from mbocp._files import is_file
+from mbocp.cli.keys import SCHEMA_FILE
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.schema import SCHEMA_FILE
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import MbocpError, ResultFileError, UnsupportedRobot
 

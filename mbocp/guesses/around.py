@@ -19,9 +19,8 @@ from mbocp._arrays import Array
 from mbocp.guesses.ways import Way, given_way, position_limits, straight, through
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.obstacles.near_pairs import MANY, near_pairs, with_pairs
 from mbocp.problem.obstacles.pair_clearances import WaySize
-from mbocp.problem.obstacles.reserves import with_first_reserve
+from mbocp.problem.obstacles.reserves import MANY, near_pairs, with_first_reserve, with_pairs
 from mbocp.robot import Robot
 from mbocp.robot.joints import configuration_slice, joint_kind
 from mbocp.robot.nodes import between

@@ -32,9 +32,8 @@ from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
-from mbocp.robot.poses.bounds import joint_bounds
 from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
-from mbocp.robot.poses.search import reach
+from mbocp.robot.poses.search import joint_bounds, reach
 
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there

@@ -22,7 +22,7 @@ from mbocp.problem.goals.frames import RESTARTS, goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.nodes import interpolate
-from mbocp.robot.poses.bounds import inside, joint_bounds
+from mbocp.robot.poses.search import inside, joint_bounds
 
 Way: TypeAlias = Callable[[Array, Array], Array]
 

@@ -17,8 +17,8 @@ from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
 from mbocp.identification.base import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics, Motion
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.tables import written_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve

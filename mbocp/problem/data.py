@@ -93,7 +93,7 @@ class ProblemData:
         in either case.
     scheme : str
         How time is discretised, one of `mbocp.integrators.SCHEMES`, or "auto". Of a problem that is
-        made, never "auto", which takes what suits it, see `mbocp.problem.default_scheme`.
+        made, never "auto", which takes what suits it, see `mbocp.problem.integration`.
     chooses_scheme : bool
         Whether the scheme was left open, and another may be taken where the problem changes.
     scheme_reason : str

@@ -14,8 +14,7 @@ from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.tables import written_tables
-from mbocp.problem.goals.goal import Goal
-from mbocp.problem.goals.goal_set import reachable_members
+from mbocp.problem.goals.goal import Goal, reachable_members
 from mbocp.problem.parameter import with_values
 from mbocp.problem.pipeline import run_steps
 from mbocp.problem.resolve import RESOLVE
@@ -208,3 +207,18 @@ class Problem(ProblemData):
     def _of_one(cls, document: Document, draft: dict[str, Any]) -> Problem:
         values: dict[str, Any] = {name: draft[name] for name in _FIELDS}
         return cls(**values, document=document, draft=draft, source=document.source, name=document.name)
+
+
+def problem_from_tables(
+    document: Mapping[str, Any],
+    *,
+    robot: Robot | str | Path | Mapping[str, Any] | None = None,
+    source: Path | None = None,
+    label: str = "problem",
+    name: str = "",
+    terms: Sequence[OwnTerm] = (),
+) -> Problem:
+    """Validate the tables and make the problem, see `mbocp.problem.document.make_document`."""
+    made = make_document(document, robot=robot, source=source, label=label, name=name, terms=tuple(terms))
+    with in_file(label):
+        return Problem.of(made)

@@ -16,20 +16,14 @@ from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_choice, check_integer
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.default_scheme import AUTO_SCHEME, choose_scheme
 from mbocp.problem.goals.consistency import check_end_conditions
 from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.rest import at_rest
+from mbocp.problem.integration import AUTO_SCHEME, choose_scheme
 from mbocp.problem.limits import Bounds
-from mbocp.problem.obstacles.clear_goal import clear_configuration
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
-from mbocp.problem.obstacles.clearance_pairs import clearance_of
-from mbocp.problem.path_list import (
-    checked_terms,
-    listed_path,
-    with_contacts,
-)
+from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
 from mbocp.problem.pipeline import Step
 from mbocp.problem.resolve_checks import (
     check_ends_of_motion,
@@ -55,7 +49,13 @@ from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timel
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.timeline.via_points import ordered_via, placed_via
-from mbocp.problem.together import check_guess, check_weights
+from mbocp.problem.together import (
+    check_guess,
+    check_weights,
+    checked_terms,
+    listed_path,
+    with_contacts,
+)
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import BoundedTerm, OwnTerm

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from mbocp.robot.facts import describe as describe
     from mbocp.robot.gathering import gather as gather
     from mbocp.robot.gathering import load_stored as load_stored
-    from mbocp.robot.link_inertia import LinkInertia as LinkInertia
     from mbocp.robot.loading.checks import SingularMassMatrix as SingularMassMatrix
     from mbocp.robot.loading.load import load_parts as load_parts
     from mbocp.robot.loading.load import load_robot as load_robot
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from mbocp.robot.parts import Limits as Limits
     from mbocp.robot.parts import QuarticSpring as QuarticSpring
     from mbocp.robot.parts import SpringDamper as SpringDamper
+    from mbocp.robot.payload import LinkInertia as LinkInertia
     from mbocp.robot.payload import Payload as Payload
     from mbocp.robot.placed import PlacedRobot as PlacedRobot
     from mbocp.robot.poses.inverse_kinematics import InverseKinematics as InverseKinematics

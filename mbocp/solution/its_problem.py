@@ -12,12 +12,12 @@ from mbocp._arrays import Array
 from mbocp._files import parse_toml
 from mbocp.exceptions import ProblemFileError, Unreadable
 from mbocp.problem import Problem, ProblemWarning
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.read import read_tables
 from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.problem import problem_from_tables
 from mbocp.problem.timeline.times import FreeTime
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored

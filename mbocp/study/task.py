@@ -14,8 +14,8 @@ from typing import Any
 
 from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solving import solve

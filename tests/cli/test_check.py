@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mbocp.robot.loading.readers.urdf_oddities import find_oddities
+from mbocp.robot.loading.readers.urdf_checks import find_oddities
 from tests.cli.conftest import ARM
 from tests.robot.urdfs import chain, joint, link, robot
 from tests.view.pages import read_page

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.schema import SCHEMA_FILE
+from mbocp.cli.keys import SCHEMA_FILE
 from mbocp.problem.first_motion import holding_controls
 from tests.mechanics.mimics import PAIR
 from tests.robot.urdfs import chain, joint, link, robot, write

@@ -24,7 +24,7 @@ from mbocp.formulation.fewer_ends import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.guesses import attempts, starts
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Status
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -16,7 +16,7 @@ from mbocp.exceptions import InvalidValue, RobotFileError
 from mbocp.mechanics import JointMechanics, NaturalMechanics
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.symmetries import find_symmetries
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import JointResistance, NotModelledWarning, Robot, describe, load_robot, robot_from_spec
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of

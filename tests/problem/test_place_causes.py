@@ -13,7 +13,7 @@ from benchmarks.explain import planted, sound, verdict
 from mbocp.problem import Problem
 from mbocp.problem.reasons.causes import causes_of
 from mbocp.robot import Robot, load_robot
-from mbocp.robot.collision.reach import reach
+from mbocp.robot.kinematics import reach
 
 ROBOTS = {
     name: load_robot(name) for name in ("ur5", "double_pendulum", "panda", "cart_pendulum_rigid", "delta")

@@ -27,9 +27,9 @@ from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.natural_coordinates.bodies import body_tree
 from mbocp.problem import Problem
-from mbocp.problem.file.build import problem_from_tables
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
+from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import Payload, Robot, describe, load_robot, robot_from_spec
 from mbocp.view.replay import write_replay
 from tests.mechanics import mimics

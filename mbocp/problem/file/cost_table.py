@@ -1,20 +1,22 @@
-"""`[cost]`: the keys of its terms, from what is written to weights and targets, and back."""
+"""`[cost]`: the keys of its terms, from what is written to weights and targets, also from files, and back."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._files import MEGABYTE, is_file, read_text
 from mbocp._keys import Table, merge_tables
-from mbocp.exceptions import ProblemError
+from mbocp._text import show
+from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
 from mbocp.problem.cost import Cost, further_terms, weights_by_key
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
-from mbocp.problem.file.target import read_target
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import are_alike
@@ -22,6 +24,7 @@ from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot
+from mbocp.storage.reading import read_image
 from mbocp.terms import COST_TERMS
 from mbocp.terms.cost import Reader
 from mbocp.terms.tables import WeightsTable
@@ -34,6 +37,8 @@ CostTable = merge_tables(
 PhaseCostTable = merge_tables(
     "PhaseCostTable", "Weights that differ in a phase.", (t.Keys for t in weights_by_key().values()), Table
 )
+_KEY = "cost.target_file"
+_MAX_BYTES = 256 * MEGABYTE  # of a CSV table
 
 
 def make_cost_reader(
@@ -196,3 +201,96 @@ def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, sou
         )
     if not weights.any():
         raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
+
+
+class _Motion(NamedTuple):
+    t: Array
+    qs: Array
+    ps: Array
+
+
+def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tuple[Array, Array]:
+    """Return the target at the end of every step.
+
+    Parameters
+    ----------
+    path : Path
+        A result of ``mbocp solve -o``, or a CSV table with the columns ``t [s]``, ``q:NAME [unit]`` and
+        ``p:NAME [unit]`` (as `Solution.to_csv` writes it); the time may be sampled in any way.
+    robot : Robot
+    duration : float
+        [s].
+    num_steps : int
+
+    Returns
+    -------
+    target_q : ndarray, shape (N, nq)
+    target_p : ndarray, shape (N, nv)
+    """
+    if not is_file(path):
+        raise ProblemError(f"{_KEY}: no such file {show(str(path))}")
+    motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
+    _check(motion, robot, path, duration)
+    times = np.arange(1, num_steps + 1) * (duration / num_steps)
+    qs, ps = zip(*(_at(motion, robot, t) for t in times), strict=True)
+    return np.array(qs), np.array(ps)
+
+
+def _read_csv(path: Path, robot: Robot) -> _Motion:
+    try:
+        text = read_text(path, expected="a CSV table", limit=_MAX_BYTES)
+        header, *rows = list(csv.reader(text.splitlines())) or [[]]
+    except (Unreadable, csv.Error) as error:
+        raise ProblemError(
+            f"{_KEY}: {path} {getattr(error, 'reason', f'is no CSV table ({error})')}"
+        ) from error
+    names = [column.partition(" [")[0].strip() for column in header]
+    wanted = ["t", *(f"q:{c.name}" for c in robot.q_labels), *(f"p:{c.name}" for c in robot.p_labels)]
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
+        raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {', '.join(names[:12])}")
+    columns = [names.index(name) for name in wanted]
+    try:
+        table = np.array([[float(row[i]) for i in columns] for row in rows if row])
+    except (ValueError, IndexError) as error:
+        raise ProblemError(f"{_KEY}: {path} has a row that is not all numbers ({error})") from error
+    table = table.reshape(-1, len(wanted))
+    return _Motion(table[:, 0], table[:, 1 : 1 + robot.nq], table[:, 1 + robot.nq :])
+
+
+def _read_result(path: Path) -> _Motion:
+    from mbocp.storage.hdf5 import content_of  # HDF5 only for those who track a saved motion
+
+    try:
+        arrays = content_of(path, read_image(path)).arrays
+    except ResultFileError as error:
+        raise ProblemError(f"{_KEY}: {path} {error.reason}") from error
+    return _Motion(*(arrays[name] for name in _Motion._fields))
+
+
+def _check(motion: _Motion, robot: Robot, path: Path, duration: float) -> None:
+    if motion.t.ndim != 1 or motion.qs.ndim != 2 or motion.ps.ndim != 2:
+        raise ProblemError(f"{_KEY}: {path} holds t, q or p of another shape than a row for each time")
+    if motion.qs.shape != (len(motion.t), robot.nq) or motion.ps.shape != (len(motion.t), robot.nv):
+        raise ProblemError(
+            f"{_KEY}: {path} holds q with {motion.qs.shape[-1]} and p with {motion.ps.shape[-1]} columns, "
+            f"expected {robot.nq} and {robot.nv} for robot {robot.name!r}"
+        )
+    if not all(np.isfinite(part).all() for part in motion):
+        raise ProblemError(f"{_KEY}: {path} has entries that are not finite")
+    if len(motion.t) < 2 or not (np.diff(motion.t) > 0.0).all():
+        raise ProblemError(f"{_KEY}: {path} needs at least two rows with increasing times")
+    if motion.t[0] > 1e-9 * duration or motion.t[-1] < duration * (1.0 - 1e-9):
+        raise ProblemError(
+            f"{_KEY}: {path} covers {motion.t[0]:g} to {motion.t[-1]:g} s, expected 0 to {duration:g} s"
+        )
+
+
+def _at(motion: _Motion, robot: Robot, t: float) -> tuple[Array, Array]:
+    """Interpolate along the geodesics of the joints."""
+    i = int(np.clip(np.searchsorted(motion.t, t, side="right") - 1, 0, len(motion.t) - 2))
+    share = min((t - motion.t[i]) / (motion.t[i + 1] - motion.t[i]), 1.0)
+    q = robot.integrate(motion.qs[i], share * robot.difference(motion.qs[i], motion.qs[i + 1]))
+    p = (1.0 - share) * motion.ps[i] + share * motion.ps[i + 1]
+    return q, p

@@ -16,9 +16,9 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import MbocpError
 from mbocp.integrators import SCHEMES
-from mbocp.problem.default_scheme import AUTO_SCHEME
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.first_motion import FirstMotion, first_motion
+from mbocp.problem.integration import AUTO_SCHEME
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 

@@ -19,9 +19,8 @@ from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from, with_motors_at_rest
 from mbocp.problem.file.periodic_table import periodic_from, periodic_table
-from mbocp.problem.goals.drives import without_driven_velocities
-from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal
-from mbocp.problem.goals.goal_set import of_member
+from mbocp.problem.goals.ends import without_driven_velocities
+from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal, of_member
 from mbocp.robot import Robot
 from mbocp.terms.written import VectorOrNamed
 

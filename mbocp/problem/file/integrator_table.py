@@ -9,8 +9,7 @@ from mbocp._keys import Key, Table
 from mbocp.integrators import LIE_METHODS, SCHEMES
 from mbocp.problem._checks import choice, whole
 from mbocp.problem.data import ProblemData
-from mbocp.problem.default_scheme import AUTO_SCHEME
-from mbocp.problem.integration import Stabilisation
+from mbocp.problem.integration import AUTO_SCHEME, Stabilisation
 from mbocp.terms.written import NonNegative
 
 

@@ -1,18 +1,24 @@
-"""Problem files: from TOML to a `Problem`."""
+"""Problem files: from TOML to a `Problem`; of a robot in its place, the smallest one."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mbocp._files import RESULT_SUFFIXES, is_file, parse_toml, read_text
-from mbocp.exceptions import ProblemFileError, Unreadable
-from mbocp.problem.file.build import problem_from_tables
+from mbocp.exceptions import MbocpError, ProblemFileError, Unreadable
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.sample import is_robot_file, smallest_problem
-from mbocp.problem.problem import Problem
+from mbocp.problem.problem import Problem, problem_from_tables
+from mbocp.robot import Robot, load_robot
 from mbocp.terms import OwnTerm
+
+_ROBOTS = (".urdf", ".xacro", ".mjcf", ".sdf", ".xml")
+_MAX_JOINTS = 12  # that are written out; the others may end anywhere
+_DISPLACEMENT = 0.5  # [rad, m]
 
 
 def load_problem(
@@ -94,3 +100,40 @@ def _problem(
 ) -> Problem:
     label = str(source) if source is not None else "<text>"
     return problem_from_tables(apply_overrides(document, overrides), source=source, label=label, terms=terms)
+
+
+def is_robot_file(path: Path) -> bool:
+    """Whether a file is a robot, by its name."""
+    return path.suffix.lower() in _ROBOTS
+
+
+def smallest_problem(path: Path) -> str:
+    """Lines of a problem file that moves the joints of the robot in `path`, from its initial pose to rest."""
+    try:
+        goal = _goal(load_robot(path))
+    except MbocpError:  # faults of the robot are reported when the problem is loaded
+        goal = "JOINT = 0.5"
+    return "\n".join(
+        (
+            f"robot = {json.dumps(path.name)}",
+            "[horizon]",
+            "duration = 2.0  # s",
+            "steps = 100",
+            "[goal]",
+            f"q = {{ {goal} }}  # rad or m",
+            "v = 0  # at rest",
+        )
+    )
+
+
+def _goal(robot: Robot) -> str:
+    """Positions within the limits, of joints with one coordinate."""
+    limits = robot.limits
+    words: list[str] = []
+    for name, joint in zip(robot.model.names[1:], robot.model.joints[1:], strict=True):
+        if joint.nq == joint.nv == 1 and len(words) < _MAX_JOINTS:
+            i = joint.idx_q
+            value = np.clip(robot.q0[i] + _DISPLACEMENT, limits.position_lower[i], limits.position_upper[i])
+            key = name if name.replace("_", "").replace("-", "").isalnum() else json.dumps(name)
+            words.append(f"{key} = {float(value):.3g}")
+    return ", ".join(words) or "JOINT = 0.5"

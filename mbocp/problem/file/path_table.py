@@ -1,7 +1,9 @@
-"""`[[path]]`: its keys, from what is written, with frames by name, to constraints, and back."""
+"""`[[path]]`: its keys, from what is written, also points in files, to constraints, and back."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,14 +12,14 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._files import path_of
+from mbocp._files import MEGABYTE, is_file, path_of, read_bytes, read_text
 from mbocp._keys import Key, Table, merge_tables
-from mbocp.exceptions import ProblemError
+from mbocp._text import show
+from mbocp.exceptions import ProblemError, Unreadable
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.points_file import read_points
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
@@ -26,6 +28,8 @@ from mbocp.terms import PATH_KEYS, PATH_TERMS, ContactTerm
 from mbocp.terms.span import SPAN, Span, SpanKeys
 
 _HEAD = ("name", "kind", "frame", *SPAN)
+_MAX_BYTES = 16 * MEGABYTE
+_COLUMNS = "x, y, z, or x, y, z, qx, qy, qz, qw"
 
 
 class PathHead(Table):
@@ -169,3 +173,56 @@ def _table(robot: Robot, constraint: PathConstraint) -> dict[str, Any]:
         **term.write(constraint, robot),
         **constraint.span.write(),
     }
+
+
+def read_points(path: Path, key: str) -> dict[str, Any]:
+    """Keys `points` and perhaps `orientations` of a path that is followed.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV table, with or without a row of names, or an array of NumPy's format .npy.
+    key : str
+        What messages call it.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such file, or it holds no table of three or seven columns.
+    """
+    if not is_file(path):
+        raise ProblemError(f"{key}: no such file {show(str(path))}")
+    try:
+        table = _read_array(path) if path.suffix.lower() == ".npy" else _read_csv(path)
+    except Unreadable as error:
+        raise ProblemError(f"{key}: {path} {error.reason}") from error
+    except (ValueError, csv.Error) as error:
+        raise ProblemError(f"{key}: {path} holds no table of numbers ({error})") from error
+    if table.ndim != 2 or table.shape[1] not in (3, 7):
+        raise ProblemError(f"{key}: {path} is of shape {table.shape}, expected columns {_COLUMNS}")
+    turns = {"orientations": table[:, 3:].tolist()} if table.shape[1] == 7 else {}
+    return {"points": table[:, :3].tolist(), **turns}
+
+
+def _read_csv(path: Path) -> Array:
+    rows = [
+        row
+        for row in csv.reader(read_text(path, expected="a CSV table", limit=_MAX_BYTES).splitlines())
+        if row
+    ]
+    if rows and not _is_number(rows[0][0]):
+        rows = rows[1:]
+    return np.array([[float(entry) for entry in row] for row in rows])
+
+
+def _read_array(path: Path) -> Array:
+    read = read_bytes(path, expected="an array of NumPy", limit=_MAX_BYTES)
+    return np.asarray(np.load(io.BytesIO(read), allow_pickle=False), dtype=np.float64)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -21,9 +21,9 @@ from mbocp.problem.units import ask_millimetres, with_question
 from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.projection import violations
-from mbocp.robot.poses.bounds import inside
 from mbocp.robot.poses.inverse_kinematics import LimitChoice
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
+from mbocp.robot.poses.search import inside
 from mbocp.terms import FrameGoal, FrameProjections
 
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one

@@ -14,8 +14,8 @@ from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot
-from mbocp.robot.collision.reach import length_of, reach
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.kinematics import length_of, reach
 from mbocp.robot.large import working_data
 
 _SLACK = 1e-6  # [m, m/s, rad] by which bounds may miss each other

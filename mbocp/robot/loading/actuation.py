@@ -12,9 +12,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.elastic_table import motor_of
 from mbocp.robot.loading.kinematic import unit_rotors
 from mbocp.robot.loading.limits import limit_of
+from mbocp.robot.loading.robot_tables import motor_of
 from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label

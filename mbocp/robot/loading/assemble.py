@@ -1,17 +1,20 @@
-"""From the description of a robot to a `Robot`."""
+"""From the description of a robot to a `Robot`, whose initial pose closes its loops."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp._warn import warn_caller
-from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
-from mbocp.robot import joints
+from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, RobotFileError, UnsupportedRobot
+from mbocp.robot import joints, kinematics
+from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.checks import check_drives, check_mechanics
 from mbocp.robot.loading.description import Description
@@ -22,16 +25,19 @@ from mbocp.robot.loading.elements import (
     spheres_of,
     trace_frames,
 )
-from mbocp.robot.loading.initial_pose import close_loops
-from mbocp.robot.loading.joint_frames import with_joint_frames
 from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
 from mbocp.robot.loading.motors import with_motors
 from mbocp.robot.loading.resistances import joint_resistances
+from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
+from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.loops.undriven import Held, joints_to_hold
+from mbocp.robot.poses.inverse_kinematics import closed_anywhere
 from mbocp.robot.robot import Robot
-from mbocp.robot.warnings import HeldJointsWarning
+from mbocp.robot.warnings import HeldJointsWarning, InitialPoseWarning
 from mbocp.symbolic import placements_of_followers
 
 
@@ -129,3 +135,125 @@ def _set_gravity(model: pin.Model, gravity: Sequence[float] | None, robot: str) 
     if not np.isfinite(vector).all():
         raise InvalidValue(f"robot {robot!r}: gravity", vector.tolist(), "three finite numbers [m/s^2]")
     model.gravity.linear = vector
+
+
+def with_joint_frames(
+    model: pin.Model, table: RobotTable, robot: str, file: Path
+) -> tuple[pin.Model, RobotTable]:
+    """Give each joint of a constraint with a placement a frame of its own, called NAME.a or NAME.b.
+
+    Parameters
+    ----------
+    model : pin.Model
+        After locking.
+    table : RobotTable
+    robot : str
+        Name for messages.
+    file : Path
+        Where the table stands, for messages.
+
+    Returns
+    -------
+    model : pin.Model
+        A copy with the frames.
+    table : RobotTable
+        Whose constraints name these frames.
+
+    Raises
+    ------
+    UnknownFrame
+        If a frame does not exist.
+    RobotFileError
+        If the name of a frame is taken.
+    """
+    model, changed = pin.Model(model), list[ConstraintKeys]()
+    for number, constraint in enumerate(table.constraints):
+        frames = list[str]()
+        for letter, (parent, position, orientation) in zip("ab", constraint.placements, strict=False):
+            frames.append(parent)
+            if position is None and orientation is None:
+                continue
+            frames[-1] = f"{constraint.name}.{letter}"
+            if model.existFrame(frames[-1]):
+                raise RobotFileError(
+                    file,
+                    f"a frame is called {frames[-1]!r} already: give the constraint another name",
+                    f"constraint[{number}].name",
+                )
+            placement = placement_from(position or (0.0,) * 3, orientation or (0.0, 0.0, 0.0, 1.0))
+            _add_frame(model, frames[-1], kinematics.frame_id(model, parent, robot), placement)
+        changed.append(constraint.model_copy(update={"frames": tuple(frames)} if frames else {}))
+    return model, table.model_copy(update={"constraints": changed})
+
+
+def _add_frame(model: pin.Model, name: str, parent: int, placement: pin.SE3) -> None:
+    """Add a frame at a place in another one."""
+    on = model.frames[parent]
+    frame = pin.Frame(name, on.parentJoint, parent, on.placement * placement, pin.FrameType.OP_FRAME)
+    model.addFrame(frame, False)
+
+
+def close_loops(robot: Robot, given: Sequence[str]) -> Robot:
+    """Return the robot with an initial pose that closes the loops, and without redundant rows.
+
+    Parameters
+    ----------
+    robot : Robot
+        With all rows of its constraints.
+    given : sequence of str
+        Joints whose initial position was written. They stay where they are if the loops can be closed so;
+        else those of them that have a motor do, and the others say which assembly mode is meant.
+
+    Raises
+    ------
+    LoopNotClosed
+        If no pose near the initial one closes the loops.
+    UnsupportedRobot
+        If constraints say the same as others, or leave nothing that moves.
+
+    Warns
+    -----
+    InitialPoseWarning
+        If neither those with a motor could stay.
+    """
+    if not robot.constraints:
+        return robot
+    q0, held = _assemble(robot, given)
+    posed = replace(robot, q0=q0)
+    kept = replace(posed, redundant_rows=redundant_rows(posed))
+    return replace(kept, q0=_close(kept, q0, held))
+
+
+def _assemble(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]:
+    """A pose that closes the loops up to few digits, and the joints that could be held."""
+    moved = np.any(robot.actuation.selection != 0.0, axis=1)
+    moved[list(robot.driven)] = True
+    motors = [name for name in given if moved[robot.velocity_indices(name)].any()]
+    for held in (given, motors) if motors else (given,):
+        try:
+            return assemble(robot, robot.q0, held, REDUNDANT_ROW_TOLERANCE), held
+        except LoopNotClosed:
+            # Robots that stand in a world for themselves are far from where their loops close.
+            found = closed_anywhere(robot, robot.q0, held) if robot.parts else None
+            if found is not None:
+                return found, held
+            if not held:
+                raise
+    q0 = assemble(robot, robot.q0, (), REDUNDANT_ROW_TOLERANCE)
+    bad = ", ".join(
+        f"{name!r} by {value:.3g} {unit}" for name, value, unit in violations(robot, robot.q0)[:3]
+    )
+    warn_caller(
+        f"robot {robot.name!r}: the initial pose violates {bad}; the nearest that closes the loops takes its "
+        "place: give another in [initial] of its robot.toml, or fewer joints",
+        InitialPoseWarning,
+    )
+    return q0, ()
+
+
+def _close(robot: Robot, q0: Array, held: Sequence[str]) -> Array:
+    """To round-off; joints whose position was written with a few digits move if they must."""
+    try:
+        return assemble(robot, q0, held)
+    except LoopNotClosed:
+        return assemble(robot, q0)

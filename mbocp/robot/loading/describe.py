@@ -21,15 +21,14 @@ from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import reader_of
-from mbocp.robot.loading.inertias_table import InertiasTable
 from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
-from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.readers.chain import describe_chain
 from mbocp.robot.loading.readers.examples import describe_example
 from mbocp.robot.loading.readers.objects import describe_object
 from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
+from mbocp.robot.loading.robot_tables import InertiasTable, payloads_of
 from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.sources import Source, find_source
 from mbocp.robot.loading.table_reader import TableReader

@@ -13,13 +13,12 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
 from mbocp.robot.collision.source import ShapeSource
-from mbocp.robot.link_inertia import LinkInertia
-from mbocp.robot.loading.followers import Follower
-from mbocp.robot.loading.inertias_table import InertiasTable
+from mbocp.robot.loading.limits import Follower
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.resistances import Losses
+from mbocp.robot.loading.robot_tables import InertiasTable
 from mbocp.robot.loading.schema import RobotTable
-from mbocp.robot.payload import Payload
+from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 
 ROOT_JOINT = "root_joint"  # the free-flyer under a root link that floats

@@ -15,10 +15,8 @@ from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.elastic_table import read_elastic
-from mbocp.robot.loading.inertias_table import read_inertias
-from mbocp.robot.loading.payload_table import payloads_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
+from mbocp.robot.loading.robot_tables import payloads_of, read_elastic, read_inertias
 from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
 from mbocp.robot.named_numbers import with_numbers

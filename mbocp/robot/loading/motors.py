@@ -11,8 +11,8 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.elastic import ElasticJoint
-from mbocp.robot.loading.elastic_table import ElasticTable, motor_of
 from mbocp.robot.loading.kinematic import unit_rotors
+from mbocp.robot.loading.robot_tables import ElasticTable, motor_of
 
 _ROTORS = {"revolute": pin.JointModelRZ, "prismatic": pin.JointModelPZ}
 _OF_MOTORS = ("upperEffortLimit", "lowerEffortLimit", "upperVelocityLimit", "lowerVelocityLimit")

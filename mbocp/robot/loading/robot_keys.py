@@ -21,11 +21,8 @@ from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
-from mbocp.robot.loading.elastic_table import ElasticTable
-from mbocp.robot.loading.inertias_table import InertiasTable
-from mbocp.robot.loading.payload_table import PayloadTable, ShapeTable
-from mbocp.robot.loading.schema_errors import refusal
-from mbocp.robot.loading.table_types import Orientation, Position
+from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, PayloadTable, ShapeTable
+from mbocp.robot.loading.table_types import Orientation, Position, refusal
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
 

@@ -19,11 +19,8 @@ from pydantic import (
 
 from mbocp._files import read_toml
 from mbocp.exceptions import RobotFileError, Unreadable
-from mbocp.robot.loading.elastic_table import ElasticTable
-from mbocp.robot.loading.inertias_table import InertiasTable, LinkTable
-from mbocp.robot.loading.payload_table import PayloadTable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
-from mbocp.robot.loading.schema_errors import first_complaint, refusal
+from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, PayloadTable
 from mbocp.robot.loading.table_types import (
     Component,
     FramePair,
@@ -35,7 +32,9 @@ from mbocp.robot.loading.table_types import (
     Printable,
     Table,
     Vector3,
+    first_complaint,
     is_zero,
+    refusal,
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS
 from mbocp.robot.loops.kinds.base import ConstraintKeys

@@ -19,9 +19,8 @@ from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.mechanism import Mechanism
-from mbocp.robot.poses.bounds import JointBounds, inside, joint_bounds
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
-from mbocp.robot.poses.search import reach
+from mbocp.robot.poses.search import JointBounds, inside, joint_bounds, reach
 from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
 
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]

@@ -8,6 +8,9 @@
     undriven: 'hold' or 'free'                  # rods that turn about themselves; default hold
 
 It becomes a `RobotTable`, as if it were a robot.toml, and a URDF with the other joint types.
+
+A few lines of YAML can stand for billions of entries (aliases of lists of aliases), so the size of what a
+text stands for is counted from the parser's events before anything is built.
 """
 
 from __future__ import annotations
@@ -17,9 +20,10 @@ from copy import deepcopy
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 from xml.etree import ElementTree
 
+import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from mbocp._files import MEGABYTE, read_text
@@ -28,7 +32,6 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
-from mbocp.robot.loading.readers.safe_yaml import parse_yaml
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.schema import ActuationTable, RobotTable
@@ -40,6 +43,8 @@ from mbocp.robot.warnings import IgnoredKeysWarning
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB
 _AXES = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 _JOINT_TYPES = ("SPHERICAL", "FIXED", *(f"UJOINT_{a}{b}" for a in _AXES for b in _AXES if a != b))
+MAX_NODES = 20_000  # names, lists and tables, each as often as aliases repeat it
+MAX_LEVELS = 20  # of lists and tables within each other
 
 
 class RobotYaml(BaseModel):
@@ -208,3 +213,51 @@ def _split(root: ElementTree.Element, joint: ElementTree.Element, axes: str) -> 
     joint.set("type", "continuous")
     child.set("link", cross)
     ElementTree.SubElement(joint, "axis", xyz=_AXES[axes[0]])
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+    """YAML's safe loader without its numbers, dates and truth values: 2020-13-45 or `on` is a name."""
+
+
+for _kind in ("bool", "int", "float", "timestamp", "binary"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", yaml.SafeLoader.construct_yaml_str)
+
+
+def parse_yaml(text: str) -> Any:
+    """Lists, tables, texts and None of a YAML text.
+
+    Raises
+    ------
+    Unreadable
+        If it is not YAML, with line and column, is nested too deeply or stands for too many entries.
+    """
+    try:
+        _check_size(text)
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise Unreadable(f"malformed YAML: {' '.join(str(error).split())}") from error
+
+
+def _check_size(text: str) -> None:
+    """Count the nodes, those of aliases each time, and stop at the limits."""
+    anchors: dict[str | None, int] = {}  # nodes of each anchor
+    open_: list[tuple[str | None, int]] = []  # what has not ended: its anchor, and nodes before it
+    count = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            if any(anchor == event.anchor for anchor, _ in open_):
+                raise Unreadable(f"malformed YAML: *{event.anchor} stands within itself")
+            count += anchors.get(event.anchor, 1)
+        elif isinstance(event, yaml.NodeEvent):
+            open_.append((event.anchor, count))
+            count += 1
+        if isinstance(event, yaml.ScalarEvent | yaml.CollectionEndEvent):
+            anchor, before = open_.pop()
+            anchors[anchor] = count - before
+        if len(open_) > MAX_LEVELS:
+            raise Unreadable(f"malformed YAML: lists or tables are nested more than {MAX_LEVELS} deep")
+        if count > MAX_NODES:
+            raise Unreadable(
+                f"malformed YAML: stands for more than {MAX_NODES} entries, each counted as often as "
+                "aliases repeat it"
+            )

@@ -2,16 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
+import coal
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._text import show
+from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.sdf_joints import read_joints
-from mbocp.robot.loading.readers.sdf_links import mesh_uris, read_links
-from mbocp.robot.loading.readers.sdf_xml import parse_sdf
-from mbocp.robot.loading.readers.tree import LeftOut, describe_tree, oddities_of
+from mbocp.robot.loading.readers.sdf_xml import Sdf, parse_sdf
+from mbocp.robot.loading.readers.tree import (
+    ELLIPSOIDS,
+    LeftOut,
+    MissingMesh,
+    TreeBody,
+    TreeShape,
+    describe_tree,
+    oddities_of,
+)
+from mbocp.robot.loading.readers.urdf_xml import finite_numbers
 from mbocp.robot.loading.schema import tables_from
+
+_MOMENTS = ("ixx", "iyy", "izz")
+_PRODUCTS = ("ixy", "ixz", "iyz")
+_NO = ("false", "0")
+_WITHOUT_BODY = ("empty", "plane", "heightmap", "image")
+# What makes them of which numbers.
+_SHAPES: Mapping[str, tuple[Any, Mapping[str, int]]] = {
+    "box": (coal.Box, {"size": 3}),
+    "sphere": (coal.Sphere, {"radius": 1}),
+    "cylinder": (coal.Cylinder, {"radius": 1, "length": 1}),
+    "capsule": (coal.Capsule, {"radius": 1, "length": 1}),
+}
 
 
 def read(path: Path, name: str, how: Reading) -> Description:
@@ -44,3 +74,107 @@ def oddities(path: Path) -> Iterator[str]:
             yield f"link {link.get('name')!r}: no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
     links = read_links(sdf, (), left_out)
     yield from oddities_of(read_joints(sdf, links, left_out).bodies)
+
+
+def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> dict[str, TreeBody]:
+    """Links as bodies placed in the model, by name."""
+    bodies: dict[str, TreeBody] = {}
+    for element in sdf.element.iterfind("link"):
+        name = element.get("name", "")
+        body = TreeBody(name, None, sdf.place(name), inertia=_inertia(sdf, element, name))
+        bodies[name] = body
+        if element.findtext("gravity", "true").strip() in _NO:
+            left_out.add("gravity turned off for the links", name)
+        if element.find("inertial/fluid_added_mass") is not None:
+            left_out.add("the fluid that moves with the links", name)
+        _add_shapes(sdf, element, body, folders, left_out)
+    for element in sdf.element.iterfind("frame"):
+        name = element.get("name", "")
+        link = sdf.link_of(name)
+        if link in bodies:
+            bodies[link].frames.append((name, bodies[link].placement.actInv(sdf.place(name))))
+    return bodies
+
+
+def _add_shapes(
+    sdf: Sdf, link: ElementTree.Element, body: TreeBody, folders: Sequence[Path], left_out: LeftOut
+) -> None:
+    """Shapes of a link, those whose mesh is missing as such."""
+    elements = [inner for inner in link if inner.tag in ("visual", "collision")]
+    for number, inner in enumerate(elements):
+        is_drawn, form = inner.tag == "visual", inner.find("geometry/*")
+        if form is None or form.tag in _WITHOUT_BODY:
+            continue
+        if form.tag not in (*_SHAPES, "mesh"):
+            told = f"shapes <{form.tag}>, neither drawn nor solid, of"
+            left_out.add(ELLIPSOIDS if form.tag == "ellipsoid" else told, body.name)
+            continue
+        try:
+            shape = _shape(sdf, inner, form, body.name, number, folders)
+        except FileNotFoundError as error:
+            body.missing.append(MissingMesh(f"link {show(body.name)}", str(error), not is_drawn))
+            continue
+        if form.find("submesh") is not None:
+            left_out.add("<submesh>, in whose place stands the whole mesh, of", body.name)
+        body.shapes.append(TreeShape(shape, _color(sdf, inner), is_drawn, not is_drawn))
+
+
+def mesh_uris(sdf: Sdf) -> tuple[str, ...]:
+    """Addresses of all meshes, each once."""
+    uris = (mesh.findtext("uri") or "" for mesh in sdf.element.iter("mesh"))
+    return tuple(dict.fromkeys(uri.strip() for uri in uris))
+
+
+def _inertia(sdf: Sdf, link: ElementTree.Element, name: str) -> pin.Inertia:
+    """What <inertial> says; the format gives 1 kg and 1 kg m^2 to what says nothing."""
+    where = f"link {show(name)}"
+    written = link.find("inertial")
+    if written is None:
+        return pin.Inertia(1.0, np.zeros(3), np.eye(3))
+    if written.get("auto") == "true":
+        raise UnsupportedRobot(
+            f"{sdf.path}: {where}: <inertial auto> is not supported; write mass and inertia"
+        )
+    mass = sdf.number(written, "mass", where, 1.0)
+    inertia = written.find("inertia")
+    inside = ElementTree.Element("inertia") if inertia is None else inertia
+    xx, yy, zz = (sdf.number(inside, key, where, 1.0) for key in _MOMENTS)
+    xy, xz, yz = (sdf.number(inside, key, where, 0.0) for key in _PRODUCTS)
+    if mass < 0.0 or min(xx, yy, zz) < 0.0:
+        least = f"mass {mass:g} kg, moments {xx:g}, {yy:g}, {zz:g} kg m^2"
+        raise UnsupportedRobot(f"{sdf.path}: {where}: none of its {least} can be negative")
+    moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return sdf.pose(written, f"{where}: inertial").act(pin.Inertia(mass, np.zeros(3), moments))
+
+
+def _shape(
+    sdf: Sdf,
+    element: ElementTree.Element,
+    form: ElementTree.Element,
+    link: str,
+    number: int,
+    folders: Sequence[Path],
+) -> LinkShape:
+    """Shape of a <visual> or <collision>."""
+    where = f"{element.tag} {show(element.get('name', ''))} of link {show(link)}"
+    placement = sdf.pose_in(link, element, where)
+    if form.tag == "mesh":
+        path = resolve((form.findtext("uri") or "").strip(), sdf.path.parent, folders)
+        scale = sdf.numbers(form, "scale", where, (1.0, 1.0, 1.0))
+        return LinkShape(link, number, where, coal.BVHModelOBBRSS(), str(path), scale, placement)
+    make, keys = _SHAPES[form.tag]
+    sizes = [
+        size for key, count in keys.items() for size in sdf.numbers(form, key, where, (1.0,) * count).tolist()
+    ]
+    if not all(size > 0.0 for size in sizes):
+        raise RobotFileError(sdf.path, f"{where}: its sizes are {sizes}, expected positive ones")
+    return LinkShape(link, number, where, make(*sizes), "", np.ones(3), placement)
+
+
+def _color(sdf: Sdf, element: ElementTree.Element) -> Array | None:
+    text = element.findtext("material/diffuse")
+    if text is None:
+        return None
+    words = text.split()
+    filled = " ".join([*words, "1"]) if len(words) == 3 else text
+    return finite_numbers(sdf.path, "material diffuse", filled, (0.7, 0.7, 0.7, 1.0))

@@ -24,12 +24,11 @@ from mbocp.meshes.volume import count_open_edges, enclosed, fill, scaled, weld
 from mbocp.robot.collision.geometry import read_mesh
 from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.collision.source import LinkShape
-from mbocp.robot.link_inertia import LinkInertia
-from mbocp.robot.loading.inertias_table import InertiasTable, LinkTable
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, fault_of, is_rotor, read_inertials
 from mbocp.robot.loading.readers.urdf_shapes import link_shapes
 from mbocp.robot.loading.readers.urdf_xml import Urdf
-from mbocp.robot.payload import INERTIA_KEYS, Payload
+from mbocp.robot.loading.robot_tables import InertiasTable, LinkTable
+from mbocp.robot.payload import INERTIA_KEYS, LinkInertia, Payload
 from mbocp.robot.warnings import EstimatedInertiaWarning
 
 _KINDS = ("collision", "visual")  # of shapes, the better ones first

@@ -1,4 +1,4 @@
-"""The text of a URDF as a tree of elements, and the numbers in its attributes."""
+"""The text of a URDF as a tree of elements, the numbers in its attributes, and its SRDF."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._files import XML_LIMIT, read_text
+from mbocp._files import MEGABYTE, XML_LIMIT, is_file, read_text
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable
 
@@ -21,6 +21,7 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
 
 _MAX_LEVELS = 100  # of elements within each other; a URDF needs six
+_MAX_BYTES = 4 * MEGABYTE
 
 
 @dataclass(frozen=True)
@@ -138,3 +139,39 @@ def child_attribute(element: ElementTree.Element, tag: str, key: str) -> str | N
     """An attribute of the first child of that tag; None if there is no such child or attribute."""
     child = element.find(tag)
     return None if child is None else child.get(key)
+
+
+def find_srdf(urdf: Path) -> Path | None:
+    """The SRDF of a URDF's name beside it, or in the folder srdf next to its own; None if there is none."""
+    stem = urdf.stem
+    while stem.endswith((".urdf", ".xacro")):  # panda.urdf.xacro
+        stem = Path(stem).stem
+    name = f"{stem}.srdf"
+    places = (urdf.parent / name, urdf.parent.parent / "srdf" / name)
+    return next((place for place in places if is_file(place)), None)
+
+
+def disabled_by(srdf: Path) -> frozenset[frozenset[str]]:
+    """Pairs of links of <disable_collisions>.
+
+    Raises
+    ------
+    RobotFileError
+        If it is no SRDF.
+    """
+    try:
+        root = ElementTree.fromstring(read_text(srdf, expected="an SRDF", limit=_MAX_BYTES))
+    except Unreadable as error:
+        raise RobotFileError(srdf, error.reason) from error
+    except (ElementTree.ParseError, ValueError) as error:
+        raise RobotFileError(srdf, f"malformed XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotFileError(srdf, f"not an SRDF: its root element is <{root.tag}>, expected <robot>")
+    pairs = ((e.get("link1", ""), e.get("link2", "")) for e in root.iterfind("disable_collisions"))
+    return frozenset(frozenset(pair) for pair in pairs)
+
+
+def disabled_beside(urdf: Path) -> frozenset[frozenset[str]]:
+    """Pairs of links of the SRDF of a URDF; none without one."""
+    srdf = find_srdf(urdf)
+    return frozenset() if srdf is None else disabled_by(srdf)

@@ -16,7 +16,7 @@ from mbocp.robot.loading.addresses import package_folders
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import check_urdf, describe_urdf
-from mbocp.robot.loading.readers.urdf_oddities import find_oddities
+from mbocp.robot.loading.readers.urdf_checks import find_oddities
 from mbocp.robot.loading.readers.urdf_shapes import mesh_addresses
 from mbocp.robot.loading.readers.urdf_xml import Urdf, has_macros, parse_xml, read_xml, urdf_of
 

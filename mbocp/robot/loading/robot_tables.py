@@ -1,0 +1,235 @@
+"""Tables of a robot.toml and of `[robot]`: payloads, elastic joints, masses and inertias of links."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, TypeAlias
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from mbocp._keys import Key, Kind
+from mbocp._keys import Table as KeyTable
+from mbocp._numbers import finite_number
+from mbocp._text import has_control_characters, show
+from mbocp.exceptions import InvalidValue, RobotError, suggest
+from mbocp.robot.loading.table_types import (
+    Orientation,
+    Position,
+    Table,
+    first_complaint,
+    read_table,
+    vector_of,
+)
+from mbocp.robot.payload import INERTIA_KEYS, MAX_VALUE, SHAPES, Payload
+
+_INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
+_SUFFIX = "_motor"
+
+_Positive = Annotated[float, Kind("positive number", finite_number, float), Field(gt=0, le=MAX_VALUE)]
+_NotNegative = Annotated[float, Kind("number of 0 or more", finite_number, float), Field(ge=0, le=MAX_VALUE)]
+
+
+def _inertia(value: Any) -> tuple[float, ...]:
+    if isinstance(value, Mapping):
+        for key in value:
+            if key not in INERTIA_KEYS:
+                raise ValueError(f"unknown key {show(key)}; {suggest(str(key), INERTIA_KEYS)}")
+        missing = [key for key in INERTIA_KEYS[:3] if key not in value]
+        if missing:
+            raise ValueError(f"{missing[0]} is missing; give ixx, iyy, izz and what is not zero of the rest")
+        value = [value.get(key, 0.0) for key in INERTIA_KEYS]
+    if isinstance(value, list | tuple) and len(value) == 3:
+        value = [*value, 0.0, 0.0, 0.0]
+    return vector_of(_INERTIA, 6)(value)
+
+
+def _name(value: Any) -> str:
+    if not isinstance(value, str) or not value or has_control_characters(value):
+        raise ValueError(f"got {show(value)}, expected a name")
+    return value
+
+
+Inertia: TypeAlias = Annotated[Any, BeforeValidator(_inertia)]
+Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number)]
+Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
+
+
+def check_body(**said: Any) -> None:
+    """Refuse numbers that no body has, as pydantic wants it."""
+    try:
+        Payload(**said)
+    except InvalidValue as error:
+        key = error.name.rpartition(": ")[2]
+        raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
+
+
+class ShapeTable(BaseModel):
+    """Mass and shape of a body."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+    mass: Mass | None = None
+    com: Position = (0.0, 0.0, 0.0)
+    inertia: Inertia = (0.0,) * 6
+    box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3))] = None
+    sphere: Annotated[Any, BeforeValidator(finite_number)] = None
+    cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2))] = None
+
+
+class PayloadTable(ShapeTable):
+    """A body that the robot carries, rigidly attached to one of its frames, see `Payload`."""
+
+    name: Name | None = None
+    frame: Name
+    mass: Mass
+    position: Position | None = None
+    orientation: Orientation | None = None
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> PayloadTable:
+        check_body(**{"name": "payload", **self.model_dump(exclude_none=True)})
+        return self
+
+    def payload(self, default: str) -> Payload:
+        """The payload; `default` is its name if none is given."""
+        said = self.model_dump(exclude_none=True)
+        return Payload(**{"name": default, **said})
+
+
+def payloads_of(given: Iterable[Payload | PayloadTable | Mapping[str, Any]]) -> tuple[Payload, ...]:
+    """Payloads from tables; those without a name are payload_0, payload_1, ... by their place.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    return tuple(_payload(entry, number) for number, entry in enumerate(given))
+
+
+def _payload(entry: Any, number: int) -> Payload:
+    if isinstance(entry, Payload):
+        return entry
+    where = f"payload[{number}]"
+    if isinstance(entry, PayloadTable):
+        return entry.payload(f"payload_{number}")
+    if not isinstance(entry, Mapping):
+        keys = ", ".join(("frame", "mass", *SHAPES))
+        raise RobotError(f"{where}: got {show(entry)}, expected a table with {keys}")
+    said = {key: value for key, value in entry.items() if value is not None}
+    return read_table(PayloadTable, said, where).payload(f"payload_{number}")
+
+
+class ElasticTable(KeyTable):
+    """A joint between which and its motor there are a spring and a damper."""
+
+    joint: Annotated[str, Key("a revolute or prismatic joint")]
+    stiffness: Annotated[_Positive, Key("of the spring between the joint and its motor", "N m/rad, N/m")]
+    damping: Annotated[_NotNegative, Key("of the damper beside it", "N m s/rad, N s/m")] = 0.0
+    motor_inertia: Annotated[
+        _Positive, Key("of the motor's rotor, at the joint's side of the gear", "kg m^2, kg")
+    ]
+
+
+def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> list[ElasticTable] | None:
+    """Read the tables that Python gives.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    if rows is None:
+        return None
+    return [read_table(ElasticTable, row, f"elastic[{number}]") for number, row in enumerate(rows)]
+
+
+def motor_of(joint: str) -> str:
+    """Name of the joint of an elastic joint's motor."""
+    return joint + _SUFFIX
+
+
+class LinkTable(Table):
+    """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
+
+    mass: _Positive
+    com: Position | None = None
+    inertia: Inertia | None = None
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> LinkTable:
+        check_body(frame="", **self.model_dump(exclude_none=True))
+        return self
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it says all."""
+        return self.com is not None and self.inertia is not None
+
+
+def _links(value: Any) -> dict[str, LinkTable]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f"got {show(value)}, expected a table for each link")
+    return {link: _link(link, table) for link, table in value.items()}
+
+
+def _link(link: str, table: Any) -> LinkTable:
+    if isinstance(table, LinkTable):
+        return table
+    try:
+        return LinkTable.model_validate(table)
+    except ValidationError as error:
+        key, reason = first_complaint(error, table, lambda _: list(LinkTable.model_fields))
+        raise ValueError(f"{link}{key and '.'}{key}: {reason}") from error
+
+
+class InertiasTable(KeyTable):
+    """Where masses and inertias of links come from that the file does not give."""
+
+    density: Annotated[
+        _Positive | None,
+        Key("of the shapes of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
+    ] = None
+    mass: Annotated[
+        _Positive | None, Key("of the whole robot, from which the density of these shapes follows", "kg")
+    ] = None
+    links: Annotated[
+        Any,
+        Kind("table", _links, dict[str, dict[str, Any]]),
+        Key("`mass`, `com`, `inertia` by link, in place of what the file says", "kg, m, kg m^2"),
+    ] = Field(default={})
+
+    @model_validator(mode="after")
+    def _says_one_of_them(self) -> InertiasTable:
+        if self.density is not None and self.mass is not None:
+            raise ValueError("give either density [kg/m^3] or mass [kg], of the whole robot")
+        if self.density is None and self.mass is None and not self.links:
+            raise ValueError("give density [kg/m^3], mass [kg] of the whole robot, or links")
+        return self
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it has numbers alone, and no shape is needed."""
+        return self.density is self.mass is None and all(link.is_whole for link in self.links.values())
+
+    def within(self, prefix: str) -> InertiasTable:
+        """Those links whose names begin so, without the prefix."""
+        links = {
+            name.removeprefix(prefix): link for name, link in self.links.items() if name.startswith(prefix)
+        }
+        return self.model_copy(update={"links": links})
+
+
+def read_inertias(value: InertiasTable | Mapping[str, Any] | None) -> InertiasTable | None:
+    """Read the table that Python gives.
+
+    Raises
+    ------
+    RobotError
+        For an unknown or missing key or a wrong value, naming it.
+    """
+    if value is None:
+        return None
+    if not isinstance(value, InertiasTable | Mapping):
+        raise RobotError(f"inertias: got {show(value)}, expected a table with density, mass or links")
+    return read_table(InertiasTable, value, "inertias")
