@@ -336,7 +336,7 @@ def live(
 
     Needs mbocp[live].
     """
-    from mbocp.cli.live import live_page
+    from mbocp.cli.replay import live_page
 
     live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
 
@@ -422,7 +422,7 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write a motion for controllers and other tools, at any rate."""
-    from mbocp.cli.export import export_result
+    from mbocp.cli.results import export_result
 
     if not export_result(result, output, kind, rate, interpolation, fit=fit, check=check, quiet=quiet):
         raise typer.Exit(1)
@@ -459,7 +459,7 @@ def spheres(
     as_json: Json = False,
 ) -> None:
     """Show the spheres that stand for links where a robot may collide."""
-    from mbocp.cli.spheres import print_spheres
+    from mbocp.cli.robots import print_spheres
 
     signals.leave_in_order()
     print_spheres(name, replay, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)

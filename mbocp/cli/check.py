@@ -14,7 +14,7 @@ from rich.text import Text
 from mbocp.cli.report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
-from mbocp.problem.goals.rest import words_of_rest
+from mbocp.problem.goals.consistency import stops_at_end
 from mbocp.problem.limits import LIMITS
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _rows(problem: Problem) -> _Rows:
         *_limits(problem),
         *_others(problem),
         ("cost", _cost(problem)),
-        ("solver", _solver(problem)),
+        ("solver", f"{problem.solver.method}, {problem.num_end_conditions} end conditions"),
     ]
     rows += cause_rows(causes_of(problem))
     if words := inertia_words(describe(robot)["inertias"]):
@@ -168,5 +168,16 @@ def _cost(problem: Problem) -> str:
     return ", ".join(word for word in words if word) or "none"
 
 
-def _solver(problem: Problem) -> str:
-    return f"{problem.solver.method}, {problem.num_end_conditions} end conditions"
+def words_of_rest(problem: Problem) -> str:
+    """What a goal of rest says of accelerations where jerks are limited; "" where there is nothing to say."""
+    robot, goal = problem.robot, problem.goal
+    if goal.a_rule == "rest":
+        return "a = 0 since jerk is limited"
+    stops = stops_at_end(robot, goal, problem.limits_of_ends[1], problem.free_at_end(goal.q))
+    if goal.a_active.any() or not stops.any():
+        return ""
+    if goal.a_rule == "free":
+        return "acceleration free"
+    if robot.drives:
+        return "acceleration free, since controls prescribe velocities"
+    return f"acceleration free: {robot.nu} control{'s' * (robot.nu != 1)} cannot set it"

@@ -17,7 +17,7 @@ from mbocp.formulation.parameters import ParameterLayout, mask
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
-from mbocp.problem.typical import typical_force
+from mbocp.problem.cost import typical_force
 from mbocp.programme.units import Units
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]

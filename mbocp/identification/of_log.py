@@ -17,7 +17,7 @@ from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.log import Log, read_log
 from mbocp.identification.trajectory import Estimate, Measured, estimate, knots_for, smooth
-from mbocp.problem.units import ask_degrees, with_question
+from mbocp.problem.limits import ask_degrees, with_question
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.parts import Label
 from mbocp.robot.resistance import JointResistance

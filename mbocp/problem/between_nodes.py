@@ -134,7 +134,7 @@ def largest_excess(
     shares : tuple of float, length k
         Where in the steps these are, if they vary.
     """
-    limits = {letter: sides for letter, sides in problem.limits_along().items() if _is_finite(sides)}
+    limits = {letter: sides for letter, sides in problem.limits_along().items() if np.isfinite(sides).any()}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
     if not (limits and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
@@ -304,10 +304,6 @@ def _runge_kutta(robot: Robot, qs: Array, vs: Array, us: Sequence[Array], h: Arr
     v4 = vs + h * a3
     a4 = accelerations(robot, move(h * v3), v4, us[2])
     return move(h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), vs + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-
-
-def _is_finite(sides: Sides) -> bool:
-    return any(bool(np.isfinite(side).any()) for side in sides)
 
 
 def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, us: Array) -> StepCubics:

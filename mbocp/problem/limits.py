@@ -1,8 +1,9 @@
-"""Bounds on controls, velocities and configurations that hold along the motion."""
+"""Bounds along the motion, and the question whether numbers beyond them are in degrees or millimetres."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,7 +13,6 @@ from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.units import ask_degrees, with_question
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.terms import RATE_TERMS
@@ -26,6 +26,9 @@ LIMITS = {  # keys of a problem file
 }
 _SLACK = 1e-6  # relative, by which the values of a plan, from which a start is taken, may leave their limits
 _STORED = ("u", "v", "q")  # by the side of trajectories; a problem's text has all
+_TURN = 2.0 * math.pi  # [rad]; a smaller number may well be an angle in radians that is a little too large
+_TURNS = 2.0 * _TURN  # [rad] beyond which a whole number is no likely angle of a joint without limits
+_FAR = 20.0  # [m] that the tool of no arm on a stand is away
 
 
 def _unbounded() -> Array:
@@ -242,3 +245,33 @@ def _refuse_outside(
         )
         question = ask_degrees(value[i], lower[i], upper[i], labels[i].unit)
         raise ProblemError(with_question(words, question))
+
+
+def ask_degrees(value: float, lower: float, upper: float, unit: str) -> str:
+    """Return the question whether an angle is in degrees; "" where nothing looks like it.
+
+    Parameters
+    ----------
+    value, lower, upper : float
+        Angle and its limits, or numbers of another unit.
+    unit : str
+    """
+    if unit != "rad":
+        return ""
+    angle = math.radians(value)
+    if math.isinf(lower) and math.isinf(upper):
+        likely = abs(value) > _TURNS and value == round(value)
+    else:
+        likely = abs(value) > _TURN and not lower <= value <= upper and lower <= angle <= upper
+    return f"is it in degrees? {value:.6g} deg are {angle:.4f} rad" if likely else ""
+
+
+def with_question(message: str, question: str) -> str:
+    """Return a message with a question behind it, if there is one."""
+    return f"{message}; {question}" if question else message
+
+
+def ask_millimetres(position: Iterable[float]) -> str:
+    """Return the question whether a position [m] is in millimetres; "" where nothing looks like it."""
+    worst = max((x for x in position if math.isfinite(x)), key=abs, default=0.0)
+    return f"is it in millimetres? {worst:.6g} mm are {worst / 1e3:.4g} m" if abs(worst) > _FAR else ""

@@ -16,10 +16,9 @@ from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_choice, check_integer
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.goals.consistency import check_end_conditions
+from mbocp.problem.goals.consistency import at_rest, check_end_conditions
 from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.goals.rest import at_rest
 from mbocp.problem.integration import AUTO_SCHEME, choose_scheme
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
@@ -117,10 +116,6 @@ def _scheme(
         ends=(num_steps, duration / (num_steps - len(said_steps_of_impacts))),
     )
     return chosen.scheme, True, chosen.reason
-
-
-def _limits(said_limits: Bounds, robot: Robot) -> Bounds:
-    return said_limits.complete(robot)
 
 
 def _schedule(
@@ -291,7 +286,7 @@ RESOLVE = (
     Step.of(_steps, "horizon", "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
     Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
     Step.of(check_scheme),
-    Step.of(_limits, "limits"),
+    Step.of(lambda said_limits, robot: said_limits.complete(robot), "limits"),
     Step.of(_schedule, "schedule"),
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),

@@ -14,12 +14,11 @@ from mbocp._warn import warn_caller
 from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.limits import Bounds
+from mbocp.problem.limits import Bounds, ask_degrees, with_question
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
-from mbocp.problem.units import ask_degrees, with_question
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.redundancy import singular_pose

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from mbocp.solution.accuracy import Accuracy
-from mbocp.solution.conserved import ConservedQuantity
-from mbocp.solution.limits import ActiveLimit
-from mbocp.solution.loads import Load, loads_of
-from mbocp.solution.records import Column, Labels
-from mbocp.solution.solution import Solution
-from mbocp.solvers.records import IterationRecord, Phase, Status
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Accuracy",
-    "ActiveLimit",
-    "Column",
-    "ConservedQuantity",
-    "IterationRecord",
-    "Labels",
-    "Load",
-    "Phase",
-    "Solution",
-    "Status",
-    "loads_of",
-]
+from mbocp._exports import names_of
+
+if TYPE_CHECKING:
+    from mbocp.solution.accuracy import Accuracy as Accuracy
+    from mbocp.solution.conserved import ConservedQuantity as ConservedQuantity
+    from mbocp.solution.limits import ActiveLimit as ActiveLimit
+    from mbocp.solution.loads import Load as Load
+    from mbocp.solution.loads import loads_of as loads_of
+    from mbocp.solution.records import Column as Column
+    from mbocp.solution.records import Labels as Labels
+    from mbocp.solution.solution import Solution as Solution
+    from mbocp.solvers.records import IterationRecord as IterationRecord
+    from mbocp.solvers.records import Phase as Phase
+    from mbocp.solvers.records import Status as Status
+
+__getattr__ = names_of(__name__, __file__)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.cli.check import words_of_rest
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
-from mbocp.problem.goals.rest import words_of_rest
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 

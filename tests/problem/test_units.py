@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import ProblemError, UnreachablePose
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.units import ask_degrees, ask_millimetres
+from mbocp.problem.limits import ask_degrees, ask_millimetres
 
 ARM = """
 robot = "ur5"

@@ -18,7 +18,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot, describe, load_parts, load_robot
-from mbocp.robot.loading.motors import with_motors
+from mbocp.robot.loading.model_changes import with_motors
 from mbocp.robot.loading.robot_tables import ElasticTable
 from tests.robot.urdfs import link, robot
 

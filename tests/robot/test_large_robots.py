@@ -14,7 +14,7 @@ import mbocp
 from mbocp.exceptions import MemoryLimitExceeded, UnsupportedRobot
 from mbocp.robot import load_robot
 from mbocp.robot.large import composite_mass_matrix, is_large, working_data
-from mbocp.robot.loading.readers.chain import chain_urdf
+from mbocp.robot.loading.readers.in_memory import chain_urdf
 
 
 @pytest.mark.filterwarnings("ignore:.*Coulomb friction:mbocp.robot.NotModelledWarning")

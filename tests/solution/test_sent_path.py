@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.cli.export import export_result
+from mbocp.cli.results import export_result
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import check_sent
 from mbocp.solution.sent_path import path_excesses

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.export import export_result
+from mbocp.cli.results import export_result
 from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import has_torques, torque_excesses, torques_along

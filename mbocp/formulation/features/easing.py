@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem import Problem
-from mbocp.problem.typical import typical_force, velocity_weight
+from mbocp.problem.cost import typical_force, velocity_weight
 from mbocp.terms import Effort, RunningTerm, Velocity
 
 

@@ -208,7 +208,7 @@ def _horizon_now(
     if has_phases:
         return old
     steps = {} if "accuracy" in old else {"steps": made.num_steps}
-    return {**old, "duration": _written(made), **steps}
+    return {**old, "duration": written_duration(made.duration, made.duration_range), **steps}
 
 
 def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]) -> Any:
@@ -221,10 +221,6 @@ def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]
     if made.given_lengths is None or is_other:
         return None
     return scaled_lengths(made.given_lengths, float(table["duration"]))
-
-
-def _written(made: Timeline) -> Any:
-    return written_duration(made.duration, made.duration_range)
 
 
 def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:

@@ -14,7 +14,7 @@ from mbocp._files import MEGABYTE, is_file, read_text
 from mbocp._keys import Table, merge_tables
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
-from mbocp.problem.cost import Cost, further_terms, weights_by_key
+from mbocp.problem.cost import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.goals.goal import Goal
@@ -22,7 +22,6 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import are_alike
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.typical import typical_force, velocity_weight
 from mbocp.robot import Robot
 from mbocp.storage.reading import read_image
 from mbocp.terms import COST_TERMS

@@ -110,12 +110,8 @@ def frames_from(tables: Sequence[FramePoseTable], *, key: str = "goal.frame") ->
     return tuple(found)
 
 
-def frame_tables(frames: Sequence[FrameGoal]) -> list[dict[str, Any]]:
-    """Return the tables that read back as the same goals."""
-    return [_table(frame) for frame in frames]
-
-
-def _table(goal: FrameGoal) -> dict[str, Any]:
+def write_frame(goal: FrameGoal) -> dict[str, Any]:
+    """Return the table that reads back as the same goal."""
     target = goal.target
     table: dict[str, Any] = {"name": target.name}
     if target.position is not None:

@@ -14,7 +14,7 @@ from mbocp.integrators import SCHEMES
 from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size, choice
 from mbocp.problem.data import ProblemData
-from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
+from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
 from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from, with_motors_at_rest
@@ -182,7 +182,7 @@ def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     if goal.periodic is not None:
         table["periodic"] = periodic_table(goal.periodic)
     if goal.frames:
-        table["frame"] = frame_tables(goal.frames)
+        table["frame"] = [write_frame(frame) for frame in goal.frames]
     return table
 
 

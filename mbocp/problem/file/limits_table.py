@@ -16,7 +16,7 @@ from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
-from mbocp.terms import RATE_TERMS, RateTerm
+from mbocp.terms import RATE_TERMS
 
 _Sides = tuple[Array, Array]
 _NUMBERS = Takes("number, list, table")  # robots have none of their own
@@ -68,59 +68,31 @@ def read_limits(robot: Robot, limits_table: LimitsTable, profile: Profile | None
     return bounds_from(robot, **{**(profile.limits(robot) if profile is not None else {}), **own})
 
 
-def bounds_from(
-    robot: Robot,
-    effort: Any = None,
-    velocity: Any = None,
-    position: Any = None,
-    effort_rms: Any = None,
-    **rates: Any,
-) -> Bounds:
+def bounds_from(robot: Robot, **written: Any) -> Bounds:
     """Make the bounds from the values of the keys of `[limits]`.
 
     Parameters
     ----------
     robot : Robot
-    effort, velocity : bool, float, list or mapping, optional
-        True for the robot's own; a number for all, or one entry for each in a list or table by name, where an
-        entry is a number, the largest absolute value, or a pair [lower, upper].
-    position : bool, list or mapping, optional
-        True for the robot's own, or pairs.
-    effort_rms : float, list or mapping, optional
-        Positive numbers, for all or for each.
-    **rates : float, list or mapping, optional
-        By keys of `mbocp.terms.RATE_TERMS`: like effort or velocity, but robots have none of their own.
+    **written : bool, float, list or mapping, optional
+        Of efforts and velocities True for the robot's own; a number for all, or one entry for each in a list
+        or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper]. Of
+        positions True for the robot's own, or pairs; of `effort_rms` positive numbers. Keys of
+        `mbocp.terms.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
 
     Raises
     ------
     ProblemError, DimensionMismatch, InvalidValue, UnknownJoint
         If a value does not fit the robot.
     """
-    with locate(LIMITS["u"]):
-        u_lower, u_upper = _effort(robot, effort)
-    with locate(LIMITS["rms"]):
-        rms_upper = _effort_rms(robot, effort_rms)
-    with locate(LIMITS["v"]):
-        v_lower, v_upper = _velocity(robot, velocity)
-    with locate(LIMITS["q"]):
-        q_lower, q_upper = _position(robot, position)
     sides: dict[str, Array] = {}
-    for key, written in rates.items():
-        term = RATE_TERMS[key]
-        with locate(LIMITS[term.letter]):
-            lower, upper = _rate(robot, term, written)
-        sides |= {f"{term.letter}_lower": lower, f"{term.letter}_upper": upper}
-    return Bounds(
-        u_lower=u_lower,
-        u_upper=u_upper,
-        rms_lower=np.full_like(rms_upper, -np.inf),
-        rms_upper=rms_upper,
-        v_lower=v_lower,
-        v_upper=v_upper,
-        q_lower=q_lower,
-        q_upper=q_upper,
-        **sides,
-    )
+    for letter, key in LIMITS.items():
+        word = key.removeprefix("limits.")
+        if word in written or word not in RATE_TERMS:
+            read = _position if letter == "q" else _of_velocities_or_controls
+            with locate(key):
+                sides[f"{letter}_lower"], sides[f"{letter}_upper"] = read(robot, letter, written.get(word))
+    return Bounds(**{**sides, "rms_lower": np.full_like(sides["rms_upper"], -np.inf)})
 
 
 def write_limits(limits: Bounds) -> dict[str, Any]:
@@ -133,24 +105,16 @@ def write_limits(limits: Bounds) -> dict[str, Any]:
     return found
 
 
-def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:
-    key = LIMITS[term.letter]
-    if written is True:
+def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Sides:
+    key = LIMITS[letter]
+    term = RATE_TERMS.get(key.removeprefix("limits."))
+    if term is not None and written is True:
         raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
-    slots = tangent_slots(robot) if term.over == "v" else _control_slots(robot, key, written)
-    none = np.full(robot.nv if term.over == "v" else robot.nu, np.inf)
-    return _sides(robot, key, written, (-none, none), slots)
-
-
-def _effort(robot: Robot, written: Any) -> _Sides:
-    own = robot.limits.effort
-    return _sides(robot, LIMITS["u"], written, (-own, own), _control_slots(robot, LIMITS["u"], written))
-
-
-def _effort_rms(robot: Robot, written: Any) -> Array:
-    """Upper bounds; what is written is positive."""
-    key, none = LIMITS["rms"], np.full(robot.nu, np.inf)
-    return _sides(robot, key, written, (-none, none), _control_slots(robot, key, written))[1]
+    is_of_v = letter == "v" or (term is not None and term.over == "v")
+    slots = tangent_slots(robot) if is_of_v else _control_slots(robot, key, written)
+    none = np.full(robot.nv if is_of_v else robot.nu, np.inf)
+    own = {"u": robot.limits.effort, "v": robot.limits.velocity}.get(letter, none)
+    return _sides(robot, key, written, (-own, own), slots)
 
 
 def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
@@ -166,13 +130,8 @@ def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
     return slots
 
 
-def _velocity(robot: Robot, written: Any) -> _Sides:
-    own = robot.limits.velocity
-    return _sides(robot, LIMITS["v"], written, (-own, own), tangent_slots(robot))
-
-
-def _position(robot: Robot, written: Any) -> _Sides:
-    key, plain = LIMITS["q"], is_plain(robot)
+def _position(robot: Robot, letter: str, written: Any) -> _Sides:
+    key, plain = LIMITS[letter], is_plain(robot)
     lower = np.where(plain, robot.limits.position_lower, -np.inf)
     upper = np.where(plain, robot.limits.position_upper, np.inf)
     slots = coordinate_slots(robot)

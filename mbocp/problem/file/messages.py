@@ -49,7 +49,8 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
     """Translate everything that pydantic complains about; the first complaint is the error's key."""
     # A misspelt key explains a missing one, so it comes first.
     items = sorted(error.errors(), key=lambda item: item["type"] == "missing")
-    found = [(_join(item["loc"]), _reason(model, item)) for item in items]
+    keys = (".".join(str(part) for part in item["loc"] if part not in _HIDDEN) for item in items)
+    found = [(key, _reason(model, item)) for key, item in zip(keys, items, strict=True)]
     key, reason = found[0]
     return ProblemFileError(path, reason, key, found[1:])
 
@@ -82,10 +83,6 @@ _LETTERS = {
     "N": "horizon.steps",
     "dt": "horizon.steps",
 }
-
-
-def _join(loc: Sequence[str | int]) -> str:
-    return ".".join(str(part) for part in loc if part not in _HIDDEN)
 
 
 def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:

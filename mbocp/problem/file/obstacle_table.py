@@ -121,11 +121,6 @@ def obstacles_from(
     return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
 
 
-def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
-    """Return the tables that read back as the same obstacles."""
-    return [obstacle.table for obstacle in obstacles]
-
-
 def self_collision_from(
     self_collision_table: bool | SelfCollisionTable | None, folder: Path | None = None
 ) -> SelfCollision | None:

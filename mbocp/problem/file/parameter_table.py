@@ -88,15 +88,12 @@ def _check_bounds(key: str, table: ParameterTable, robot: Robot, words: Sequence
             raise InvalidValue(f"{key}.min", f"{table.min:g}", "a length above 0 [m]")
 
 
-def parameter_tables(parameters: Sequence[Parameter]) -> list[dict[str, Any]]:
-    """Return the tables that read back as the same parameters."""
-    return [
-        {
-            "of": [OF_ROBOT + word for word in one.words],
-            "min": one.lower,
-            "max": one.upper,
-            "start": one.start,
-            "cost": asdict(one.cost),
-        }
-        for one in parameters
-    ]
+def write_parameter(one: Parameter) -> dict[str, Any]:
+    """Return the table that reads back as the same parameter."""
+    return {
+        "of": [OF_ROBOT + word for word in one.words],
+        "min": one.lower,
+        "max": one.upper,
+        "start": one.start,
+        "cost": asdict(one.cost),
+    }

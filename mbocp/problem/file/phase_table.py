@@ -303,12 +303,9 @@ def _within(end: Any, key: str, phase: str) -> Any:
     )
 
 
-def phase_tables(phases: Sequence[Phase]) -> list[dict[str, Any]]:
-    """Return the tables that read back as the same phases."""
-    return [_table(phase) for phase in phases]
-
-
-def _table(phase: Phase) -> dict[str, Any]:
+def write_phase(phase: Phase) -> dict[str, Any]:
+    """Return the table that reads back as the same phase."""
+    releases = [{"name": one.constraint, "meeting": one.meeting} for one in phase.releases]
     weights = {key: shortest(np.asarray(value)) for key, value in phase.weights.items()}
     limits = write_limits(phase.limits)
     return {
@@ -318,7 +315,7 @@ def _table(phase: Phase) -> dict[str, Any]:
         **({"limits": limits} if limits else {}),
         **({"cost": weights} if weights else {}),
         **({"hold": [_hold_table(held) for held in phase.holds]} if phase.holds else {}),
-        **({"release": [_release_table(one) for one in phase.releases]} if phase.releases else {}),
+        **({"release": releases} if releases else {}),
     }
 
 
@@ -326,7 +323,3 @@ def _hold_table(held: PhaseHold) -> dict[str, Any]:
     hold = held.hold
     found = {"name": hold.name, "frame": hold.frame, "to": hold.to, "kind": hold.kind, "at": hold.at}
     return {**found, **{key: getattr(hold, key) for key in hold.keys}, "meeting": held.meeting}
-
-
-def _release_table(one: PhaseRelease) -> dict[str, Any]:
-    return {"name": one.constraint, "meeting": one.meeting}

@@ -5,7 +5,7 @@ A profile speaks of joints by name. Those of a robot may have a prefix, or sever
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -228,7 +228,7 @@ def profile_of(written: Any, robot: Robot, folder: Path) -> Profile | None:
     if not written:
         return None
     if written is True:
-        for profile in _all():
+        for profile in map(_load_profile, profile_names()):
             if robot.name in profile.table.robots:
                 return profile
         raise ProblemError(
@@ -243,10 +243,6 @@ def profile_of(written: Any, robot: Robot, folder: Path) -> Profile | None:
             f"limits.profile: no profile and no file {show(written)}: {suggest(written, profile_names(), 20)}"
         )
     return _read(file)
-
-
-def _all() -> Iterator[Profile]:
-    return (_load_profile(name) for name in profile_names())
 
 
 @lru_cache(maxsize=64)

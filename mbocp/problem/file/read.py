@@ -20,7 +20,7 @@ from mbocp.problem.file.goal_table import read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
-from mbocp.problem.file.limits_table import LimitsTable, read_limits
+from mbocp.problem.file.limits_table import read_limits
 from mbocp.problem.file.messages import locate, schema_error
 from mbocp.problem.file.obstacle_table import (
     obstacles_from,
@@ -47,7 +47,7 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.memory import check_horizon
 from mbocp.problem.parameter import opened_robot
 from mbocp.problem.pipeline import Step
-from mbocp.problem.solver import SolverOptions, SolverTable
+from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import Phase, checked_phase
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
@@ -85,10 +85,6 @@ def _horizon(
     return *ends, written.lengths, written.accuracy, written.controls
 
 
-def _profile(limits_table: LimitsTable, robot: Robot, folder: Path) -> Profile | None:
-    return profile_of(limits_table.profile, robot, folder)
-
-
 def _via(
     via_table: list[ViaTable], phases_on_ground: list[PhaseTable], robot: Robot, said_q_start: Array
 ) -> tuple[ViaPoint, ...]:
@@ -119,10 +115,6 @@ def _path(
     return path_from(robot, tables, said_q_start, said_goal, folder)
 
 
-def _solver(solver_table: SolverTable) -> SolverOptions:
-    return SolverOptions(**dict(solver_table))
-
-
 READ = (
     Step.of(parameters_from, "parameter"),
     Step.of(opened_robot, "robot"),
@@ -140,7 +132,7 @@ READ = (
         "controls",
     ),
     Step.of(read_goals, "said_goal", "goals"),
-    Step.of(_profile, "profile"),
+    Step.of(lambda limits_table, robot, folder: profile_of(limits_table.profile, robot, folder), "profile"),
     Step.of(read_limits, "said_limits"),
     Step.of(read_robust, "robust"),
     Step.of(_via, "said_via"),
@@ -153,5 +145,5 @@ READ = (
     Step.of(terms_from, "said_terms"),
     Step.of(read_integrator, "said_scheme", "lie", "substeps", "stabilisation"),
     Step.of(read_guess, "guess"),
-    Step.of(_solver, "solver"),
+    Step.of(lambda solver_table: SolverOptions(**dict(solver_table)), "solver"),
 )

@@ -17,14 +17,14 @@ from mbocp.problem.file.goal_table import write_goal
 from mbocp.problem.file.guess_table import write_guess
 from mbocp.problem.file.integrator_table import write_integrator
 from mbocp.problem.file.limits_table import write_limits
-from mbocp.problem.file.obstacle_table import obstacle_tables, write_self_collision
-from mbocp.problem.file.parameter_table import parameter_tables
+from mbocp.problem.file.obstacle_table import write_self_collision
+from mbocp.problem.file.parameter_table import write_parameter
 from mbocp.problem.file.path_table import path_tables
-from mbocp.problem.file.phase_table import phase_tables
+from mbocp.problem.file.phase_table import write_phase
 from mbocp.problem.file.robust_table import write_robust
 from mbocp.problem.file.start_table import write_start
-from mbocp.problem.file.term_table import term_tables
-from mbocp.problem.file.via_table import via_tables
+from mbocp.problem.file.term_table import write_term
+from mbocp.problem.file.via_table import write_via
 from mbocp.problem.timeline.times import written_duration
 
 
@@ -37,13 +37,13 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
     robot = problem.robot
     return {
         "coordinates": problem.coordinates,
-        "phase": phase_tables(problem.phase) or None,
-        "via": via_tables(robot, problem.via) or None,
+        "phase": [write_phase(phase) for phase in problem.phase] or None,
+        "via": [write_via(robot, point) for point in problem.via] or None,
         "path": path_tables(robot, problem.path) or None,
-        "obstacle": obstacle_tables(problem.obstacle) or None,
+        "obstacle": [obstacle.table for obstacle in problem.obstacle] or None,
         "self_collision": write_self_collision(problem.self_collision),
-        "terms": term_tables(robot, problem.terms) or None,
-        "parameter": parameter_tables(problem.parameter) or None,
+        "terms": [write_term(robot, term) for term in problem.terms] or None,
+        "parameter": [write_parameter(one) for one in problem.parameter] or None,
         "robot": dict(robot.spec),
         "horizon": {
             "duration": written_duration(problem.duration, problem.duration_range),

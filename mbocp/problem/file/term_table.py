@@ -56,11 +56,6 @@ TermTable = merge_tables(
 )
 
 
-def term_tables(robot: Robot, terms: Sequence[OwnTerm]) -> list[dict[str, Any]]:
-    """Return the tables `[[terms]]`."""
-    return [_table(robot, term) for term in terms]
-
-
 def terms_from(
     robot: Robot, terms_table: Sequence[TermHead], terms_given: Sequence[OwnTerm]
 ) -> tuple[OwnTerm, ...]:
@@ -110,7 +105,8 @@ def _term(robot: Robot, table: TermHead, given: OwnTerm | None) -> OwnTerm:
     return term
 
 
-def _table(robot: Robot, term: OwnTerm) -> dict[str, Any]:
+def write_term(robot: Robot, term: OwnTerm) -> dict[str, Any]:
+    """Return the table `[[terms]]` of a term."""
     table: dict[str, Any] = {"name": term.name, "role": term.role, "digest": term.digest(robot)}
     if term.role in ("running", "terminal"):
         table["weight"] = term.weight

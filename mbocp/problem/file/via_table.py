@@ -10,7 +10,7 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
-from mbocp.problem.file.frame_table import FrameGoalTable, frame_tables, frames_from
+from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
 from mbocp.problem.file.kinds import SEVERAL, Rate, ViaTime
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
@@ -73,11 +73,6 @@ def via_from(robot: Robot, tables: Sequence[ViaTable], q_start: Array) -> tuple[
     return tuple(_point(robot, table, i, q_start) for i, table in enumerate(tables))
 
 
-def via_tables(robot: Robot, via: Sequence[ViaPoint]) -> list[dict[str, Any]]:
-    """Return the tables that read back as the same via points."""
-    return [_table(robot, point) for point in via]
-
-
 def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoint:
     key = f"via.{index}"
     q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
@@ -108,7 +103,8 @@ def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoin
         )
 
 
-def _table(robot: Robot, point: ViaPoint) -> dict[str, Any]:
+def write_via(robot: Robot, point: ViaPoint) -> dict[str, Any]:
+    """Return the table that reads back as the same via point."""
     goal = point.goal
     states = (("q", goal.q, goal.q_active), ("v", goal.value, goal.rate_active))
     return {
@@ -116,5 +112,5 @@ def _table(robot: Robot, point: ViaPoint) -> dict[str, Any]:
         "time": written_time(point.time),
         "share": point.share,
         **{k: x if a.all() else joint_values(robot, x, a) for k, x, a in states if a.any()},
-        **({"frame": frame_tables(goal.frames)} if goal.frames else {}),
+        **({"frame": [write_frame(frame) for frame in goal.frames]} if goal.frames else {}),
     }

@@ -1,10 +1,16 @@
-"""Whether an exact goal can be met: rates on the constraints, and fewer conditions than controls."""
+"""Whether an exact goal can be met: rates on the constraints, and fewer conditions than controls; rest.
+
+Rest at the end: without a limit of jerk an acceleration may end at once, and so may the last one of a motion.
+With one it may not: a joint that stands still and still decelerates would move on.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.mechanisms.consistency import (
@@ -14,6 +20,7 @@ from mbocp.mechanisms.consistency import (
 )
 from mbocp.problem.goals.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.limits import Bounds
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
@@ -99,3 +106,58 @@ def _rate_matrix(robot: Robot, goal: Goal) -> Array:
 
 def _rank(matrix: Array) -> int:
     return int(np.linalg.matrix_rank(matrix, tol=RANK_TOLERANCE)) if matrix.size else 0
+
+
+def at_rest(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> Goal:
+    """Return the goal with a = 0 for each joint that stops and whose jerk is limited.
+
+    A goal that says something of accelerations stays as it is. So does one whose accelerations the controls
+    cannot set at its end, see `mbocp.cli.check.words_of_rest`.
+
+    Parameters
+    ----------
+    robot : Robot
+    goal : Goal
+    limits : Bounds
+        At the end.
+    free : ndarray, shape (nv, any)
+        Directions of velocities that the constraints at the end allow.
+    """
+    if goal.a_rule == "rest":  # of the problem that this one was made from
+        goal = replace(goal, a_active=np.zeros(robot.nv, dtype=np.bool_), a_rule="given")
+    stops = stops_at_end(robot, goal, limits, free)
+    is_said = goal.a_rule == "free" or goal.a_active.any()
+    if is_said or not stops.any() or not _is_set(robot, goal, stops, free):
+        return goal
+    return replace(goal, a_active=stops, a_rule="rest")
+
+
+def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolArray:
+    """Velocity components that end at zero and have a limit of jerk, shape (nv,)."""
+    none = np.zeros(robot.nv, dtype=np.bool_)
+    limited = limits.finite("j")
+    if not (goal.is_exact and limited.any()):
+        return none
+    asked = goal.rate_active
+    rests = not goal.value[asked].any()
+    stops = asked & (goal.value == 0.0) if goal.rate == "v" else np.full(robot.nv, asked.all() and rests)
+    rows = np.vstack([np.eye(robot.nv)[stops], rate_jacobian(robot, goal)]) @ free
+    if (
+        rests and not frame_rates(goal).any() and _scaled_rank(rows) == _scaled_rank(free)
+    ):  # frames stop every joint
+        stops = ~none
+    found: BoolArray = stops & limited
+    return found
+
+
+def _is_set(robot: Robot, goal: Goal, stops: BoolArray, free: Array) -> bool:
+    """Whether controls set the accelerations of these joints at the goal, each by itself."""
+    if robot.drives:
+        return False
+    inertia = free.T @ robot.mass_matrix(goal.q) @ free
+    pushed = free @ np.linalg.solve(inertia, free.T @ robot.actuation_matrix(goal.q))
+    return _scaled_rank(pushed[stops]) == _scaled_rank(free[stops])
+
+
+def _scaled_rank(matrix: Array) -> int:
+    return int(np.linalg.matrix_rank(matrix, tol=RANK_TOLERANCE * max(1.0, np.abs(matrix).max(initial=0.0))))

@@ -16,8 +16,7 @@ from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_frame, check_size
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.limits import Bounds
-from mbocp.problem.units import ask_millimetres, with_question
+from mbocp.problem.limits import Bounds, ask_millimetres, with_question
 from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.projection import violations

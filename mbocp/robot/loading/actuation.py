@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.kinematic import unit_rotors
 from mbocp.robot.loading.limits import limit_of
+from mbocp.robot.loading.model_changes import unit_rotors
 from mbocp.robot.loading.robot_tables import motor_of
 from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
@@ -183,7 +183,7 @@ class ActuationReader:
         driven = reader.driven()
         self._refuse_driven(driven)
         found = self._motors(named) if named is not None else self._default_motors(driven)
-        return list(dict.fromkeys(self._motor(joint) for joint in found))
+        return list(dict.fromkeys(self._elastic.get(joint, joint) for joint in found))
 
     @cached_property
     def _elastic(self) -> dict[int, int]:
@@ -191,10 +191,6 @@ class ActuationReader:
         names = list(self.names.model.names)
         found = [row.joint for row in self.table.elastic if motor_of(row.joint) in names]
         return {names.index(joint): names.index(motor_of(joint)) for joint in found}
-
-    def _motor(self, joint: int) -> int:
-        """The joint that the motor of a joint acts on."""
-        return self._elastic.get(joint, joint)
 
     def _refuse_driven(self, driven: frozenset[int]) -> None:
         for joint in sorted(driven & {*self._elastic, *self._elastic.values()}):

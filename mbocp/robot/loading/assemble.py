@@ -27,7 +27,7 @@ from mbocp.robot.loading.elements import (
 )
 from mbocp.robot.loading.limits import limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
-from mbocp.robot.loading.motors import with_motors
+from mbocp.robot.loading.model_changes import with_motors
 from mbocp.robot.loading.resistances import joint_resistances
 from mbocp.robot.loading.schema import RobotTable
 from mbocp.robot.loading.table_reader import TableReader

@@ -16,16 +16,14 @@ from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import resolve
-from mbocp.robot.loading.ball_joints import make_spherical
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.formats import reader_of
-from mbocp.robot.loading.kinematic import without_dynamics
 from mbocp.robot.loading.locking import by_joint
-from mbocp.robot.loading.readers.chain import describe_chain
+from mbocp.robot.loading.model_changes import make_spherical, without_dynamics
 from mbocp.robot.loading.readers.examples import describe_example
-from mbocp.robot.loading.readers.objects import describe_object
+from mbocp.robot.loading.readers.in_memory import describe_chain, describe_object
 from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
 from mbocp.robot.loading.robot_tables import InertiasTable, payloads_of

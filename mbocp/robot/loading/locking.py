@@ -55,7 +55,9 @@ def lock_joints(
     reduced, (shown,) = pin.buildReducedModel(model, [visuals], gone, q_ref)
     if reduced.nv == 0:
         raise UnsupportedRobot(f"robot {robot!r}: all joints are locked, nothing is left to move")
-    kept = np.concatenate([q_ref[_slice_of(model, name)] for name in joints.joint_names(reduced)])
+    names = list(model.names)
+    places = [joints.configuration_slice(model, names.index(name)) for name in joints.joint_names(reduced)]
+    kept = np.concatenate([q_ref[place] for place in places])
     varied = [joint for joint in gone if model.names[joint] in named]
     if not varied:
         return reduced, shown, kept, ()
@@ -126,10 +128,6 @@ def refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
                 f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no "
                 f"position or control of its own: name {model.names[leader]!r}, or load with mimic = false"
             )
-
-
-def _slice_of(model: pin.Model, name: str) -> slice:
-    return joints.configuration_slice(model, list(model.names).index(name))
 
 
 def decided_by_locks(

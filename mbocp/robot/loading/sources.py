@@ -5,7 +5,7 @@ Look-up order of `find_source`:
 1. a `Path`, or a text with a path separator or the ending of a file of a robot: that file or folder;
 2. a folder of that name with a robot.toml or robot.yaml in it, under the folders of MBOCP_ROBOT_PATH, then
    under mbocp's robots/;
-3. "chain_N": a chain of N links, see `mbocp.robot.loading.readers.chain`;
+3. "chain_N": a chain of N links, see `mbocp.robot.loading.readers.in_memory`;
 4. a name of example-robot-data ("ur5", "panda", "talos");
 5. a name of robot_descriptions ("panda_description"), if that package is installed.
 """
@@ -24,7 +24,7 @@ import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading.formats import FORMATS, format_of
-from mbocp.robot.loading.readers import chain, examples
+from mbocp.robot.loading.readers import examples, in_memory
 from mbocp.robot.loading.schema import read_robot_toml
 from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
@@ -98,7 +98,7 @@ def _from_folders(name: str) -> Source | None:
 
 def _from_made(name: str) -> Source | None:
     """A chain, or a robot of example-robot-data."""
-    if chain.num_links(name) is not None:
+    if in_memory.num_links(name) is not None:
         return Source("chain", name, name, Path())
     return Source("example", name, name, Path()) if name in examples.names() else None
 
@@ -122,8 +122,8 @@ def list_robots() -> list[RobotEntry]:
             file = next((inner / name for name in _FILES.values() if (inner / name).is_file()), None)
             if file is not None:
                 found.setdefault(inner.name, RobotEntry(inner.name, "robots/", _description(file)))
-    words = f"{chain.chain_description(8)}; chain_N has N, 1 to {chain.MAX_LINKS}"
-    found.setdefault(chain.EXAMPLE, RobotEntry(chain.EXAMPLE, "chains of any length", words))
+    words = f"{in_memory.chain_description(8)}; chain_N has N, 1 to {in_memory.MAX_LINKS}"
+    found.setdefault(in_memory.EXAMPLE, RobotEntry(in_memory.EXAMPLE, "chains of any length", words))
     for name in examples.names():
         found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))
     return list(found.values())

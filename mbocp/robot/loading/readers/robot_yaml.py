@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import replace
-from itertools import takewhile
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree
@@ -186,13 +186,9 @@ def _check_lengths(path: Path, found: RobotYaml) -> None:
 
 def _names(pairs: list[tuple[str, str]]) -> list[str]:
     """Common part of the names of two frames, if it differs from loop to loop; else loop_1, loop_2, ..."""
-    common = [_beginning(*pair).rstrip("_-. ") for pair in pairs]
+    common = [commonprefix(pair).rstrip("_-. ") for pair in pairs]  # noqa: RUF071  # of names, not of paths
     telling = all(common) and len(set(common)) == len(common)
     return common if telling else [f"loop_{number}" for number in range(1, len(pairs) + 1)]
-
-
-def _beginning(a: str, b: str) -> str:
-    return "".join(x for x, _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
 
 
 def _split(root: ElementTree.Element, joint: ElementTree.Element, axes: str) -> None:

@@ -127,11 +127,8 @@ class Sdf:
             raise UnsupportedRobot(f"{self.path}: more than {_MAX_ROW} frames are placed in a row")
         element = self.placed[name]
         where = f"{element.tag} {show(name)}"
-        return self.place(self._relative_to(element), (*passed, name)) * self.pose(element, where)
-
-    def _relative_to(self, element: ElementTree.Element) -> str:
-        """What the pose of a link, joint or frame is relative to."""
-        return _frame_of_pose(element) or self._carrier(element)
+        placed_in = _frame_of_pose(element) or self._carrier(element)
+        return self.place(placed_in, (*passed, name)) * self.pose(element, where)
 
     def _carrier(self, element: ElementTree.Element) -> str:
         """What a joint or frame is placed on: the model, unless it says another."""
