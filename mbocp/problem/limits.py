@@ -189,12 +189,8 @@ def check_limits(
     of_end: Bounds | None = None,
 ) -> None:
     """Refuse limits that exclude the start or an exact goal, where those of the end may be others."""
-    everything = np.ones(robot.nq, dtype=np.bool_), np.ones(robot.nv, dtype=np.bool_)
-    for where, letter, value, asked, labels in (
-        ("start", "q", q_start, everything[0], robot.q_labels),
-        ("start", "v", v_start, everything[1], robot.v_labels),
-    ):
-        _refuse_outside(bounds, where, letter, value, asked, labels)
+    _refuse_outside(bounds, "start", "q", q_start, np.ones(robot.nq, dtype=np.bool_), robot.q_labels)
+    _refuse_outside(bounds, "start", "v", v_start, np.ones(robot.nv, dtype=np.bool_), robot.v_labels)
     check_end_limits(robot, of_end or bounds, goal)
 
 

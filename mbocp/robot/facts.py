@@ -11,11 +11,11 @@ from mbocp._text import show
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
-from mbocp.robot.elastic import ElasticJoint
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
+from mbocp.robot.resistance import ElasticJoint
 from mbocp.robot.robot import Robot
 
 

@@ -16,12 +16,11 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
-from mbocp.robot.elastic import ElasticJoint
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
-from mbocp.robot.resistance import JointResistance
+from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.stored import RobotFiles
 from mbocp.symbolic import (
     ModelNumber,

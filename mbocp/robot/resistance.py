@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,3 +65,37 @@ def resistance_forces(resistances: Iterable[JointResistance], v: Array) -> Array
         w = loss.ratio * v[loss.dof]
         total[loss.dof] -= loss.ratio * (loss.damping * w + loss.friction * np.tanh(w / loss.speed))
     return total
+
+
+@dataclass(frozen=True)
+class ElasticJoint:
+    """A spring and damper between a joint and its motor, see this module.
+
+    Parameters
+    ----------
+    name, motor : str
+        The joint, and that of the motor.
+    at_q, at_v : (int, int)
+        Where the two have their coordinates in q, and in v.
+    stiffness : float
+        K [N m/rad, N/m].
+    damping : float
+        D [N m s/rad, N s/m].
+    """
+
+    name: str
+    motor: str
+    at_q: tuple[int, int]
+    at_v: tuple[int, int]
+    stiffness: float
+    damping: float = 0.0
+
+    def effort(self, q: Any, v: Any) -> Any:
+        """Torque or force on the joint, and against the motor [N m, N]; of numbers or symbols."""
+        (link, motor), (rate, motor_rate) = self.at_q, self.at_v
+        return self.stiffness * (q[motor] - q[link]) + self.damping * (v[motor_rate] - v[rate])
+
+    def energy(self, q: Any) -> Any:
+        """Potential energy of the spring [J]; of numbers or symbols."""
+        link, motor = self.at_q
+        return self.stiffness / 2 * (q[motor] - q[link]) ** 2

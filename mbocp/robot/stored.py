@@ -20,8 +20,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError
+from mbocp.robot.loading.addresses import LIST, PREFIX
 from mbocp.robot.loading.formats import FORMATS, OTHER_KINDS
-from mbocp.robot.loading.unpacked import LIST, PREFIX
 
 _MAX_BYTES = 1024 * MEGABYTE  # of all files of a robot, unpacked
 _MAX_FILES = 20_000
@@ -163,17 +163,6 @@ class RobotFiles:
             if is_file(Path(file.origin)) and not _is_same(Path(file.origin), file)
         )
 
-    @property
-    def folder(self) -> Path:
-        """Temporary folder with the files in it; it is removed when nobody holds these files any more.
-
-        Raises
-        ------
-        RobotFileError
-            If it cannot be made, or a content is damaged.
-        """
-        return self._unpacked
-
     def without_meshes(self) -> RobotFiles:
         """The same, where the list alone speaks of meshes."""
         meshes = {file.digest for file in self.files if file.is_mesh}
@@ -184,10 +173,17 @@ class RobotFiles:
         return RobotFiles({**self.listed, "spec": dict(spec)}, self.contents)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in vars(self).items() if key != "_unpacked"}
+        return {key: value for key, value in vars(self).items() if key != "folder"}
 
     @cached_property
-    def _unpacked(self) -> Path:
+    def folder(self) -> Path:
+        """Temporary folder with the files in it; it is removed when nobody holds these files any more.
+
+        Raises
+        ------
+        RobotFileError
+            If it cannot be made, or a content is damaged.
+        """
         try:
             root = Path(tempfile.mkdtemp(prefix=PREFIX))
             weakref.finalize(self, _remove, root, os.getpid())

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from mbocp._processes import signal_handler
 from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.view.live_robot import LiveReplay
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
-from mbocp.view.meshcat.live import LiveReplay
 from mbocp.view.meshcat.page import Below, render_page, write_page
 from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion import Motion, pose_at, sample_motion

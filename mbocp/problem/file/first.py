@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import warnings
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -17,12 +16,12 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import MbocpError
 from mbocp.integrators import SCHEMES
 from mbocp.problem.file.load import parse_problem
+from mbocp.problem.file.tables import toml_key
 from mbocp.problem.first_motion import FirstMotion, first_motion
 from mbocp.problem.integration import AUTO_SCHEME
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
-_BARE = re.compile(r"[A-Za-z0-9_-]+")
 _STEPS = 100  # of schemes of low order; half of them for others
 _HIGH_ORDER = 4
 _WORDS = {1: "of first order", 2: "of second order", 4: "of fourth order"}
@@ -174,7 +173,7 @@ def _size(value: float, unit: str) -> str:
 def _robot(table: Mapping[str, Any]) -> list[str]:
     if set(table) == {"name"}:
         return [f"robot = {json.dumps(table['name'], ensure_ascii=False)}"]
-    return ["[robot]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())]
+    return ["[robot]", *(f"{toml_key(key)} = {_value(value)}" for key, value in table.items())]
 
 
 def _q(robot: Robot, motion: FirstMotion, which: str) -> list[str]:
@@ -202,7 +201,7 @@ def _joints(robot: Robot, q: Array, shown: BoolArray) -> Iterator[str]:
                 ", ".join(dict.fromkeys(u for _, u in kind.v)),
             )
         value = words[0] if len(words) == 1 else f"[{', '.join(words)}]"
-        yield _with(f"q.{_key(robot.model.names[joint])} = {value}", unit)
+        yield _with(f"q.{toml_key(robot.model.names[joint])} = {value}", unit)
 
 
 def _number(value: float) -> str:
@@ -218,7 +217,7 @@ def _goal(robot: Robot, motion: FirstMotion, enforce: str) -> list[str]:
         lines.append(_with("v = 0", "at rest"))
     else:
         names = [label.name for label, on in zip(robot.v_labels, motion.asked, strict=True) if on]
-        lines += [_with(f"v.{_key(name)} = 0", "at rest") for name in names]
+        lines += [_with(f"v.{toml_key(name)} = 0", "at rest") for name in names]
     return (
         lines + _q(robot, motion, "goal") + ([] if enforce == "exact" else ["", "[cost]", "terminal = 100.0"])
     )
@@ -253,13 +252,9 @@ def _hints(robot: Robot) -> list[str]:
     ]
 
 
-def _key(name: str) -> str:
-    return name if _BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
-
-
 def _value(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{toml_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list):
         return f"[{', '.join(_value(entry) for entry in value)}]"
     return json.dumps(value, ensure_ascii=False)

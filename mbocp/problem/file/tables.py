@@ -87,15 +87,18 @@ def _without_none(value: Any) -> Any:
 def to_toml(document: Mapping[str, Any]) -> str:
     """Return `document` as TOML: plain keys first, then one `[table]` after the other; None is left out."""
     plain = [(key, value) for key, value in document.items() if not isinstance(value, Mapping)]
-    lines = [f"{_key(key)} = {_value(value)}" for key, value in plain if value is not None]
+    lines = [f"{toml_key(key)} = {_value(value)}" for key, value in plain if value is not None]
     for name, table in document.items():
         if isinstance(table, Mapping) and table:
-            lines += ["", f"[{_key(name)}]"]
-            lines += [f"{_key(key)} = {_value(value)}" for key, value in table.items() if value is not None]
+            lines += ["", f"[{toml_key(name)}]"]
+            lines += [
+                f"{toml_key(key)} = {_value(value)}" for key, value in table.items() if value is not None
+            ]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
+    """Return a key as TOML has it, in quotes where it needs them."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
@@ -107,7 +110,9 @@ def _value(value: Any) -> str:
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
+        return (
+            "{" + ", ".join(f"{toml_key(k)} = {_value(v)}" for k, v in value.items() if v is not None) + "}"
+        )
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_value(entry) for entry in value) + "]"
     return json.dumps(str(value), ensure_ascii=False)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from mbocp._files import root_tag
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.loading.unpacked import unpacked_root
+from mbocp.robot.loading.addresses import unpacked_root
 
 if TYPE_CHECKING:
     from mbocp.robot.loading.description import Description, Reading

@@ -20,10 +20,10 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints
-from mbocp.robot.elastic import ElasticJoint
 from mbocp.robot.loading.description import ROOT_JOINT, Description
 from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_tables import ElasticTable, motor_of
+from mbocp.robot.resistance import ElasticJoint
 
 _ROTORS = {"revolute": pin.JointModelRZ, "prismatic": pin.JointModelPZ}
 _OF_MOTORS = ("upperEffortLimit", "lowerEffortLimit", "upperVelocityLimit", "lowerVelocityLimit")

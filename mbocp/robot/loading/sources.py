@@ -23,10 +23,10 @@ from typing import Any
 import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
+from mbocp.robot.loading.addresses import unpacked_root, unpacked_source
 from mbocp.robot.loading.formats import FORMATS, format_of
 from mbocp.robot.loading.readers import examples, in_memory
 from mbocp.robot.loading.schema import read_robot_toml
-from mbocp.robot.loading.unpacked import unpacked_root, unpacked_source
 
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".toml", *(ending for each in FORMATS.values() for ending in each.endings))

@@ -12,7 +12,7 @@ import pytest
 from mbocp.exceptions import ReplayError
 from mbocp.robot import load_robot
 from mbocp.view import replay
-from mbocp.view.meshcat.live import LiveReplay
+from mbocp.view.live_robot import LiveReplay
 from mbocp.view.meshcat.viewer import meshcat, mg
 
 umsgpack = mg.umsgpack

@@ -19,9 +19,8 @@ from mbocp._text import shorten, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.collision.source import LinkShape, ShapeSource
-from mbocp.robot.loading.addresses import NO_PACKAGE, resolve
+from mbocp.robot.loading.addresses import NO_PACKAGE, resolve, unpacked_root
 from mbocp.robot.loading.readers.urdf_xml import Urdf, child_attribute, disabled_beside, finite_numbers
-from mbocp.robot.loading.unpacked import unpacked_root
 from mbocp.robot.warnings import MissingMeshWarning
 
 _GREY = (0.7, 0.7, 0.72, 1.0)
