@@ -14,11 +14,12 @@ import numpy as np
 
 from mbocp._arrays import frozen_array, plain
 from mbocp._text import printable
-from mbocp.problem.file.messages import in_file
-from mbocp.problem.file.read import READ, load_its_robot, read_tables
+from mbocp.problem.file.messages import in_file, locate
+from mbocp.problem.file.read import READ, read_tables
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.pipeline import run_steps
 from mbocp.robot import Robot
+from mbocp.robot.loading.load import load_keys
 from mbocp.terms import OwnTerm
 
 UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them
@@ -84,9 +85,9 @@ def make_document(
     if robot is not None:
         tables["robot"] = "" if isinstance(robot, Robot) else plain(robot)
     checked = read_tables(tables, label)
-    with in_file(label):
+    with in_file(label), locate("robot"):
         folder = source.parent if source is not None else None
-        loaded = robot if isinstance(robot, Robot) else load_its_robot(checked["robot"], folder)
+        loaded = robot if isinstance(robot, Robot) else load_keys(checked["robot"], folder)
     tables.pop("robot", None)
     name = name or (printable(source.stem) if source else "problem")
     return Document(tables, loaded, {}, terms, source, label, name)

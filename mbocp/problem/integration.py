@@ -19,6 +19,8 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.timeline.hold import Hold, Release
+from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
@@ -60,23 +62,29 @@ class Stabilisation:
 
 
 def check_integrator(
-    robot: Robot, scheme: str, lie: str, substeps: int, stabilisation: Stabilisation, *, suits: str = ""
+    robot: Robot,
+    scheme: str,
+    scheme_reason: str,
+    lie: str,
+    substeps: int,
+    stabilisation: Stabilisation,
+    controls: str,
 ) -> None:
     """Refuse options that the scheme does not use, and robots that it cannot integrate.
 
     Parameters
     ----------
-    suits : str
+    scheme_reason : str
         What the scheme was chosen for; "" if the problem says it.
     """
     check_choice("integrator.scheme", scheme, SCHEMES)
     check_choice("integrator.lie", lie, LIE_METHODS)
     check_integer("integrator.substeps", substeps, minimum=1)
-    check_unused("integrator.lie", lie, "munthe_kaas", scheme, suits=suits)
-    check_unused("integrator.substeps", substeps, 1, scheme, suits=suits)
+    check_unused("integrator.lie", lie, "munthe_kaas", scheme, suits=scheme_reason)
+    check_unused("integrator.substeps", substeps, 1, scheme, suits=scheme_reason)
     for field in fields(Stabilisation):
         key, value = f"integrator.{field.name}", getattr(stabilisation, field.name)
-        check_unused(key, value, field.default, scheme, suits=suits)
+        check_unused(key, value, field.default, scheme, suits=scheme_reason)
     if robot.drives and not SCHEMES[scheme].takes_drives:
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", but controls of robot {robot.name!r} prescribe velocities '
@@ -94,9 +102,10 @@ def check_integrator(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
             f'explicit scheme ({schemes_that(lambda data: data.takes_matrices)}), or rotations = "quaternion"'
         )
+    _check_controls(controls, scheme)
 
 
-def check_controls(controls: str, scheme: str) -> None:
+def _check_controls(controls: str, scheme: str) -> None:
     """Refuse controls that the scheme cannot take.
 
     Raises
@@ -139,7 +148,7 @@ def check_control_terms(controls: str, cost: Cost, limits: Bounds, along: tuple[
 
 
 def check_unused(key: str, value: object, default: object, scheme: str, *, suits: str = "") -> None:
-    """Refuse a value that the scheme would pass over in silence; `suits` as in `check_integrator`."""
+    """Refuse a value that the scheme would pass over in silence; `suits` as `scheme_reason` there."""
     if not SCHEMES[scheme].takes(key) and value != default:
         got = f'"{value}"' if isinstance(value, str) else str(value).lower()
         chosen = f' ("auto" chose it for {suits})' if suits else ""
@@ -155,32 +164,21 @@ def has_rotations(robot: Robot) -> bool:
     return any(group.stop - group.start == 4 for _, group in unit_groups(robot.model))
 
 
-@dataclass(frozen=True)
-class ChosenScheme:
-    """What suits a problem.
-
-    Attributes
-    ----------
-    scheme : str
-    reason : str
-        Why, as a phrase that follows "for".
-    """
-
-    scheme: str
-    reason: str
-
-
 def choose_scheme(
+    said_scheme: str,
     robot: Robot,
     coordinates: str,
     controls: str,
-    goal: Goal,
-    path: Sequence[object],
-    *,
-    has_switches: bool,
-    ends: tuple[int, float],
-) -> ChosenScheme:
-    """Choose the scheme that suits a problem, and say why.
+    said_goal: Goal,
+    said_path: Sequence[object],
+    said_phase: tuple[Phase, ...],
+    said_holds: tuple[Hold, ...],
+    said_releases: tuple[Release, ...],
+    said_steps_of_impacts: tuple[int, ...],
+    num_steps: int,
+    duration: float,
+) -> tuple[str, bool, str]:
+    """Return the scheme, whether it is chosen since none is said, and for what kind of problem.
 
     For one accuracy of the motion, in the time of a solver (docs/problem_files.md, "The scheme that suits"):
 
@@ -194,18 +192,15 @@ def choose_scheme(
       little;
     - arms: `gauss2`, of order four; chains of very many joints: `midpoint`, for functions of two stages are
       three times as large as those of one, and take as much longer to compile.
-
-    Parameters
-    ----------
-    robot, coordinates, controls, goal, path
-        As in `mbocp.problem.Problem`.
-    has_switches : bool
-        Whether constraints begin or end along the way.
-    ends : tuple of int and float
-        Number of steps, and their length [s].
     """
+    check_choice("coordinates", coordinates, COORDINATES)
+    if said_scheme != AUTO_SCHEME:
+        return said_scheme, False, ""
+    of_phases = any(phase.holds or phase.releases for phase in said_phase)
+    has_switches = of_phases or bool(said_holds or said_releases or said_steps_of_impacts)
+    ends = num_steps, duration / (num_steps - len(said_steps_of_impacts))
     turns = has_rotations(robot)
-    has_forces = any(isinstance(one, ContactForce | ContactBounds) for one in path)
+    has_forces = any(isinstance(one, ContactForce | ContactBounds) for one in said_path)
     suits = (  # the first that holds
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
         (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),
@@ -214,14 +209,14 @@ def choose_scheme(
         (has_switches, "midpoint", "constraints that begin or end along the way"),
         (has_forces, "midpoint", "bounds of contact forces"),
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
-        (_alternates(goal, path, ends), "se1", "equations on frames at all nodes"),
+        (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
         (robot.nc > 0 and robot.nv <= _SMALL_LOOP, "lobatto3", "small closed loops"),
         (robot.nc > 0, "midpoint", "closed loops of many joints"),
         (turns, "midpoint", "a floating base or ball joints"),
         (robot.nv > _LONG_CHAIN, "midpoint", "a chain of many joints"),
         (True, "gauss2", "an open chain of joints"),
     )
-    return next(ChosenScheme(scheme, reason) for holds, scheme, reason in suits if holds)
+    return next((scheme, True, reason) for holds, scheme, reason in suits if holds)
 
 
 def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:

@@ -13,28 +13,25 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanisms.consistency import tangent_space
-from mbocp.problem._checks import check_choice, check_integer
-from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.consistency import at_rest, check_end_conditions
 from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.integration import AUTO_SCHEME, choose_scheme
+from mbocp.problem.integration import check_integrator, choose_scheme
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
 from mbocp.problem.pipeline import Step
 from mbocp.problem.resolve_checks import (
+    check_coordinates,
     check_ends_of_motion,
     check_inequalities,
-    check_natural,
     check_parameters,
-    check_scheme,
     check_solver,
-    check_steps,
 )
 from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
-from mbocp.problem.timeline.hold import Hold, Release, Schedule
+from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import (
     fitted_phases,
@@ -42,7 +39,7 @@ from mbocp.problem.timeline.phase_values import (
     widest_limits,
 )
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
-from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths
+from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
 from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration
@@ -50,9 +47,9 @@ from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.timeline.via_points import ordered_via, placed_via
 from mbocp.problem.together import (
     check_guess,
+    check_has_actuators,
     check_weights,
     checked_terms,
-    listed_path,
     with_contacts,
 )
 from mbocp.robot import Robot
@@ -87,47 +84,6 @@ def _steps(
     return Horizon(steps, duration, duration_range), steps, lengths, accuracy, impacts
 
 
-def _scheme(
-    said_scheme: str,
-    robot: Robot,
-    coordinates: str,
-    controls: str,
-    said_goal: Goal,
-    said_path: tuple[BoundedTerm, ...],
-    said_phase: tuple[Phase, ...],
-    said_holds: tuple[Hold, ...],
-    said_releases: tuple[Release, ...],
-    said_steps_of_impacts: tuple[int, ...],
-    num_steps: int,
-    duration: float,
-) -> tuple[str, bool, str]:
-    """Choose a scheme where none is said."""
-    check_choice("coordinates", coordinates, COORDINATES)
-    if said_scheme != AUTO_SCHEME:
-        return said_scheme, False, ""
-    of_phases = any(phase.holds or phase.releases for phase in said_phase)
-    chosen = choose_scheme(
-        robot,
-        coordinates,
-        controls,
-        said_goal,
-        said_path,
-        has_switches=of_phases or bool(said_holds or said_releases or said_steps_of_impacts),
-        ends=(num_steps, duration / (num_steps - len(said_steps_of_impacts))),
-    )
-    return chosen.scheme, True, chosen.reason
-
-
-def _schedule(
-    said_phase: tuple[Phase, ...],
-    said_holds: tuple[Hold, ...],
-    said_releases: tuple[Release, ...],
-    said_steps_of_impacts: tuple[int, ...],
-) -> Schedule:
-    given = Schedule(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
-    return schedule_of(said_phase, given)
-
-
 def _phase(
     robot: Robot,
     said_phase: tuple[Phase, ...],
@@ -148,13 +104,6 @@ def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, B
     """The widest limits, and those at both ends."""
     each = limits_of_phases(limits, phase)
     return widest_limits(limits, phase), each[0], each[-1]
-
-
-def _terms(
-    said_terms: tuple[OwnTerm, ...], said_path: tuple[BoundedTerm, ...], said_goal: Goal, robot: Robot
-) -> tuple[tuple[OwnTerm, ...], tuple[BoundedTerm, ...]]:
-    terms = checked_terms(said_terms, robot)
-    return terms, listed_path(said_path, terms, said_goal, robot)
 
 
 def _start(
@@ -261,37 +210,26 @@ def _obstacles(
     return obstacle, own, found, path, clear_configuration(robot, goal_at_pose, q_start, limits_at_end, found)
 
 
-def _cost(
-    robot: Robot,
-    said_cost: Cost,
-    limits: Bounds,
-    num_steps: int,
-    goal: Goal,
-    terms: tuple[OwnTerm, ...],
-    said_via: tuple[ViaPoint, ...],
-    phase: tuple[Phase, ...],
-    duration_range: _Range,
-) -> Cost:
-    """Refuse weights that do not fit the robot, or do not go with the goal."""
+def _cost(robot: Robot, said_cost: Cost, limits: Bounds, num_steps: int) -> Cost:
+    """Refuse weights that do not fit the robot."""
     cost = said_cost.on_controls(robot.nu)
     cost.check_controls(limits.finite("u"), [label.name for label in robot.u_labels])
     cost.check_dimensions(robot.nq, robot.nv, num_steps)
-    is_free = duration_range is not None or any("time" in part.weights for part in phase)
-    check_weights(cost, goal, is_free=is_free, has_more=bool(terms or said_via))
     return cost
 
 
 RESOLVE = (
     Step.of(_duration, "duration", "duration_range"),
     Step.of(_steps, "horizon", "num_steps", "lengths", "accuracy", "said_steps_of_impacts"),
-    Step.of(_scheme, "scheme", "chooses_scheme", "scheme_reason"),
-    Step.of(check_scheme),
+    Step.of(choose_scheme, "scheme", "chooses_scheme", "scheme_reason"),
+    Step.of(check_integrator),
+    Step.of(check_has_actuators),
     Step.of(lambda said_limits, robot: said_limits.complete(robot), "limits"),
-    Step.of(_schedule, "schedule"),
+    Step.of(schedule_of, "schedule"),
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
-    Step.of(check_natural),
-    Step.of(_terms, "terms", "path_of_frames"),
+    Step.of(check_coordinates),
+    Step.of(checked_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),
     Step.of(ordered_via, "via_in_order", "nodes_of_via"),
@@ -302,6 +240,7 @@ RESOLVE = (
     Step.of(check_ends_of_motion),
     Step.of(check_steps),
     Step.of(_cost, "cost"),
+    Step.of(check_weights),
     Step.of(check_inequalities),
     Step.of(check_solver),
     Step.of(check_guess),

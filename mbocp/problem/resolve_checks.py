@@ -11,7 +11,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.integration import Stabilisation, check_control_terms, check_controls, check_integrator
+from mbocp.problem.integration import check_control_terms
 from mbocp.problem.limits import LIMITS, Bounds, check_limits, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.parameter import Parameter
@@ -21,30 +21,14 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import heaviest_cost, limits_along
-from mbocp.problem.timeline.steps import AskedNodes, check_takes_steps
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.together import check_has_actuators, check_method
 from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import take
-from mbocp.terms import RATE_TERMS, BoundedTerm, OwnTerm
-
-
-def check_scheme(
-    robot: Robot,
-    scheme: str,
-    scheme_reason: str,
-    lie: str,
-    substeps: int,
-    stabilisation: Stabilisation,
-    controls: str,
-) -> None:
-    """Refuse options that the scheme does not use, and robots that it cannot integrate."""
-    check_integrator(robot, scheme, lie, substeps, stabilisation, suits=scheme_reason)
-    check_controls(controls, scheme)
-    check_has_actuators(robot)
+from mbocp.solvers.options import BOUNDED_METHODS
+from mbocp.terms import RATE_TERMS, BoundedTerm
 
 
 def check_parameters(
@@ -61,20 +45,6 @@ def check_parameters(
             f"parameter: {moving[0]} moves frames, which obstacle and self_collision do not follow yet; "
             "take masses, or springs, or leave these tables out"
         )
-
-
-def check_natural(
-    robot: Robot,
-    coordinates: str,
-    scheme: str,
-    widest: Bounds,
-    said_goal: Goal,
-    said_via: tuple[ViaPoint, ...],
-    phase: tuple[Phase, ...],
-) -> None:
-    """Refuse what natural coordinates cannot have."""
-    is_free = any(part.is_free for part in phase)
-    check_coordinates(robot, coordinates, scheme, widest, said_goal, via=said_via, is_free=is_free)
 
 
 def check_ends_of_motion(
@@ -96,25 +66,6 @@ def check_ends_of_motion(
         check_free_start(
             robot, start_free, limits_at_start, state, coordinates=coordinates, switches=switches
         )
-
-
-def check_steps(
-    timeline: Timeline,
-    accuracy: float | None,
-    coordinates: str,
-    path: tuple[BoundedTerm, ...],
-    terms: tuple[OwnTerm, ...],
-    said_cost: Cost,
-) -> None:
-    """Refuse lengths of steps, and an accuracy, where others say which steps there are."""
-    check_takes_steps(
-        AskedNodes.of(timeline, path, terms),
-        accuracy,
-        timeline.given_lengths,
-        coordinates,
-        is_switched=timeline.switches is not None,
-        has_targets=said_cost.is_trajectory,
-    )
 
 
 def check_inequalities(
@@ -156,30 +107,37 @@ def check_solver(
 ) -> None:
     """Refuse a method that would not keep what is to be kept."""
     has_bounds = start_free is not None and start_free.is_bounded
-    if widest.any_finite or path or timeline.has_free_lengths or has_bounds or parameter:
-        table = (
-            "parameter"
-            if parameter
-            else "limits"
-            if widest.any_finite
-            else "via"
-            if timeline.waypoints
-            else "path"
+    if not (widest.any_finite or path or timeline.has_free_lengths or has_bounds or parameter):
+        return
+    others = "via" if timeline.waypoints else "path"
+    table = "parameter" if parameter else "limits" if widest.any_finite else others
+    table = "obstacle" if clearance is not None else table
+    is_free, has_free_times = timeline.duration_range is not None, timeline.has_free_times
+    if solver.method not in BOUNDED_METHODS:
+        able = " | ".join(f'"{method}"' for method in BOUNDED_METHODS)
+        cannot, remedy = f"keep [{table}]", f"leave out [{table}]"
+        if is_free:
+            cannot, remedy = "find a free duration", "give horizon.duration as a number"
+        elif has_free_times:
+            cannot, remedy = "find a free time of [via]", "give the time as a number"
+        raise ProblemError(
+            f'solver.method: got "{solver.method}", which cannot {cannot}; take {able}, or {remedy}'
         )
-        table = "obstacle" if clearance is not None else table
-        is_free = timeline.duration_range is not None
-        check_method(solver, table, is_free=is_free, has_free_times=timeline.has_free_times)
+    if solver.is_pure_newton:
+        cannot = "finds no free duration" if is_free else "keeps neither [limits] nor [path]"
+        raise ProblemError(
+            f'solver.globalisation: got "none", with which Newton\'s method {cannot}; take "default"'
+        )
 
 
 def check_coordinates(
     robot: Robot,
     coordinates: str,
     scheme: str,
-    limits: Bounds,
-    goal: Goal,
-    *,
-    via: Sequence[ViaPoint] = (),
-    is_free: bool = False,
+    widest: Bounds,
+    said_goal: Goal,
+    said_via: tuple[ViaPoint, ...],
+    phase: tuple[Phase, ...],
 ) -> None:
     """Refuse, by name, options that natural coordinates do not have.
 
@@ -187,7 +145,7 @@ def check_coordinates(
     ------
     ProblemError
         For explicit schemes, limits on joints, velocities of frames that are not zero, states of joints at
-        via points, and where the duration `is_free`.
+        via points, and where durations are free.
     UnsupportedRobot
         For joints that natural coordinates do not know.
     """
@@ -207,11 +165,11 @@ def check_coordinates(
     if not natural_mechanics(robot).tree.turning:
         return  # the same as joint coordinates
     if not data.takes_free_duration:
-        _check_lengths(via, is_free=is_free)
-    _check_goal(goal)
-    _check_via(via)
+        _check_lengths(said_via, is_free=any(part.is_free for part in phase))
+    _check_goal(said_goal)
+    _check_via(said_via)
     if not data.limits_joints:
-        _check_limits(limits)
+        _check_limits(widest)
 
 
 def _check_lengths(via: Sequence[ViaPoint], *, is_free: bool) -> None:

@@ -1,4 +1,4 @@
-r"""Damping and friction of joints, such as those of ``<dynamics damping= friction=>``.
+r"""Damping and friction of joints, such as those of ``<dynamics damping= friction=>``, and elastic joints.
 
 .. math:: \tau = -r\,\bigl(d\,w + F \tanh(w / w_s)\bigr), \qquad w = r\,v
 
@@ -69,7 +69,13 @@ def resistance_forces(resistances: Iterable[JointResistance], v: Array) -> Array
 
 @dataclass(frozen=True)
 class ElasticJoint:
-    """A spring and damper between a joint and its motor, see this module.
+    r"""A spring and damper between a joint and the rotor of its motor.
+
+    .. math:: M(q)\,\ddot q + h(q, \dot q) = \tau_e, \qquad B\,\ddot\theta + \tau_e = u, \qquad
+              \tau_e = K (\theta - q) + D (\dot\theta - \dot q)
+
+    of [Spong1987]_: rotors are balanced, and the motion of the links does not turn them. So theta is the
+    coordinate of a joint of its own, on which the motor acts. All is at the link's side of the gear.
 
     Parameters
     ----------

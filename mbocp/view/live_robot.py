@@ -1,4 +1,4 @@
-"""A robot in a browser while something else moves it, as in a control loop."""
+"""A page that is served, and on it a robot while something else moves it, as in a control loop."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
 from mbocp.problem.file.limits_table import read_limits
-from mbocp.problem.file.messages import locate, schema_error
+from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.obstacle_table import (
     obstacles_from,
     self_collision_from,
@@ -51,8 +51,6 @@ from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import Phase, checked_phase
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.robot.loading.load import load_keys
-from mbocp.robot.loading.robot_keys import RobotKeys
 from mbocp.terms.cost import Reader
 
 
@@ -67,12 +65,6 @@ def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
         return checked_tables(document)
     except ValidationError as error:
         raise schema_error(label, ProblemTable, error) from error
-
-
-def load_its_robot(keys: RobotKeys, folder: Path | None) -> Robot:
-    """Load the robot that a problem names."""
-    with locate("robot"):
-        return load_keys(keys, folder)
 
 
 def _horizon(

@@ -156,7 +156,7 @@ class PairClearances:
             [self.model.frames[k].parentJoint, *placement_numbers(self.model.frames[k].placement)]
             for k in self.frames
         ]
-        of_spheres = [_sphere(row) for row in self.rows]
+        of_spheres = [(row.place, *row.center.tolist()) for row in self.rows]
         cores = {id(row.core): row.core for row in self.rows if isinstance(row.core, HullCore)}
         ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])
         first = dict(zip(cores, ends[:-1].tolist(), strict=True))
@@ -177,10 +177,6 @@ class PairClearances:
             planes=_flat(np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])),
             pairs=_flat(pairs),
         )
-
-
-def _sphere(row: ClearanceRow) -> tuple[float, ...]:
-    return (row.place, *row.center.tolist())
 
 
 def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:

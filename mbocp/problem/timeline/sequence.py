@@ -86,7 +86,12 @@ def _parts(phase: Phase, after: Phase) -> bool:
     return ends or any(one.constraint not in released for one in after.releases)
 
 
-def schedule_of(phases: Sequence[Phase], given: Schedule) -> Schedule:
+def schedule_of(
+    said_phase: tuple[Phase, ...],
+    said_holds: tuple[Hold, ...],
+    said_releases: tuple[Release, ...],
+    said_steps_of_impacts: tuple[int, ...],
+) -> Schedule:
     """Return spans of all holds and releases, and impacts: what phases say, or else what is given.
 
     Raises
@@ -94,14 +99,15 @@ def schedule_of(phases: Sequence[Phase], given: Schedule) -> Schedule:
     ProblemError
         If both say something else.
     """
-    if not any(phase.holds or phase.releases for phase in phases):
-        if phases and given.impacts:
+    given = Schedule(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
+    if not any(phase.holds or phase.releases for phase in said_phase):
+        if said_phase and given.impacts:
             raise ProblemError(
                 "impacts: phases have none of their own; say what they hold in the phases, as in "
                 "[[phase.hold]], whose impacts follow"
             )
         return given
-    found = _schedule_of(phases)
+    found = _schedule_of(said_phase)
     for name, asked, own in zip(Schedule._fields, given, found, strict=True):
         if asked and asked != own:
             raise ProblemError(f"{name}: follow from what the phases hold and release; leave them out")

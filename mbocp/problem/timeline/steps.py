@@ -18,12 +18,13 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_finite, check_number
 from mbocp.problem.coordinates import COORDINATES
+from mbocp.problem.cost import Cost
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import InPhase
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.terms import OwnTerm
+from mbocp.terms import BoundedTerm, OwnTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
 FIRST_STEPS = 20  # with which the search for steps begins
@@ -205,32 +206,23 @@ def _least(shares: dict[float, str]) -> int:
     )
 
 
-def check_takes_steps(
-    asked: AskedNodes,
+def check_steps(
+    timeline: Timeline,
     accuracy: float | None,
-    lengths: Array | None,
     coordinates: str,
-    *,
-    is_switched: bool,
-    has_targets: bool,
+    path: tuple[BoundedTerm, ...],
+    terms: tuple[OwnTerm, ...],
+    said_cost: Cost,
 ) -> None:
     """Refuse what steps of different lengths, or steps that are found, do not go with.
-
-    Parameters
-    ----------
-    asked : AskedNodes
-    accuracy, lengths, coordinates
-        As in `mbocp.problem.Problem`.
-    is_switched : bool
-        Whether there are holds, releases or impacts.
-    has_targets : bool
-        Whether the cost has a target for each step.
 
     Raises
     ------
     ProblemError
     """
-    targets: list[tuple[object, str]] = [(has_targets, "a target for each step")]
+    asked, lengths = AskedNodes.of(timeline, path, terms), timeline.given_lengths
+    is_switched = timeline.switches is not None
+    targets: list[tuple[object, str]] = [(said_cost.is_trajectory, "a target for each step")]
     if accuracy is not None:
         key = "horizon.accuracy"
         if lengths is not None:

@@ -1,4 +1,9 @@
-"""Addresses of files in a robot's file: package://, model://, file://, absolute and relative ones."""
+"""Addresses of files in a robot's file: package://, model://, file://, absolute and relative ones.
+
+Names and addresses of robots and meshes mean other things on other machines. So a folder into which the files
+of a stored robot were unpacked has a list of what each of them meant, asked from which folder, where the
+robot was stored; within it nothing else counts.
+"""
 
 from __future__ import annotations
 

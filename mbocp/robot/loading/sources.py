@@ -212,12 +212,7 @@ def _from_robot_descriptions(name: str) -> Source | None:
     path = next((getattr(module, key) for key in _DESCRIBED_BY if hasattr(module, key)), None)
     if path is None:
         raise RobotFileError(f"robot_descriptions.{name}", "has no URDF and no MJCF")
-    packages = [
-        Path(getattr(module, key)) for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)
-    ]
-    path = Path(path)
-    return Source(format_of(path).kind, name, name, path, tuple(_with_parents(packages)))
-
-
-def _with_parents(folders: Iterable[Path]) -> list[Path]:
-    return [f for folder in folders for f in (folder, folder.parent)]
+    keys = [key for key in ("PACKAGE_PATH", "REPOSITORY_PATH") if hasattr(module, key)]
+    packages = [Path(getattr(module, key)) for key in keys]
+    path, folders = Path(path), (f for folder in packages for f in (folder, folder.parent))
+    return Source(format_of(path).kind, name, name, path, tuple(folders))

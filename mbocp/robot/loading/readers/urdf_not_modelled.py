@@ -105,7 +105,8 @@ def _weightless(root: ElementTree.Element) -> Iterator[str]:
         element.get("reference", "")
         for element in root.iterfind("gazebo")
         for inner in element
-        if inner.tag in ("gravity", "turnGravityOff") and _says_no(inner.text) == (inner.tag == "gravity")
+        if inner.tag in ("gravity", "turnGravityOff")
+        and ((inner.text or "").strip().lower() in _NO) == (inner.tag == "gravity")
     ]
     named = [link for link in dict.fromkeys(links) if link in heavy]
     if named:
@@ -133,7 +134,3 @@ def _misspelt(root: ElementTree.Element) -> Iterator[str]:
 
 def _not_zero(text: str | None) -> bool:
     return bool(finite_number(text))
-
-
-def _says_no(text: str | None) -> bool:
-    return (text or "").strip().lower() in _NO
