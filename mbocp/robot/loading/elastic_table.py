@@ -22,11 +22,9 @@ class ElasticTable(Table):
     """A joint between which and its motor there are a spring and a damper."""
 
     joint: Annotated[str, Key("a revolute or prismatic joint")]
-    stiffness: Annotated[_Positive, Key("of the spring between the joint and its motor", "N m/rad, N/m")]
+    stiffness: Annotated[_Positive, Key("of the spring between joint and motor", "N m/rad, N/m")]
     damping: Annotated[_NotNegative, Key("of the damper beside it", "N m s/rad, N s/m")] = 0.0
-    motor_inertia: Annotated[
-        _Positive, Key("of the motor's rotor, at the joint's side of the gear", "kg m^2, kg")
-    ]
+    motor_inertia: Annotated[_Positive, Key("of the rotor, at the joint's side of the gear", "kg m^2, kg")]
 
 
 def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> list[ElasticTable] | None:

@@ -59,11 +59,9 @@ class InertiasTable(KeyTable):
 
     density: Annotated[
         _Positive | None,
-        Key("of the shapes of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
+        Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
     ] = None
-    mass: Annotated[
-        _Positive | None, Key("of the whole robot, from which the density of these shapes follows", "kg")
-    ] = None
+    mass: Annotated[_Positive | None, Key("of the whole robot, from which the density follows", "kg")] = None
     links: Annotated[
         Any,
         Kind("table", _links, dict[str, dict[str, Any]]),

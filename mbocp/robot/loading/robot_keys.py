@@ -90,8 +90,7 @@ class ReadingKeys(Declared):
     dynamics: Annotated[
         bool | None,
         Key(
-            "`false`: controls are the accelerations of the joints, for "
-            "[robots without inertias](robots.md#robots-without-inertias)",
+            "`false`: controls are accelerations ([without inertias](robots.md#robots-without-inertias))",
             default=f"{_OWN}, else true",
         ),
     ] = None
@@ -102,14 +101,14 @@ class ReadingKeys(Declared):
     damping: Annotated[
         bool | None,
         Key(
-            "whether the [viscous damping](robots.md#damping-and-friction) of the URDF acts",
+            "whether its [viscous damping](robots.md#damping-and-friction) acts",
             default=f"{_OWN}, else true",
         ),
     ] = None
     friction: Annotated[
         str | None,
         Key(
-            '`"smooth"`, `"none"`: whether the Coulomb friction of the URDF acts',
+            '`"smooth"`, `"none"`: whether its Coulomb friction acts',
             default=f"{_OWN}, else left out, and told",
         ),
     ] = None
@@ -121,11 +120,11 @@ class ReadingKeys(Declared):
     ] = None
     package_dirs: Annotated[
         list[str],
-        Key("folders that hold the packages of `package://` addresses", "", "none", "list of paths"),
+        Key("folders of the packages of `package://` addresses", "", "none", "list of paths"),
     ] = Field(default=[])
     payload: Annotated[
         list[PayloadTable] | None,
-        Key("[bodies that it carries](robots.md#payloads); one table `[[robot.payload]]` each", "", _OWN),
+        Key("[bodies that it carries](robots.md#payloads)", "", _OWN),
     ] = None
 
     def folders(self, base: Path | None) -> tuple[Path, ...]:
@@ -206,10 +205,7 @@ class _HeadKeys(Declared):
     ] = None
     part: Annotated[
         list[PartTable] | None,
-        Key(
-            "[several robots in one world](robots.md#several-robots-in-one-world); "
-            "one table `[[robot.part]]` each"
-        ),
+        Key("[several robots in one world](robots.md#several-robots-in-one-world)"),
     ] = None
 
 
@@ -221,13 +217,12 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     gravity: Annotated[
         list[Number] | None,
         Field(min_length=3, max_length=3),
-        Key("acceleration of gravity in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+        Key("of the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
     ] = None
     rotations: Annotated[
         str | None,
         Key(
-            "what explicit schemes integrate for free-flyers and ball joints: "
-            "[rotations](robots.md#rotations)",
+            "what explicit schemes integrate: [rotations](robots.md#rotations)",
             default=f'{_OWN}, else `"quaternion"`',
             takes='`"quaternion"` or `"dcm"`',
         ),
@@ -244,20 +239,20 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     elastic: Annotated[
         list[ElasticTable] | None,
         Key(
-            "[elastic joints](robots.md#elastic-joints); one table `[[robot.elastic]]` each",
+            "[elastic joints](robots.md#elastic-joints)",
             default=f"{_OWN}, else none",
         ),
     ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
         Key(
-            "[what joins parts](robots.md#parts-that-are-joined); one table `[[robot.constraint]]` each",
+            "[what joins parts](robots.md#parts-that-are-joined)",
             takes="tables",
         ),
     ] = None
     initial: Annotated[
         dict[str, Any] | None,
-        Key("`q`, the initial pose of joined parts, by joint or part", "", "that of the parts", "table"),
+        Key("`q` by joint or part", "", "that of the parts", "table"),
     ] = None
 
     @model_validator(mode="after")
