@@ -53,7 +53,7 @@ def _arguments(value: Any) -> Any:
     raise ValueError(f"got {show(value)}, expected a table with a text, number or boolean for each argument")
 
 
-_OWN = "what the robot says"
+_OWN = "the robot's"
 Number = Annotated[float, Kind("number", finite_number, float)]
 Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
 Arguments = Annotated[Any, Kind("table", _arguments, dict[str, str | bool | int | float])]
