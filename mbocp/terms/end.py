@@ -96,7 +96,7 @@ class TerminalCost(CostTerm):
         terminal_weights: Annotated[
             Weights | None,
             Key(
-                "diagonal of QT, likewise",
+                "diagonal of QT on (q, p), or on (q, v)",
                 default="1 where the goal says something",
             ),
         ] = None

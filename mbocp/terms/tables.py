@@ -13,8 +13,10 @@ from mbocp.terms.written import Control, Trajectory, Vector, VectorOrNamed
 class TargetTable(Table):
     """What the running cost tracks."""
 
-    q: Annotated[Trajectory, Key("one, or one for every step", "m, rad", "the goal's")] = None
-    p: Annotated[Trajectory, Key("one, or one for every step", "kg m/s, N m s", "that of the goal")] = None
+    q: Annotated[Trajectory, Key("of the goal, or one for every step", "m, rad", "the goal's")] = None
+    p: Annotated[
+        Trajectory, Key("of the goal, or one for every step", "kg m/s, N m s", "that of the goal")
+    ] = None
 
 
 class WeightsTable(Table):

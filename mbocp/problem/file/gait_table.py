@@ -58,11 +58,13 @@ class GaitTable(Table):
     ]
     cycles: Annotated[int, whole(1), Key("how often each foot swings")] = 1
     duration: Annotated[Duration, Key("of each swing", "s")]
-    stance: Annotated[Duration, Key("all feet stand before each swing", "s", "not at all")] = None
-    flight: Annotated[Duration, Key("all feet are in the air after each swing", "s", "not at all")] = None
+    stance: Annotated[Duration, Key("how long all feet stand before each swing", "s", "not at all")] = None
+    flight: Annotated[
+        Duration, Key("how long all feet are in the air after each swing", "s", "not at all")
+    ] = None
     stand: Annotated[
         Duration,
-        Key("all feet stand at the end, unless the motion is periodic", "s", "as long as a swing"),
+        Key("how long all feet stand at the end, unless the motion is periodic", "s", "as long as a swing"),
     ] = None
     steps: Annotated[int, whole(2), Key("of a swing")]
 

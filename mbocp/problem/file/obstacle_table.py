@@ -79,7 +79,7 @@ class ObstacleTable(Table):
         ),
     ] = None
     orientation: Quaternion = None
-    frame: Annotated[str | None, Key("that carries it", "", '`"world"`')] = None
+    frame: Annotated[str | None, Key("frame that carries it", "", '`"world"`')] = None
     margin: Annotated[Finite, Key("least distance", "m")] = 0.0
     smoothing: Annotated[Positive, Key("length over which edges are rounded", "m")] = SMOOTHING
     movable: Annotated[

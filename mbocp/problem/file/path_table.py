@@ -43,7 +43,7 @@ class PathHead(Table):
     frame: Annotated[
         str | None,
         Key(
-            "of the robot",
+            "frame of the robot, or its origin",
             "",
             "required, but for forces and all of the robot",
         ),

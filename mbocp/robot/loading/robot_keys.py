@@ -217,7 +217,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     gravity: Annotated[
         list[Number] | None,
         Field(min_length=3, max_length=3),
-        Key("of the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+        Key("acceleration of gravity in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
     ] = None
     rotations: Annotated[
         str | None,
