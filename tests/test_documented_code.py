@@ -30,11 +30,21 @@ FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INDENTED = re.compile(r"(?:^    .*\n(?:[ \t]*\n(?=    ))?)+", re.MULTILINE)
 SETTING = re.compile(r"--set ['\"]?([a-z_]+(?:\.\w+)*)=")
 PRELUDES = {  # what the text above a block has said
+    "bounds.md": "import mbocp\nsolution = mbocp.solve('examples/optima/bryson_denham.toml')",
     "estimation.md": "import numpy as np\n"
     "_left = iter(range(20))\n"
     "is_running = lambda: next(_left, None) is not None\n"
     "sample = lambda: (robot.q0, np.zeros(6))\n"
     "def send(q, v, mass): assert q.shape == v.shape == (6,)",
+    "identification.md": "from pathlib import Path\nimport mbocp\n"
+    "from mbocp.identification import simulate_log, write_log\n"
+    "from mbocp.problem.file.tables import problem_to_toml\n"
+    "robot = mbocp.load_robot('ur5')\n"
+    "for k, name in enumerate(('log.csv', 'other.csv')):\n"
+    "    write_log(simulate_log(robot, duration=2.0, seed=k), name)\n"
+    "pendulum = mbocp.Problem.create('chain_2', 2.0, 20, goal={'q': [0.5, 0.5], 'v': 0}, "
+    "limits={'velocity': 3, 'acceleration': 20})\n"
+    "Path('problem.toml').write_text(problem_to_toml(pendulum))",
     "problem_files.md": "import mbocp",
     "receding_horizon.md": "import mbocp\n"
     "_left = iter(range(20))\n"
@@ -44,6 +54,8 @@ PRELUDES = {  # what the text above a block has said
     "def command(u): assert u.shape == (6,)",
     "robots.md": "import mbocp",
     "results.md": "import mbocp",
+    "sensitivities.md": "import mbocp\nexample = mbocp.load_problem('examples/arms/ur5_reach.toml')\n"
+    "q, goal = example.q_start, example.goal.q",
     "terms.md": "import numpy as np\nfrom mbocp.problem import parse_problem\n"
     "from mbocp.terms import end_condition, path_constraint",
 }
@@ -105,6 +117,8 @@ def test_python_runs(page: str, folder: Path) -> None:
     namespace: dict[str, Any] = {"__name__": "page"}
     exec(PRELUDES.get(page, ""), namespace)
     for block in blocks(page, "python"):
+        if "import jax" in block:
+            pytest.importorskip("jax", reason="pip install 'mbocp[jax]'")
         exec(compile(block, page, "exec"), namespace)
 
 

@@ -19,7 +19,7 @@ _CELL = re.compile(r"(?<!\\)\|")
 _NAME = re.compile(r"`([a-z_]+(?:\.[a-z_]+)*)`")
 _LINK = re.compile(r"\]\((#[^)]+)\)")
 
-HEAD = "| key | takes | unit | default | meaning |\n|---|---|---|---|---|"
+HEAD = "| key | takes | default | meaning |\n|---|---|---|---|"
 # Tables that `robots.md` explains, and under which heading.
 EXPLAINED = {"robot.payload": "## Payloads", "robot.part": "## Several robots in one world"}
 
@@ -54,8 +54,8 @@ def _rows(page: str, after: str, under: str) -> dict[str, Row]:
     found: dict[str, Row] = {}
     for cells in _cells(text[text.index(after) :].splitlines()):
         names = tuple(f"{under}{name}" for name in _NAME.findall(cells[0]))
-        takes, unit, default, says = (*cells[1:], "", "")[:4]
-        found |= dict.fromkeys(names, _linked(Row(names, takes, unit, default, says), page))
+        takes, default, says = (*cells[1:], "", "")[:3]
+        found |= dict.fromkeys(names, _linked(Row(names, takes, "", default, says), page))
     return found
 
 

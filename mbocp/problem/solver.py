@@ -107,13 +107,10 @@ class SolverTable(Table):
     method: Annotated[
         str,
         Check(_METHODS.takes, _METHODS.schema, work=_method),
-        Key(
-            "[which does what](solver.md#which-solver), or "
-            "[a solver of one's own](solver.md#a-solver-of-ones-own)"
-        ),
+        Key("[which does what](solver.md#which-solver)"),
     ] = SolverOptions.method
     globalisation: Annotated[
-        str, choice(GLOBALISATIONS), Key('`"none"`: the paper\'s Newton methods, without safeguards')
+        str, choice(GLOBALISATIONS), Key('`"none"`: the paper\'s methods, without safeguards')
     ] = SolverOptions.globalisation
     tolerance: Annotated[
         Finite,
@@ -126,15 +123,13 @@ class SolverTable(Table):
     hessian: Annotated[str, choice(HESSIANS), Key("of `fbsm_newton`")] = SolverOptions.hessian
     adjoint: Annotated[str, choice(ADJOINTS), Key("of the sweeps")] = SolverOptions.adjoint
     loop: Annotated[str, choice(LOOPS), Key("of the sweeps")] = SolverOptions.loop
-    theta_max: Annotated[
-        Finite, positive(), Key("longest gradient step, norm over all controls", "N, N m")
-    ] = SolverOptions.theta_max
-    switch_residual: Annotated[
-        Finite, _THRESHOLD, Key("a hybrid switches below this residual; 0: not for that")
-    ] = SolverOptions.switch_residual
-    switch_cost: Annotated[
-        Finite, _THRESHOLD, Key("or below this part of the guess's cost; 0: not for that")
-    ] = SolverOptions.switch_cost
+    theta_max: Annotated[Finite, positive(), Key("longest gradient step", "N, N m")] = SolverOptions.theta_max
+    switch_residual: Annotated[Finite, _THRESHOLD, Key("a hybrid switches below this residual; 0: never")] = (
+        SolverOptions.switch_residual
+    )
+    switch_cost: Annotated[Finite, _THRESHOLD, Key("or below this part of the guess's cost; 0: never")] = (
+        SolverOptions.switch_cost
+    )
     switch_iterations: Annotated[int, whole(1), Key("or after so many gradient steps")] = (
         SolverOptions.switch_iterations
     )
@@ -142,7 +137,7 @@ class SolverTable(Table):
         Finite | None,
         positive("s"),
         Key(
-            "wall time; else [twenty times](solver.md#when-attempts-fail) that of the first attempt",
+            "wall time; else [twenty times](solver.md#when-attempts-fail) the first attempt's",
             "s",
         ),
     ] = SolverOptions.time_limit
@@ -150,7 +145,7 @@ class SolverTable(Table):
     starts: Annotated[
         int,
         whole(1),
-        Key("guesses of which the best result is taken: [Several starts](solver.md#several-starts)"),
+        Key("[guesses](solver.md#several-starts) of which the best result is taken"),
     ] = SolverOptions.starts
     seed: Annotated[int, whole(0), Key("of the random guesses among them", takes="whole number")] = (
         SolverOptions.seed
@@ -158,7 +153,7 @@ class SolverTable(Table):
     threads: Annotated[
         int | str,
         Check('whole number > 0 or `"auto"`', _THREADS, work=_threads),
-        Key('[threads](solver.md#threads) that share a solve, `"auto"`: as many as processors'),
+        Key('[threads](solver.md#threads); `"auto"`: as many as processors'),
     ] = SolverOptions.threads
 
 

@@ -44,12 +44,12 @@ class Braking(PathTerm):
         deceleration: Annotated[
             Bound,
             Key(
-                'kind `"braking"`: a joint, `frame`, could always stop so within `min` and `max`',
+                'of a `"braking"` joint, `frame`',
                 "rad/s^2",
                 "required",
             ),
         ] = None
-        reserve: Annotated[Bound, Key("of a braking joint: velocity on top of its own", "rad/s", "0")] = None
+        reserve: Annotated[Bound, Key("of a braking joint: velocity on top", "rad/s", "0")] = None
         min: Annotated[Bound, Key("of a braking joint's angle", "rad", beside=("max",))] = None
         max: Bound = None
 

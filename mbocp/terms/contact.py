@@ -102,19 +102,13 @@ class ContactKeys(Table):
     constraint: Annotated[
         str | None,
         Key(
-            'kind `"contact_force"`: the constraint whose [force](contact.md) is bounded; no `frame`',
+            'of a `"contact_force"`: whose [force](contact.md) is bounded',
             default="required",
         ),
     ] = None
-    normal: Annotated[
-        Triple, Key("direction of the normal in the axes of the constraint's second frame", default="z")
-    ] = None
-    friction: Annotated[Positive | None, Key("friction coefficient of the cone that the force stays in")] = (
-        None
-    )
-    facets: Annotated[
-        int | None, Key("of a pyramid within the cone, in its place", takes="whole number > 2")
-    ] = None
+    normal: Annotated[Triple, Key("in the axes of the constraint's second frame", default="z")] = None
+    friction: Annotated[Positive | None, Key("friction coefficient")] = None
+    facets: Annotated[int | None, Key("of a pyramid in place of the cone", takes="whole number > 2")] = None
     min_normal: Annotated[
         Bound,
         Key(
@@ -129,18 +123,18 @@ class ContactKeys(Table):
     pressure: Annotated[
         Pair,
         Key(
-            "sides of the rectangle in which the centre of pressure of a weld stays",
+            "sides of the rectangle of a weld's centre of pressure",
             "m",
             takes="2 numbers > 0",
         ),
     ] = None
     yaw_friction: Annotated[
-        Positive | None, Key("of a weld: torque about the normal by the normal force, at most", "m")
+        Positive | None, Key("of a weld: torque about the normal by the normal force", "m")
     ] = None
     impulses: Annotated[
         bool | None,
         Key(
-            "whether [impulses of impacts](contact.md#impacts) stay in the cones of a contact force, too",
+            "whether [impulses](contact.md#impacts) stay in the cone, too",
             default="true",
         ),
     ] = None

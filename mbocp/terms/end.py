@@ -92,13 +92,11 @@ class TerminalCost(CostTerm):
     class Keys(Table):
         """Keys."""
 
-        terminal: Annotated[
-            NonNegative, Key('beta_T; above 0 exactly when `enforce` is `"penalty"` or `"both"`')
-        ] = 0.0
+        terminal: Annotated[NonNegative, Key('beta_T, of a `"penalty"` and `"both"`')] = 0.0
         terminal_weights: Annotated[
             Weights | None,
             Key(
-                "diagonal of QT on (q, p), or on (q, v) if the goal gives `v`",
+                "diagonal of QT on (q, p), or on (q, v)",
                 default="1 where the goal says something",
             ),
         ] = None

@@ -25,7 +25,7 @@ class EnergyTable(Table):
     """Motors and gears, each one number for all controls, or one for each."""
 
     losses: Annotated[
-        ControlWeights, Key("of the windings: power by the square of the control", "W/N^2, W/(N m)^2")
+        ControlWeights, Key("of windings: power by the square of the control", "W/N^2, W/(N m)^2")
     ] = 0.0
     efficiency: Annotated[
         Control, Takes("number in (0, 1], list, table"), Key("of the gear, driving and braking alike")
@@ -38,7 +38,7 @@ class EnergyTable(Table):
     width: Annotated[
         Control,
         Takes("number > 0, list, table"),
-        Key("of the power about zero within which driving goes over into braking", "W"),
+        Key("of the power within which driving goes over into braking", "W"),
     ] = 1.0
 
 

@@ -76,7 +76,7 @@ class Follow(PathTerm):
         points: Annotated[
             Annotated[list[_Row] | None, Field(max_length=_MAX_POINTS)],
             Key(
-                'kind `"follow"`: points of the path in the world, or a file that has them',
+                'of a `"follow"`: points, or a file that has them',
                 "m",
                 default="one of the two",
                 takes="list of 3 numbers, or string",
@@ -87,22 +87,22 @@ class Follow(PathTerm):
         orientations: Annotated[
             Annotated[list[_Quaternion] | None, Field(max_length=_MAX_POINTS)],
             Key(
-                "unit quaternion xyzw of the frame at each point of the path",
+                "unit quaternion xyzw at each point",
                 default="free",
                 takes="list of 4 numbers",
             ),
         ] = None
         closed: Annotated[
-            bool | None, Key("whether the path goes on from its last point to its first", default="false")
+            bool | None, Key("whether it goes on from the last point to the first", default="false")
         ] = None
         relative: Annotated[
             bool | None,
-            Key("whether points are relative to where the frame is at the start", default="false"),
+            Key("whether points count from where the frame is at the start", default="false"),
         ] = None
         tolerance: Finite | None = None
         orientation_tolerance: Annotated[
             NonNegative | None,
-            Key("how far from the orientations of a path; 0: an equation", "rad", default="0"),
+            Key("how far from these; 0: an equation", "rad", default="0"),
         ] = None
         axis: Triple = None
         min: Bound = None

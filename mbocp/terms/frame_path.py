@@ -98,7 +98,7 @@ class Distance(PathTerm):
         frame_b: Annotated[
             str | None,
             Key(
-                'kind `"distance"`: from the origin of another frame, or from a point of the world',
+                'of a `"distance"`: from the origin of another frame, or a point of the world',
                 "m",
                 default="one of the two",
                 takes="string or 3 numbers",
@@ -219,8 +219,7 @@ class Orientation(PathTerm):
         axis: Annotated[
             Triple,
             Key(
-                'of an `"orientation"`: axis in the frame, direction in the world, with an angle from `min` '
-                'to `max`; of a `"follow"` the axis',
+                'of an `"orientation"`: axis in the frame, direction in the world; of a `"follow"` the axis',
                 default="z",
                 beside=("direction",),
             ),

@@ -42,7 +42,7 @@ class Line(PathTerm):
         a: Annotated[
             Triple,
             Key(
-                'kind `"line"`: two points of the line',
+                'two points of a `"line"`',
                 "m",
                 default="where the frame is at the start, and its goal",
                 takes="3 numbers each",
@@ -53,14 +53,14 @@ class Line(PathTerm):
         segment: Annotated[
             bool | None,
             Key(
-                'whether the origin stays between the two points of a `"line"`, up to a thousandth of it',
+                'whether it stays between the points of a `"line"`',
                 default="false",
             ),
         ] = None
         tolerance: Annotated[
             NonNegative | None,
             Key(
-                'how far from a `"line"`, a followed path, a kept orientation; 0: exactly there, an equation',
+                "how far from a line, path or orientation; 0: an equation",
                 "m, rad",
                 default="0",
             ),
@@ -161,7 +161,7 @@ class OrientationKept(PathTerm):
         rpy: Annotated[
             Triple,
             Key(
-                'kind `"orientation_kept"`: roll, pitch and yaw of the frame in the world',
+                'of an `"orientation_kept"`: roll, pitch, yaw in the world',
                 "rad",
                 default="as at the start",
             ),

@@ -39,11 +39,9 @@ class Motor(PathTerm):
         """Keys."""
 
         stall: Annotated[
-            Bound, Key('kind `"motor"`: the torque of a joint, `frame`, at rest', "N m", "required")
+            Bound, Key('of a `"motor"`: torque of a joint, `frame`, at rest', "N m", "required")
         ] = None
-        no_load: Annotated[
-            Bound, Key("of a motor: the speed at which no torque is left", "rad/s", "required")
-        ] = None
+        no_load: Annotated[Bound, Key("of a motor: speed without torque", "rad/s", "required")] = None
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:

@@ -87,8 +87,7 @@ class Tracking(RunningCost):
         target_file: Annotated[
             str | None,
             Key(
-                "y_d from a result of `mbocp solve -o`, or a CSV table with the columns `t`, `q:NAME`, "
-                "`p:NAME`, interpolated",
+                "y_d from a result, or a CSV table with the columns `t`, `q:NAME`, `p:NAME`",
                 takes="path",
             ),
         ] = None
@@ -219,7 +218,7 @@ class Potential(Weighted):
 
         potential: Annotated[
             Finite,
-            Key("kappa, of any sign: weight of the potential energy", "1/J"),
+            Key("of the [potential energy](#smooth-controls-and-potential-energy), of any sign", "1/J"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -239,7 +238,7 @@ class EffortAboutGravity(Weighted):
 
         effort_about_gravity: Annotated[
             ControlWeights,
-            Key("on squares of the controls less what holds the weight; beside or in place of `effort`"),
+            Key("on squares of the controls less what holds the weight"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -262,8 +261,7 @@ class ControlRate(Weighted):
         control_rate: Annotated[
             ControlWeights,
             Key(
-                "C, diagonal, on the rates of the controls: see "
-                "[below](#smooth-controls-and-potential-energy)",
+                "on the [rates of the controls](#smooth-controls-and-potential-energy)",
                 "s^2",
             ),
         ] = 0.0
@@ -290,7 +288,7 @@ class Acceleration(Weighted):
         acceleration: Annotated[
             ControlWeights,
             Key(
-                "weights on the accelerations of the joints",
+                "on accelerations of joints",
                 default="0",
             ),
         ] = None
@@ -315,7 +313,7 @@ class Fuel(Weighted):
 
         fuel: Annotated[
             ControlWeights,
-            Key("weights on controls that are limited from below, not on their squares"),
+            Key("on controls that are limited from below, not on their squares"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

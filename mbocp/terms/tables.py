@@ -13,10 +13,10 @@ from mbocp.terms.written import Control, Trajectory, Vector, VectorOrNamed
 class TargetTable(Table):
     """What the running cost tracks."""
 
-    q: Annotated[Trajectory, Key("configuration, or one for every step", "m, rad", "the goal's")] = None
-    p: Annotated[Trajectory, Key("momentum, or one for every step", "kg m/s, N m s", "that of the goal")] = (
-        None
-    )
+    q: Annotated[Trajectory, Key("of the goal, or one for every step", "m, rad", "the goal's")] = None
+    p: Annotated[
+        Trajectory, Key("of the goal, or one for every step", "kg m/s, N m s", "that of the goal")
+    ] = None
 
 
 class WeightsTable(Table):
@@ -24,7 +24,7 @@ class WeightsTable(Table):
 
     qp: Annotated[VectorOrNamed, SkipJsonSchema()] = None  # where a plain list lands
     q: Annotated[Control, Key("weights on q", default="0")] = None
-    p: Annotated[Control, Key("weights on p, or on v where the goal gives v", default="0")] = None
+    p: Annotated[Control, Key("on p, or on v where the goal gives v", default="0")] = None
 
 
 def _listed_weights(value: Any) -> Any:

@@ -24,9 +24,7 @@ class Time(Weighted):
     class Keys(Table):
         """Keys."""
 
-        time: Annotated[
-            NonNegative, Key("weight of the duration, where `horizon.duration` sets it free", "1/s")
-        ] = 0.0
+        time: Annotated[NonNegative, Key("weight of a free duration", "1/s")] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """The weight: the running cost is per second."""

@@ -81,12 +81,7 @@ class FrameGoalTable(FramePoseTable):
     ] = None
     weight: Annotated[
         NonNegative | None,
-        Key(
-            "of the squares of its errors, in m, rad, m/s and rad/s, in the terminal cost, times half of "
-            "`cost.terminal`",
-            "",
-            "1",
-        ),
+        Key("of the squares of its errors, times half of `cost.terminal`", "", "1"),
     ] = None
 
 

@@ -53,12 +53,11 @@ class GaitTable(Table):
         str | list[list[str]],
         Kind("string or list of lists", _swings, str | list[list[str]]),
         Key(
-            '`"walk"`, `"trot"`, `"pace"`, `"bound"`, `"hop"`; or [feet](contact.md#legs) that '
-            'swing at once, in turn: `[["FL", "HR"], ["FR", "HL"]]`'
+            '`"walk"`, `"trot"`, `"pace"`, `"bound"`, `"hop"`; or [feet](contact.md#gaits) that swing at once'
         ),
     ]
     cycles: Annotated[int, whole(1), Key("how often each foot swings")] = 1
-    duration: Annotated[Duration, Key("of each swing: given, or found between `min` and `max`", "s")]
+    duration: Annotated[Duration, Key("of each swing", "s")]
     stance: Annotated[Duration, Key("how long all feet stand before each swing", "s", "not at all")] = None
     flight: Annotated[
         Duration, Key("how long all feet are in the air after each swing", "s", "not at all")
@@ -67,7 +66,7 @@ class GaitTable(Table):
         Duration,
         Key("how long all feet stand at the end, unless the motion is periodic", "s", "as long as a swing"),
     ] = None
-    steps: Annotated[int, whole(2), Key("of a swing; others have as many in the same time, and two at least")]
+    steps: Annotated[int, whole(2), Key("of a swing")]
 
 
 class _Piece(NamedTuple):

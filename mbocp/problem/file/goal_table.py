@@ -28,11 +28,11 @@ from mbocp.terms.written import VectorOrNamed
 class GoalMemberTable(Table):
     """State at t = T, one of several."""
 
-    q: Annotated[VectorOrNamed, Key("where the motion shall end", "m, rad", "nothing")] = None
+    q: Annotated[VectorOrNamed, Key("configuration at the end", "m, rad", "nothing")] = None
     v: Annotated[
         Rate,
         Key(
-            "velocity or momentum at the end; one of the two",
+            "velocity or momentum at the end",
             "m/s, rad/s; kg m/s, N m s",
             "nothing",
             "vector, or 0 for rest, also of a joint or part",
@@ -43,7 +43,7 @@ class GoalMemberTable(Table):
     a: Annotated[
         RateOrFree,
         Key(
-            "acceleration at the end; 0 with `v = 0`: a smooth stop",
+            "acceleration at the end",
             "m/s^2, rad/s^2",
             "0 of joints that stop and have limited jerk, else nothing",
         ),
@@ -51,28 +51,30 @@ class GoalMemberTable(Table):
     frame: Annotated[
         list[FrameGoalTable],
         SEVERAL,
-        Key("pose of a frame at the end, or parts of it: [Goals of frames](#goals-of-frames)", "", "nothing"),
+        Key("[pose of a frame](#goals-of-frames), or parts of it", "", "nothing"),
     ] = Field(default_factory=list)
     assemble: Annotated[bool, Key("the same for the goal")] = False
     periodic: Annotated[
         PeriodicWords,
-        Key("the end is the start, moved by a symmetry: [Periodic motion](#periodic-motion)", "", "no"),
+        Key("the end is the start, [moved by a symmetry](#periodic-motion)", "", "no"),
     ] = None
     enforce: Annotated[
         str | None,
         choice(ENFORCE),
         Key(
-            '`"none"`: the goal is at most the target of the tracking cost',
+            '`"none"`: the goal is only what tracking tracks',
             "",
             '`"exact"` if the goal says anything, else `"none"`',
         ),
     ] = None
     guard: Annotated[
         bool,
-        Key("explicit schemes: keep the end less than a right angle from the goal: [why](#explicit-schemes)"),
+        Key("[explicit schemes](#explicit-schemes): keep the end less than a right angle from the goal"),
     ] = True
     redundant: Annotated[
-        str, choice(REDUNDANT), Key("explicit schemes: end conditions that the dynamics meet by themselves")
+        str,
+        choice(REDUNDANT),
+        Key("[explicit schemes](#explicit-schemes): end conditions that hold by themselves"),
     ] = "drop"
 
 
@@ -81,7 +83,7 @@ class GoalTable(GoalMemberTable):
 
     any: Annotated[
         list[GoalMemberTable],
-        Key("several goals, of which the best is taken: [Several goals](#several-goals)", "", "one goal"),
+        Key("[several goals](#several-goals), of which the best is taken", "", "one goal"),
     ] = Field(default_factory=list)
 
 

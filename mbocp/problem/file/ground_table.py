@@ -43,7 +43,7 @@ class GroundTable(Table):
     feet: Annotated[
         dict[str, str],
         Key(
-            "short names of feet, for `phase.contacts`, and their frames; [legs](contact.md#legs)",
+            "short names of [feet](contact.md#legs), and their frames",
             "",
             "required",
             takes="table of strings",
@@ -51,7 +51,7 @@ class GroundTable(Table):
     ]
     height: Annotated[
         Finite | None,
-        Key("of the ground: z of the origins of feet that stand", "m", "of the lowest foot at the start"),
+        Key("of the ground, and of the origins of feet that stand", "m", "of the lowest foot at the start"),
     ] = None
     friction: Annotated[
         NonNegative | None,
@@ -59,14 +59,14 @@ class GroundTable(Table):
     ] = None
     sole: Annotated[
         Pair,
-        Key("sides of the soles about the frames of feet, which do not tilt then", "m", "feet are points"),
+        Key("sides of soles, which do not tilt", "m", "feet are points"),
     ] = None
     lift: Annotated[
         NonNegative,
         Key("least height of feet in the middle of a swing", "m"),
     ] = 0.0
     meeting: Annotated[
-        str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest already')
+        str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest')
     ] = "impact"
 
 

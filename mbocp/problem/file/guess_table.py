@@ -26,22 +26,18 @@ class GuessTable(Table):
     kind: Annotated[
         str | None,
         choice(GUESSES),
-        Key("where the solver starts: [see below](#a-problem-without-cost)", "", '`"auto"`'),
+        Key("[where the solver starts](solver.md#guesses)", "", '`"auto"`'),
     ] = None
-    u: Annotated[
-        Control, Key('constant control, with the forward simulation (kind `"control"`)', "N, N m")
-    ] = None
+    u: Annotated[Control, Key('constant control (kind `"control"`)', "N, N m")] = None
     q: Annotated[
         list[VectorOrNamed] | None,
-        Key('configurations between start and goal through which the guess goes (kind `"way"`)', "rad, m"),
+        Key('configurations on the way (kind `"way"`)', "rad, m"),
     ] = None
-    file: Annotated[
-        str | None, Key('a saved result with any number of steps (kind `"solution"`)', "", "", "path")
-    ] = None
+    file: Annotated[str | None, Key('a saved result (kind `"solution"`)', "", "", "path")] = None
     at: Annotated[
         float | None,
         Key(
-            "time on the motion of `guess.file` at which the problem [begins](results.md#warm-starts)",
+            "time of `guess.file` at which the problem [begins](results.md#warm-starts)",
             "s",
             "found",
         ),

@@ -28,23 +28,23 @@ class IntegratorTable(Table):
             takes="string",
         ),
     ] = AUTO_SCHEME
-    lie: Annotated[
-        str, choice(LIE_METHODS), Key("[explicit schemes](#explicit-schemes): how rotations stay rotations")
-    ] = "munthe_kaas"
+    lie: Annotated[str, choice(LIE_METHODS), Key("how [rotations stay rotations](#explicit-schemes)")] = (
+        "munthe_kaas"
+    )
     substeps: Annotated[
         int,
         whole(1),
-        Key("explicit schemes: their steps within one of the N, [bounded](solver.md#compiled-functions)"),
+        Key("explicit schemes: their steps within one of the N"),
     ] = 1
     gamma_quaternion: Annotated[
         NonNegative,
-        Key('`"baumgarte"`: rate at which quaternions are pulled back, eq. (46) of [Manara2017]', "1/s"),
+        Key('`"baumgarte"`: of quaternions, eq. (46) of [Manara2017]', "1/s"),
     ] = Stabilisation.gamma_quaternion
-    gamma_dcm: Annotated[
-        NonNegative, Key('`"baumgarte"`: the same for rotation matrices, eq. (47)', "1/s")
-    ] = Stabilisation.gamma_dcm
+    gamma_dcm: Annotated[NonNegative, Key('`"baumgarte"`: of rotation matrices, eq. (47)', "1/s")] = (
+        Stabilisation.gamma_dcm
+    )
     gamma_constraint: Annotated[
-        NonNegative, Key("explicit schemes: Baumgarte's rate for holonomic constraints; 0: none", "1/s")
+        NonNegative, Key("explicit schemes: Baumgarte's rate for constraints", "1/s")
     ] = Stabilisation.gamma_constraint
 
 

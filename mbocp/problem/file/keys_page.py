@@ -35,7 +35,8 @@ class Row:
     def markdown(self, under: str = "") -> str:
         """Return a row of a table; names are those `under` a table."""
         names = ", ".join(f"`{name.removeprefix(under)}`" for name in self.names)
-        cells = (names, self.takes, self.unit, self.default, self.says)
+        takes = f"{self.takes} [{self.unit}]" if self.unit else self.takes
+        cells = (names, takes, self.default, self.says)
         return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
 
 

@@ -27,7 +27,7 @@ class LimitsTable(Table):
 
     profile: Annotated[
         ProfileName,
-        Key("[limits that a maker publishes](profiles.md), by name or file; `true`: by the robot's name"),
+        Key("[what a maker publishes](profiles.md), by name or file; `true`: by the robot's name"),
     ] = None
     effort: Annotated[Limits, Key("[limits](#limits) of the controls; `true`: the robot's own", "N, N m")] = (
         None
@@ -45,15 +45,13 @@ class LimitsTable(Table):
         Limits,
         _NUMBERS,
         Key(
-            "of the [accelerations](#accelerations-jerks-rates-and-powers), the means of the steps",
+            "of [accelerations](#accelerations-jerks-rates-and-powers)",
             "m/s^2, rad/s^2",
         ),
     ] = None
     jerk: Annotated[Limits, _NUMBERS, Key("of the jerks", "m/s^3, rad/s^3")] = None
     effort_rate: Annotated[Limits, _NUMBERS, Key("of the rates of the controls", "N/s, N m/s")] = None
-    power: Annotated[
-        Limits, _NUMBERS, Key("of the powers of the controls; a pair's lower side is the regeneration", "W")
-    ] = None
+    power: Annotated[Limits, _NUMBERS, Key("of the powers of the controls", "W")] = None
 
 
 def read_limits(robot: Robot, limits_table: LimitsTable, profile: Profile | None = None) -> Bounds:

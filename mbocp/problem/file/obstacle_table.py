@@ -30,7 +30,7 @@ class ObstacleTable(Table):
     name: Annotated[
         str | None,
         Key(
-            "its name; one table `[[obstacle]]` each",
+            "its name",
             "",
             "shape and number",
         ),
@@ -39,7 +39,7 @@ class ObstacleTable(Table):
     radius: Annotated[
         Positive | None,
         Key(
-            "of a sphere, a capsule (`length` without its round ends) and a cylinder, both along z",
+            "of a sphere, capsule (`length` without its round ends), cylinder, along z",
             "m",
             "required",
             beside=("length",),
@@ -50,7 +50,7 @@ class ObstacleTable(Table):
     file: Annotated[
         str | None,
         Key(
-            "of a mesh: STL, Collada, OBJ or PLY, beside the problem file; or `vertices`",
+            "of a mesh: STL, Collada, OBJ or PLY",
             "",
             "required",
             "path",
@@ -61,22 +61,17 @@ class ObstacleTable(Table):
     ] = None
     hull: Annotated[
         bool,
-        Key(
-            "whether a file that is [not convex or not closed](obstacles.md#meshes) may stand for its "
-            "convex hull"
-        ),
+        Key("whether a mesh that is [not convex](obstacles.md#meshes) may stand for its hull"),
     ] = False
     vertices: Annotated[
         list[list[Finite]] | None,
-        Key("corners of a mesh, in the place of a file", "m", "", "list of 3 numbers each"),
+        Key("corners of a mesh, in place of a file", "m", "", "list of 3 numbers each"),
     ] = None
-    position: Annotated[
-        Triple, Key("of the centre in `frame`; of a halfspace a point of its surface", "m", "0")
-    ] = None
+    position: Annotated[Triple, Key("of the centre; of a halfspace a point of its surface", "m", "0")] = None
     rpy: Annotated[
         Triple,
         Key(
-            "roll, pitch, yaw, or quaternion xyzw; a halfspace fills what is below its z = 0",
+            "roll, pitch, yaw, or quaternion xyzw; a halfspace is below z = 0",
             "rad",
             "as `frame`",
             "3 or 4 numbers",
@@ -84,24 +79,19 @@ class ObstacleTable(Table):
         ),
     ] = None
     orientation: Quaternion = None
-    frame: Annotated[str | None, Key("frame of the robot that carries it", "", '`"world"`')] = None
+    frame: Annotated[str | None, Key("frame that carries it", "", '`"world"`')] = None
     margin: Annotated[Finite, Key("least distance", "m")] = 0.0
-    smoothing: Annotated[Positive, Key("length over which edges are rounded in the equations", "m")] = (
-        SMOOTHING
-    )
+    smoothing: Annotated[Positive, Key("length over which edges are rounded", "m")] = SMOOTHING
     movable: Annotated[
         bool,
-        Key(
-            "whether it is [moved from problem to problem](obstacles.md#what-is-kept): moving it compiles "
-            "nothing"
-        ),
+        Key("whether [moving it compiles nothing](obstacles.md#what-is-kept)"),
     ] = False
 
 
 class SelfCollisionTable(Table):
     """How links keep away from each other."""
 
-    margin: Annotated[Finite, Key("least distance of links from each other", "m")] = 0.0
+    margin: Annotated[Finite, Key("least distance of links", "m")] = 0.0
     disabled: Annotated[list[list[str]], Key("pairs of links that need not", "", "none", "list of pairs")] = (
         Field(default_factory=list)
     )

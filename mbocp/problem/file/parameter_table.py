@@ -18,7 +18,7 @@ from mbocp.terms.written import Finite
 class ParameterCostTable(Table):
     """What a parameter costs."""
 
-    linear: Annotated[Finite, Key("weight on p, as a price per kilogram")] = 0.0
+    linear: Annotated[Finite, Key("weight on p")] = 0.0
     square: Annotated[Finite, Key("weight on (p - reference)^2")] = 0.0
     reference: Annotated[Finite, Key("in the unit of p")] = 0.0
 
@@ -28,9 +28,9 @@ class ParameterTable(Table):
 
     of: Annotated[
         str | list[str],
-        Key("which number, as `robot.payload.NAME.mass`: [parameters](parameters.md); a list has one value"),
+        Key("[which number](parameters.md); those of a list have one value"),
     ]
-    min: Annotated[Finite, Key("least value; one table `[[parameter]]` each", "those of the number")]
+    min: Annotated[Finite, Key("least value", "those of the number")]
     max: Annotated[Finite, Key("greatest value", "those of the number")]
     start: Annotated[
         Finite | None, Key("where the search begins", "those of the number", "that of the robot")

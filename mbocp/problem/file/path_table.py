@@ -38,16 +38,16 @@ class PathHead(Table):
     name: Annotated[
         str | None,
         Key(
-            "its name; one table `[[path]]` each",
+            "its name",
             "",
             "kind and frame",
         ),
     ] = None
-    kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained: the next rows say which keys it takes")]
+    kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained")]
     frame: Annotated[
         str | None,
         Key(
-            "frame of the robot that is meant, or its origin",
+            "frame of the robot, or its origin",
             "",
             "required, but for forces and all of the robot",
         ),

@@ -37,7 +37,7 @@ class HorizonTable(Table):
     duration: Annotated[
         Duration,
         Key(
-            "T; with a table it is [free](#free-duration); `guess` is their geometric mean if left out",
+            "T; with a table it is [free](#free-duration)",
             "s",
             "required without `[[phase]]`",
         ),
@@ -46,7 +46,7 @@ class HorizonTable(Table):
         int | None,
         whole(1),
         Key(
-            "N, impacts of phases included, as [memory](#how-many-steps) allows",
+            "N, as [memory](#how-many-steps) allows",
             "",
             "required without `[[phase]]`",
         ),
@@ -54,7 +54,7 @@ class HorizonTable(Table):
     accuracy: Annotated[
         Finite | None,
         Key(
-            "in place of `steps`: [steps are found](#accuracy-in-place-of-steps) whose errors are below it",
+            "in place of `steps`, which [are found](#accuracy-in-place-of-steps)",
             "rad, m; part of the cost",
             takes="number from 1e-10 to 0.1",
         ),
@@ -62,7 +62,7 @@ class HorizonTable(Table):
     lengths: Annotated[
         list[Positive] | None,
         Key(
-            "in place of `steps`: the length of each; their sum is the duration",
+            "in place of `steps`: the length of each",
             "s",
             takes="list of numbers > 0",
         ),
@@ -70,46 +70,38 @@ class HorizonTable(Table):
     controls: Annotated[
         str,
         choice(CONTROLS),
-        Key(
-            "how controls vary [within a step](#controls-within-a-step); others than constant with `gauss2`, "
-            "`gauss3`, `radau2`, `radau3`, `lobatto2`, `lobatto3`"
-        ),
+        Key("how controls vary [within a step](#controls-within-a-step)"),
     ] = "constant"
 
 
 class HoldTable(Table):
     """A frame that is held throughout a phase."""
 
-    name: Annotated[
-        str | None, Key("what it is called; forces are called after it", "", "`frame` at `to`")
-    ] = None
+    name: Annotated[str | None, Key("of the hold, and of its forces", "", "`frame` at `to`")] = None
     frame: Annotated[str, Key("the frame that is held")]
     to: Annotated[str, Key("the frame that holds it")] = WORLD
     kind: Annotated[
         str,
         Key(
-            '`"weld"` holds all, `"point"` the origin, `"hinge"` origin and axis, `"plane"`, `"line"` '
-            'the origin in a plane or on a line, `"screw"` all but the way along a thread'
+            '[what is held](phases.md#what-is-held): `"weld"`, `"point"`, `"hinge"`, `"plane"`, `"line"`, '
+            '`"screw"`'
         ),
     ] = "weld"
-    at: Annotated[
-        str, Key('`"where_it_is"` relative to `to` when the hold begins, or where both frames `"coincide"`')
-    ] = "where_it_is"
+    at: Annotated[str, Key('where it is when the hold begins, or where both frames `"coincide"`')] = (
+        "where_it_is"
+    )
     axis: Annotated[
         Triple,
         Key(
-            "of a hinge or screw in the axes of `frame`; normal of a plane and direction of a line in "
-            "those of `to`",
+            "of a hinge or screw, in `frame`; of a plane (its normal) or line, in `to`",
             "",
             "`[0, 0, 1]`",
         ),
     ] = None
-    pitch: Annotated[
-        Finite | None, Key("of a screw: how far the frame slides along the axis in a turn", "m")
-    ] = None
+    pitch: Annotated[Finite | None, Key("of a screw: way along the axis in a turn", "m")] = None
     meeting: Annotated[
         str,
-        Key('how it begins: with an `"impact"`, or `"soft"`, with velocities that fit'),
+        Key('how it begins: with an `"impact"`, or `"soft"`'),
     ] = "impact"
 
 
@@ -125,22 +117,22 @@ class PhaseTable(Table):
 
     name: Annotated[
         str,
-        Key("its name; one table `[[phase]]` each, in the place of `[horizon]`"),
+        Key("its name"),
     ]
     steps: Annotated[
         int,
         whole(1),
-        Key("steps that take time; with `horizon.accuracy` those with which the search begins"),
+        Key("its number of steps"),
     ]
-    duration: Annotated[Duration, Key("how long it takes: given, or found between `min` and `max`", "s")]
+    duration: Annotated[Duration, Key("how long it takes", "s")]
     contacts: Annotated[
         list[str] | None,
-        Key("feet that stand on the [ground](contact.md#legs) throughout it", "", "none", "list of names"),
+        Key("feet that [stand](contact.md#legs)", "", "none", "list of names"),
     ] = None
     limits: Annotated[
         LimitsTable,
         Key(
-            "keys of `[limits]`, component by component in the place of the problem's",
+            "keys of `[limits]`, in the place of the problem's",
             "",
             "those of the problem",
         ),
@@ -156,7 +148,7 @@ class PhaseTable(Table):
     hold: Annotated[
         list[HoldTable],
         SEVERAL,
-        Key("[frames that are held](phases.md#what-is-held) throughout: with the keys of the next rows"),
+        Key("[frames that are held](phases.md#what-is-held)"),
     ] = Field(default_factory=list)
     release: Annotated[
         list[ReleaseTable],
@@ -165,11 +157,11 @@ class PhaseTable(Table):
     ] = Field(default_factory=list)
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]
-        Key("path constraints in it, with the keys of `[[path]]`; `from` and `until` are parts of the phase"),
+        Key("path constraints in it: keys of `[[path]]`; `from` and `until` are parts of the phase"),
     ] = Field(default_factory=list)
     via: Annotated[
         list[ViaTable],
-        Key("via points at its end, with the keys of `[[via]]` but `time`; `share` is a part of the phase"),
+        Key("via points at its end, or a `share` of it: keys of `[[via]]` but `time`"),
     ] = Field(default_factory=list)
 
 

@@ -47,8 +47,7 @@ class RobustTable(Table):
     parameters: Annotated[
         dict[str, VectorOrNumber],
         Key(
-            'of numbers of the robot such as `"robot.payload.crate.mass"`, by the words of '
-            "[sensitivities](sensitivities.md)",
+            "of numbers of the robot, by the words of [sensitivities](sensitivities.md)",
             "those of the numbers",
             "none",
             takes="table of numbers or lists",
@@ -60,14 +59,14 @@ class RobustTable(Table):
     confidence: Annotated[
         Finite | None,
         Key(
-            "instead of `sigmas`: with which probability each limit holds at each node",
+            "instead of `sigmas`: probability that a limit holds at a node",
             takes="number between 0.5 and 1",
         ),
     ] = None
     feedback: Annotated[
         str,
         choice(FEEDBACKS),
-        Key('what answers to deviations: `"gains"`, the feedback of the optimum, or nothing'),
+        Key("what answers to deviations"),
     ] = FEEDBACKS[0]
 
 

@@ -66,13 +66,13 @@ class ProblemTable(Table):
     robot: Annotated[
         RobotKeys,
         Kind("string or table", _named_robot, str),
-        Key("name or path; or a table with the keys below"),
+        Key("name or path; or a table"),
     ]
     coordinates: Annotated[
         str,
         choice(COORDINATES),
         Key(
-            "what the unknowns are: displacements of joints, or positions and directors of bodies: "
+            "displacements of joints, or positions and directors of bodies: "
             "[Natural coordinates](natural_coordinates.md)"
         ),
     ] = "joint"
@@ -88,11 +88,11 @@ class ProblemTable(Table):
     limits: Annotated[
         LimitsTable,
         Kind('`"profile"`, or table', _named_limits, Literal["profile"]),
-        Key('bounds along the motion; `"profile"` is `profile = true`'),
+        Key("bounds along the motion"),
     ] = LimitsTable.model_construct()
     robust: Annotated[
         RobustTable | None,
-        Key("what is uncertain: limits keep off by so much as [motions stray](robust.md)", "", "none"),
+        Key("what is [uncertain](robust.md)", "", "none"),
     ] = None
     via: Annotated[list[ViaTable], Key("[via points](#via-points)")] = Field(default_factory=list)
     path: Annotated[
@@ -102,19 +102,19 @@ class ProblemTable(Table):
     obstacle: Annotated[list[ObstacleTable], Key("[obstacles](obstacles.md)")] = Field(default_factory=list)
     self_collision: Annotated[
         bool | SelfCollisionTable | None,
-        Key("whether links [keep apart from each other](obstacles.md#self-collision)", "", "false"),
+        Key("whether links [keep apart](obstacles.md#self-collision)", "", "false"),
     ] = None
     terms: Annotated[list[TermTable], Key("[terms of one's own](terms.md)")] = Field(default_factory=list)  # type: ignore[valid-type]
     guess: Annotated[GuessTable, Key("where the solver starts")] = GuessTable.model_construct()
     parameter: Annotated[
-        list[ParameterTable], Key("numbers of the robot that are found: [parameters](parameters.md)")
+        list[ParameterTable], Key("[numbers of the robot](parameters.md) that are found")
     ] = Field(default_factory=list)
     integrator: Annotated[IntegratorTable, Key("how time is discretised")] = IntegratorTable.model_construct()
     solver: Annotated[
         SolverTable,
         Kind("string or table", _named_solver, str),
         Key(
-            "a method's name, or a table with the keys below; also `mbocp solve --solver NAME`",
+            "a method's name, or a table",
             "",
             '`"auto"`',
         ),

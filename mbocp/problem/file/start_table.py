@@ -32,7 +32,7 @@ class StartTable(Table):
     v: Annotated[
         Rate,
         Key(
-            "velocity or momentum at t = 0; one of the two",
+            "velocity or momentum at t = 0",
             "m/s, rad/s; kg m/s, N m s",
             "rest",
             beside=("p",),
@@ -42,7 +42,7 @@ class StartTable(Table):
     a: Annotated[
         Rate,
         Key(
-            "acceleration at the start, for [limits of jerk](#accelerations-jerks-rates-and-powers)",
+            "acceleration, for [limits of jerk](#accelerations-jerks-rates-and-powers)",
             "m/s^2, rad/s^2",
             "0",
         ),
@@ -50,15 +50,13 @@ class StartTable(Table):
     frame: Annotated[
         list[FramePoseTable],
         SEVERAL,
-        Key("pose of a frame at t = 0, or parts of it: [Start at a pose](#start-at-a-pose)", "", "nothing"),
+        Key("[pose of a frame](#start-at-a-pose), or parts of it", "", "nothing"),
     ] = Field(default_factory=list)
     assemble: Annotated[
         bool,
-        Key("move what violates the robot's [constraints](#constraints) to the nearest that fulfils them"),
+        Key("move what violates [constraints](#constraints) to the nearest that does not"),
     ] = False
-    free: Annotated[
-        Free, Key("what of the start is found with the motion: [Free start](#free-start)", "", "all is given")
-    ] = None
+    free: Annotated[Free, Key("[what of the start is found](#free-start)", "", "all is given")] = None
 
 
 def read_start(

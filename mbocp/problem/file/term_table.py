@@ -26,7 +26,7 @@ class TermHead(Table):
     name: Annotated[
         str,
         Key(
-            "its name and role, and a digest of its function, which is not in the file",
+            "which term, and a digest of its function",
             beside=("role", "digest"),
         ),
     ]

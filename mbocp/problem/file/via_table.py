@@ -26,12 +26,12 @@ class ViaTable(Table):
 
     name: Annotated[
         str | None,
-        Key("its name; one table `[[via]]` each", "", "its number"),
+        Key("its name", "", "its number"),
     ] = None
     time: Annotated[
         ViaTime,
         Key(
-            "when it holds, at the nearest node, or [when it is passed](#free-times)",
+            "when it holds, or [is passed](#free-times)",
             "s",
             "`via.share`",
         ),
@@ -39,7 +39,7 @@ class ViaTable(Table):
     share: Annotated[
         Finite | None,
         Key(
-            "in place of a time; of a free one the part of the steps until there",
+            "in place of a time; of a free one of the steps",
             "part of the horizon",
             "`via.time`",
         ),
@@ -58,7 +58,7 @@ class ViaTable(Table):
     frame: Annotated[
         list[FrameGoalTable],
         SEVERAL,
-        Key("poses of frames there: the keys of `goal.frame`, and tolerances", "", "nothing"),
+        Key("poses of frames there: keys of `goal.frame`", "", "nothing"),
     ] = Field(default_factory=list)
 
 

@@ -50,7 +50,7 @@ def _arguments(value: Any) -> Any:
     raise ValueError(f"got {show(value)}, expected a table with a text, number or boolean for each argument")
 
 
-_OWN = "what the robot says"
+_OWN = "the robot's"
 Number = Annotated[float, Kind("number", finite_number, float)]
 Lock = Annotated[Any, Kind("table or list of names", _lock, list[str] | dict[str, float | list[float]])]
 Arguments = Annotated[Any, Kind("table", _arguments, dict[str, str | bool | int | float])]
@@ -87,8 +87,7 @@ class ReadingKeys(Declared):
     dynamics: Annotated[
         bool | None,
         Key(
-            "`false`: controls are the accelerations of the joints, for "
-            "[robots without inertias](robots.md#robots-without-inertias)",
+            "`false`: controls are accelerations ([without inertias](robots.md#robots-without-inertias))",
             default=f"{_OWN}, else true",
         ),
     ] = None
@@ -99,14 +98,14 @@ class ReadingKeys(Declared):
     damping: Annotated[
         bool | None,
         Key(
-            "whether the [viscous damping](robots.md#damping-and-friction) of the URDF acts",
+            "whether its [viscous damping](robots.md#damping-and-friction) acts",
             default=f"{_OWN}, else true",
         ),
     ] = None
     friction: Annotated[
         str | None,
         Key(
-            '`"smooth"`, `"none"`: whether the Coulomb friction of the URDF acts',
+            '`"smooth"`, `"none"`: whether its Coulomb friction acts',
             default=f"{_OWN}, else left out, and told",
         ),
     ] = None
@@ -118,11 +117,11 @@ class ReadingKeys(Declared):
     ] = None
     package_dirs: Annotated[
         list[str],
-        Key("folders that hold the packages of `package://` addresses", "", "none", "list of paths"),
+        Key("folders of the packages of `package://` addresses", "", "none", "list of paths"),
     ] = Field(default=[])
     payload: Annotated[
         list[PayloadTable] | None,
-        Key("[bodies that it carries](robots.md#payloads); one table `[[robot.payload]]` each", "", _OWN),
+        Key("[bodies that it carries](robots.md#payloads)", "", _OWN),
     ] = None
 
     def folders(self, base: Path | None) -> tuple[Path, ...]:
@@ -203,10 +202,7 @@ class _HeadKeys(Declared):
     ] = None
     part: Annotated[
         list[PartTable] | None,
-        Key(
-            "[several robots in one world](robots.md#several-robots-in-one-world); "
-            "one table `[[robot.part]]` each"
-        ),
+        Key("[several robots in one world](robots.md#several-robots-in-one-world)"),
     ] = None
 
 
@@ -223,8 +219,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     rotations: Annotated[
         str | None,
         Key(
-            "what explicit schemes integrate for free-flyers and ball joints: "
-            "[rotations](robots.md#rotations)",
+            "what explicit schemes integrate: [rotations](robots.md#rotations)",
             default=f'{_OWN}, else `"quaternion"`',
             takes='`"quaternion"` or `"dcm"`',
         ),
@@ -241,20 +236,20 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     elastic: Annotated[
         list[ElasticTable] | None,
         Key(
-            "[elastic joints](robots.md#elastic-joints); one table `[[robot.elastic]]` each",
+            "[elastic joints](robots.md#elastic-joints)",
             default=f"{_OWN}, else none",
         ),
     ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
         Key(
-            "[what joins parts](robots.md#parts-that-are-joined); one table `[[robot.constraint]]` each",
+            "[what joins parts](robots.md#parts-that-are-joined)",
             takes="tables",
         ),
     ] = None
     initial: Annotated[
         dict[str, Any] | None,
-        Key("`q`, the initial pose of joined parts, by joint or part", "", "that of the parts", "table"),
+        Key("`q` by joint or part", "", "that of the parts", "table"),
     ] = None
 
     @model_validator(mode="after")

@@ -124,11 +124,9 @@ class ElasticTable(KeyTable):
     """A joint between which and its motor there are a spring and a damper."""
 
     joint: Annotated[str, Key("a revolute or prismatic joint")]
-    stiffness: Annotated[_Positive, Key("of the spring between the joint and its motor", "N m/rad, N/m")]
+    stiffness: Annotated[_Positive, Key("of the spring between joint and motor", "N m/rad, N/m")]
     damping: Annotated[_NotNegative, Key("of the damper beside it", "N m s/rad, N s/m")] = 0.0
-    motor_inertia: Annotated[
-        _Positive, Key("of the motor's rotor, at the joint's side of the gear", "kg m^2, kg")
-    ]
+    motor_inertia: Annotated[_Positive, Key("of the rotor, at the joint's side of the gear", "kg m^2, kg")]
 
 
 def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> list[ElasticTable] | None:
@@ -188,11 +186,9 @@ class InertiasTable(KeyTable):
 
     density: Annotated[
         _Positive | None,
-        Key("of the shapes of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
+        Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
     ] = None
-    mass: Annotated[
-        _Positive | None, Key("of the whole robot, from which the density of these shapes follows", "kg")
-    ] = None
+    mass: Annotated[_Positive | None, Key("of the whole robot, from which the density follows", "kg")] = None
     links: Annotated[
         Any,
         Kind("table", _links, dict[str, dict[str, Any]]),
