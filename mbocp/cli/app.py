@@ -364,17 +364,19 @@ def plot(
 
 @_command
 def report(
-    result: ResultFile,
+    results: Annotated[
+        list[Path], _argument("RESULT...", "What `mbocp solve -o` wrote; several side by side.")
+    ],
     output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write all about a result as one page that works offline.
+    """Write all about a result, or what differs in several, as one page that works offline.
 
     Replay, plots tied to its time, active limits, convergence, the problem, versions.
     """
-    from mbocp.cli.results import report_result
+    from mbocp.cli.results import report_results
 
-    report_result(result, output, quiet=quiet)
+    report_results(results, output, quiet=quiet)
 
 
 @_command

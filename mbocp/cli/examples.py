@@ -22,7 +22,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "live": ("mbocp live reach.toml", "mbocp live reach.h5 -o kept.h5"),
     "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf --style my.mplstyle"),
-    "report": ("mbocp report reach.h5 -o reach.html",),
+    "report": ("mbocp report reach.h5 -o reach.html", "mbocp report reach.h5 finer.h5 -o both.html"),
     "info": ("mbocp info reach.h5", "mbocp info reach.h5 --json"),
     "export": ("mbocp export reach.h5 -o reach.csv --rate 125", "mbocp export reach.h5 -o reach.script"),
     "robots": ("mbocp robots", "mbocp robots ur5", "mbocp robots my_robot.urdf --free-flyer"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,17 +37,23 @@ def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: 
     tell(f"plot: {path}", quiet)
 
 
-def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
-    """Write a report."""
-    path = output if output is not None else result.with_suffix(".html")
+def report_results(results: Sequence[Path], output: Path | None, *, quiet: bool) -> None:
+    """Write a report of one result, or of several side by side."""
+    path = output if output is not None else results[0].with_suffix(".html")
     check_output(path, "-o", PAGES)
-    from mbocp.view.report import write_report
+    from mbocp.view.report import compare_results, write_report
 
     signals.leave_in_order()
-    solution, robot = load_result(result)
-    with name_errors(result, "cannot be drawn"):
-        rows = [*_rows(solution), ("at least", _bound_words(solution))]
-        write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
+    loaded = [load_result(result) for result in results]
+    with name_errors(results[0], "cannot be drawn"):
+        if len(loaded) == 1:
+            solution, robot = loaded[0]
+            rows = [*_rows(solution), ("at least", _bound_words(solution))]
+            write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
+        else:
+            stems = [result.stem for result in results]
+            names = stems if len(set(stems)) == len(stems) else [str(result) for result in results]
+            compare_results(dict(zip(names, (solution for solution, _ in loaded), strict=True)), path)
     tell(f"report: {path}", quiet)
 
 
