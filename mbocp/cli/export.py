@@ -37,7 +37,8 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import all_excesses, format_of, sent_by, write_samples
+    from mbocp.solution.formats import all_excesses, format_of, sent_by, write_recording, write_samples
+    from mbocp.solution.recordings import RECORDINGS
     from mbocp.solution.sampled import sample
 
     name = format_of(output, kind)
@@ -46,6 +47,11 @@ def export_result(
             output, f"-o: there is no folder {show(str(output.parent))}, or it is one itself"
         )
     solution = Solution.load(result)
+    if name in RECORDINGS:
+        write_recording(solution, output, name, rate, interpolation)
+        if not quiet:
+            typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
+        return True
     sent = sent_by(name, solution, rate, interpolation, fit=fit)
     motion = sample(sent)
     if motion.left_out:
