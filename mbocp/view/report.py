@@ -23,6 +23,7 @@ from mbocp.view.reports.plots import (
     why_zigzag,
 )
 
+_ROUND_OFF = 1e-9  # of loads, in any of their units
 _RESOURCES = Path(__file__).parent / "reports"
 
 
@@ -192,15 +193,22 @@ def _loads(loads: Sequence[Load]) -> str:
     rows = (
         (
             load.name,
-            f"{load.rms:.4g} {load.unit}",
-            f"{load.largest:.4g} {load.unit}",
-            *("-" if math.isnan(power) else f"{power:.4g} W" for power in (load.power, load.braking)),
-            *("-" if math.isnan(energy) else f"{energy:.4g} J" for energy in (load.work, load.braked)),
+            *(_sized(value, load.unit) for value in (load.rms, load.largest)),
+            *(_sized(power, "W") for power in (load.power, load.braking)),
+            *(_sized(energy, "J") for energy in (load.work, load.braked)),
         )
         for load in loads
     )
     heading = ("control", "root mean square", "largest", "largest power", "largest braking", "work", "braked")
     return _rows(heading, rows)
+
+
+def _sized(value: float, unit: str) -> str:
+    """A value with its unit, on one line; round-off is zero."""
+    if math.isnan(value):
+        return "-"
+    number = f"{0.0 if abs(value) < _ROUND_OFF else value:.4g}"
+    return f"{number} {unit}".replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _cells(limit: ActiveLimit) -> tuple[str, ...]:
