@@ -368,7 +368,7 @@ def report(
     output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write all about a result, or of several, as one page.
+    """Write all about a result, or about several, as one page.
 
     It works offline: replay, plots tied to its time, active limits, convergence, the problem, versions; of
     several results what differs.

@@ -51,8 +51,9 @@ def report_results(results: Sequence[Path], output: Path | None, *, quiet: bool)
             rows = [*_rows(solution), ("at least", _bound_words(solution))]
             write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
         else:
-            stems = [result.stem for result in results]
-            names = stems if len(set(stems)) == len(stems) else [str(result) for result in results]
+            names = [result.stem for result in results]
+            if len(set(names)) < len(names):
+                names = [f"{result} ({place})" for place, result in enumerate(results, 1)]
             compare_results(dict(zip(names, (solution for solution, _ in loaded), strict=True)), path)
     tell(f"report: {path}", quiet)
 

@@ -6,6 +6,7 @@ import base64
 import html
 import io
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -46,6 +47,7 @@ _MEANS = "Lines and numbers: means of neighbouring steps. Faint: as computed."
 _ALWAYS = ("acceleration", "power")  # rates that are shown without limits, too
 _MAX_NAMES = 30  # curves whose numbers stand under a plot
 _ROUND_OFF = 1e-8  # of a motion, in any of its units
+_NOTHING = 1e-12  # of multipliers, whose units are the cost's
 _AS_IN_REPLAY = (6, 1, 0, 2, 3)  # of the palette: the first robot has its own colours, see `COLOURS`
 _FORCES = ("N", "N m")
 
@@ -79,7 +81,7 @@ def motion_figures(solution: Solution, robot: Robot) -> Iterator[str]:
 
 def multiplier_figures(solution: Solution) -> Iterator[str]:
     """Plots of forces, adjoints and multipliers over time as HTML, with the same cursor."""
-    return _tie([[panel] for panel in panels.multiplier_panels(solution)], solution)
+    return _tie([[panel] for panel in panels.multiplier_panels(solution)], solution, zero=_NOTHING)
 
 
 def paired_figures(results: Mapping[str, tuple[Solution, Robot]]) -> Iterator[tuple[str, list[str]]]:
@@ -118,7 +120,7 @@ def _add_total(panel: LinePanel) -> LinePanel:
 
 def _is_constant(panel: LinePanel) -> bool:
     sizes = np.maximum(1.0, np.abs(panel.values).max(axis=0, initial=0.0))
-    return bool((np.ptp(panel.values, axis=0) <= _ROUND_OFF * sizes).all())
+    return panel.bands is None and bool((np.ptp(panel.values, axis=0) <= _ROUND_OFF * sizes).all())
 
 
 def _are_same(tile: Sequence[LinePanel]) -> bool:
@@ -140,9 +142,12 @@ def _unit_of(panel: LinePanel) -> str:
 
 
 def _tie(
-    tiles: Iterable[Sequence[LinePanel]], solution: Solution, own: Mapping[str, LineStyle] | None = None
+    tiles: Iterable[Sequence[LinePanel]],
+    solution: Solution,
+    own: Mapping[str, LineStyle] | None = None,
+    zero: float = _ROUND_OFF,
 ) -> Iterator[str]:
-    """Draw tiles; the panels of one share its axes, and names may have styles of their own."""
+    """Draw tiles; the panels of one share its axes, names may have their own styles, `zero` is no value."""
     for tile in tiles:
         names = [name for panel in tile for name in panel.names]
         styles = [(own or {}).get(name, line_style(i)) for i, name in enumerate(names)]
@@ -156,7 +161,7 @@ def _tie(
             if len(tile) > 1:
                 axes.autoscale(axis="y")  # a constant curve has set its own limits
             mark_time(axes, np.sort(np.concatenate([panel.t for panel in tile])))
-            calm_limits(axes, np.concatenate([panel.values.ravel() for panel in tile]), _ROUND_OFF)
+            calm_limits(axes, np.concatenate([panel.values.ravel() for panel in tile]), zero)
             mark_phases(axes, solution if len(tile) == 1 else None)
             notes = [axes.get_title(loc="right")]
             for place in ("left", "right"):  # they stand beside the picture, in the page's own letters
@@ -173,7 +178,7 @@ def _tie(
                 }
                 for panel in tile
             ],
-            "places": _places(float(sizes[np.isfinite(sizes)].max(initial=0.0))),
+            "places": _places(float(sizes[np.isfinite(sizes)].max(initial=0.0)), zero),
             "box": [box.x0, box.x1, 1.0 - box.y1, 1.0 - box.y0],
             "from": axes.get_xlim()[0],
             "to": axes.get_xlim()[1],
@@ -190,11 +195,9 @@ def _tie(
         yield _figure(picture, tile[0].title, data, legend, " ".join(filter(None, notes)))
 
 
-def _places(largest: float) -> int:
+def _places(largest: float, zero: float) -> int:
     """Decimals of the numbers under a plot: four digits of the largest; what is smaller needs no more."""
-    if largest <= _ROUND_OFF:
-        return 0
-    return int(np.clip(3 - np.floor(np.log10(largest)), 0, 12))
+    return 0 if largest <= zero else max(0, 3 - math.floor(math.log10(largest)))
 
 
 def why_zigzag(solution: Solution) -> str:
