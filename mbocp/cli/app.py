@@ -364,17 +364,18 @@ def plot(
 
 @_command
 def report(
-    result: ResultFile,
+    results: Annotated[list[Path], _argument("RESULT", "What `mbocp solve -o` wrote; several side by side.")],
     output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write all about a result as one page that works offline.
+    """Write all about a result, or about several, as one page.
 
-    Replay, plots tied to its time, active limits, convergence, the problem, versions.
+    It works offline: replay, plots tied to its time, active limits, convergence, the problem, versions; of
+    several results what differs.
     """
-    from mbocp.cli.results import report_result
+    from mbocp.cli.results import report_results
 
-    report_result(result, output, quiet=quiet)
+    report_results(results, output, quiet=quiet)
 
 
 @_command
@@ -393,7 +394,9 @@ def export(
     ],
     kind: Annotated[
         str | None,
-        _option("--format", "NAME", "csv, ros2, urscript, npz or parquet. [default: by the suffix]"),
+        _option(
+            "--format", "NAME", "csv, ros2, urscript, npz, parquet, mcap or rerun. [default: by the suffix]"
+        ),
     ] = None,
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
@@ -421,7 +424,7 @@ def export(
     ] = True,
     quiet: Quiet = False,
 ) -> None:
-    """Write a motion for controllers and other tools, at any rate."""
+    """Write a motion for controllers, viewers and other tools."""
     from mbocp.cli.results import export_result
 
     if not export_result(result, output, kind, rate, interpolation, fit=fit, check=check, quiet=quiet):

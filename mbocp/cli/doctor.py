@@ -27,6 +27,8 @@ EXTRAS = {
     "dask": "distributed",
     "bench": "toppra",
     "live": "viser",
+    "mcap": "mcap",
+    "rerun": "rerun",
     "jax": "jax",
     "torch": "torch",
     "xacro": "xacro",

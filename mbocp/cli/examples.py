@@ -22,9 +22,13 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "live": ("mbocp live reach.toml", "mbocp live reach.h5 -o kept.h5"),
     "plot": ("mbocp plot reach.h5", "mbocp plot reach.h5 -o reach.pdf --style my.mplstyle"),
-    "report": ("mbocp report reach.h5 -o reach.html",),
+    "report": ("mbocp report reach.h5 -o reach.html", "mbocp report reach.h5 finer.h5 -o both.html"),
     "info": ("mbocp info reach.h5", "mbocp info reach.h5 --json"),
-    "export": ("mbocp export reach.h5 -o reach.csv --rate 125", "mbocp export reach.h5 -o reach.script"),
+    "export": (
+        "mbocp export reach.h5 -o reach.csv --rate 125",
+        "mbocp export reach.h5 -o reach.script",
+        "mbocp export reach.h5 -o reach.mcap",
+    ),
     "robots": ("mbocp robots", "mbocp robots ur5", "mbocp robots my_robot.urdf --free-flyer"),
     "spheres": ("mbocp spheres ur5 --replay ur5.html",),
     "study": (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,17 +41,24 @@ def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: 
     tell(f"plot: {path}", quiet)
 
 
-def report_result(result: Path, output: Path | None, *, quiet: bool) -> None:
-    """Write a report."""
-    path = output if output is not None else result.with_suffix(".html")
+def report_results(results: Sequence[Path], output: Path | None, *, quiet: bool) -> None:
+    """Write a report of one result, or of several side by side."""
+    path = output if output is not None else results[0].with_suffix(".html")
     check_output(path, "-o", PAGES)
-    from mbocp.view.report import write_report
+    from mbocp.view.report import compare_results, write_report
 
     signals.leave_in_order()
-    solution, robot = load_result(result)
-    with name_errors(result, "cannot be drawn"):
-        rows = [*_rows(solution), ("at least", _bound_words(solution))]
-        write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
+    loaded = [load_result(result) for result in results]
+    with name_errors(results[0], "cannot be drawn"):
+        if len(loaded) == 1:
+            solution, robot = loaded[0]
+            rows = [*_rows(solution), ("at least", _bound_words(solution))]
+            write_report(solution, path, robot=robot, facts=[(k, str(v)) for k, v in rows])
+        else:
+            names = [result.stem for result in results]
+            if len(set(names)) < len(names):
+                names = [f"{result} ({place})" for place, result in enumerate(results, 1)]
+            compare_results(dict(zip(names, (solution for solution, _ in loaded), strict=True)), path)
     tell(f"report: {path}", quiet)
 
 
@@ -157,7 +164,8 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import all_excesses, format_of, sent_by, write_samples
+    from mbocp.solution.formats import all_excesses, format_of, sent_by, write_recording, write_samples
+    from mbocp.solution.recordings import RECORDINGS
     from mbocp.solution.sampled import sample
 
     name = format_of(output, kind)
@@ -166,6 +174,11 @@ def export_result(
             output, f"-o: there is no folder {show(str(output.parent))}, or it is one itself"
         )
     solution = Solution.load(result)
+    if name in RECORDINGS:
+        write_recording(solution, output, name, rate, interpolation)
+        if not quiet:
+            typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
+        return True
     sent = sent_by(name, solution, rate, interpolation, fit=fit)
     motion = sample(sent)
     if motion.left_out:

@@ -21,7 +21,7 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve
-from mbocp.view.live.scene import LiveScene, viser_module
+from mbocp.view.live.scene import ACCENT, LiveScene, viser_module
 from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
 from mbocp.view.motion import Motion, sample_motion
@@ -114,7 +114,9 @@ class Live:
         self._problem, self._solution, self._wish = problem, solution, Wish()
         self._q_goal = np.array(problem.goal.q if problem.goal.says_where else solution.qs[-1])
         self._server = page_server(host, port, problem.name)
-        self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        self._server.gui.configure_theme(
+            show_logo=False, show_share_button=False, control_width="medium", brand_color=ACCENT
+        )
         self._scene = LiveScene(
             self._server, problem.robot, self._motion(), goals=_fixed_goals(problem), marks=marks_of(problem)
         )

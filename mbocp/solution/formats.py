@@ -1,4 +1,4 @@
-"""A motion for other tools: CSV, a ROS 2 JointTrajectory, URScript, NumPy, Parquet."""
+"""A motion for other tools: CSV, a ROS 2 JointTrajectory, URScript, NumPy, Parquet, recordings."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
+from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
 from mbocp.solution.sent import Excess, Sent, motion_as_sent
 
@@ -36,6 +37,7 @@ _SUFFIXES = MappingProxyType(
         ".script": "urscript",
         ".npz": "npz",
         ".parquet": "parquet",
+        **{recording.suffix: name for name, recording in RECORDINGS.items()},
     }
 )
 
@@ -53,8 +55,9 @@ def format_of(path: Path, name: str | None = None) -> str:
         If there is no such format.
     """
     chosen = name or _SUFFIXES.get(path.suffix.lower(), "")
-    if chosen not in FORMATS:
-        raise InvalidValue.of_choice("format", name or path.suffix or path.name, tuple(FORMATS))
+    known = (*FORMATS, *RECORDINGS)
+    if chosen not in known:
+        raise InvalidValue.of_choice("format", name or path.suffix or path.name, known)
     return chosen
 
 
@@ -68,15 +71,15 @@ def export_motion(
     fit: bool = True,
     load_robot: Callable[[], Robot] | None = None,
 ) -> Path:
-    """Write the motion of the joints that slide or turn about an axis.
+    """Write the motion of the joints that slide or turn about an axis; as a recording, of all of them.
 
     Parameters
     ----------
     solution : Solution
     path : str or Path
         An old file is replaced only when the new one is complete.
-    kind : {"csv", "ros2", "urscript", "npz", "parquet"}, optional
-        By default what the suffix says: .csv, .yaml, .script, .npz, .parquet.
+    kind : {"csv", "ros2", "urscript", "npz", "parquet", "mcap", "rerun"}, optional
+        By default what the suffix says: .csv, .yaml, .script, .npz, .parquet, .mcap, .rrd.
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
     interpolation : {"cubic", "quintic"}, optional
@@ -104,11 +107,36 @@ def export_motion(
     """
     path = Path(path)
     name = format_of(path, kind)
+    if name in RECORDINGS:
+        return write_recording(solution, path, name, rate, interpolation)
     sent = sent_by(name, solution, rate, interpolation, fit=fit)
     excesses = all_excesses(sent, load_robot) if load_robot is not None else ()
     if excesses:
         raise LimitsExceeded(path, excesses)
     return write_samples(sample(sent), solution, path, name)
+
+
+def write_recording(
+    solution: SolutionData, path: Path, name: str, rate: float | None = None, interpolation: str | None = None
+) -> Path:
+    """Write a motion with the poses of its robot for viewers, see `mbocp.solution.recordings`.
+
+    Raises
+    ------
+    InvalidValue, RobotError
+        If the rate cannot be right, another interpolation is asked for, or there is no robot.
+    ResultFileError
+        If an extra is missing, or the file cannot be written.
+    """
+    from mbocp.solution.its_robot import robot_of  # as slow to import as all else
+
+    if interpolation is not None:
+        raise InvalidValue("interpolation", interpolation, f"none: {name} has the motion as it was solved")
+    motion = record(solution, robot_of(solution), rate)
+    try:
+        return replace_file(path, RECORDINGS[name].write(motion))
+    except InvalidValue as error:
+        raise ResultFileError(path, str(error)) from error
 
 
 def sent_by(

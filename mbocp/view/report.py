@@ -1,4 +1,4 @@
-"""A report: one page that works offline, with the replay as its upper half and all else below."""
+"""Reports: one page that works offline, with the replay as its upper half and all else below."""
 
 from __future__ import annotations
 
@@ -7,13 +7,23 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from mbocp.robot import Robot
 from mbocp.solution import ActiveLimit, Load, Solution, loads_of
 from mbocp.view.meshcat.page import Below, write_page
 from mbocp.view.of_solution import drawn_of
-from mbocp.view.replay import replay_page
-from mbocp.view.reports.plots import motion_figures, multiplier_figures, other_figures, why_zigzag
+from mbocp.view.replay import OtherMotion, replay_page
+from mbocp.view.reports.comparison import differences_of, numbers_of
+from mbocp.view.reports.plots import (
+    motion_figures,
+    multiplier_figures,
+    other_figures,
+    paired_figures,
+    why_zigzag,
+)
 
+_ROUND_OFF = 1e-9  # of loads, in any of their units
 _RESOURCES = Path(__file__).parent / "reports"
 
 
@@ -44,27 +54,97 @@ def write_report(
         As `Solution.load_robot`.
     """
     shown = solution.load_robot() if robot is None else robot
-    below = Below(
-        content=_content(solution, shown, facts or _facts(solution)),
-        style=(_RESOURCES / "below.css").read_text(encoding="utf-8"),
-        script=(_RESOURCES / "below.js").read_text(encoding="utf-8"),
+    page = replay_page(
+        shown,
+        solution.t,
+        solution.qs,
+        below=_below(_content(solution, shown, facts or _facts(solution))),
+        **drawn_of(solution, shown),
     )
-    page = replay_page(shown, solution.t, solution.qs, below=below, **drawn_of(solution, shown))
     return write_page(page, path, "report")
 
 
-def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:
+def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
+    """Write several solutions as one page: one replay, numbers side by side, plots on the same axes.
+
+    Parameters
+    ----------
+    results : mapping of str to Solution
+        By the name that each has on the page; up to five.
+    path : str or Path
+        The file; an old one is replaced only when the new one is complete.
+
+    Raises
+    ------
+    ReplayError
+        If they are too many, a motion does not fit its robot, or the file cannot be written.
+    InvalidValue, RobotError
+        As `Solution.load_robot`.
+    """
+    loaded = {name: (solution, solution.load_robot()) for name, solution in results.items()}
+    (first, robot), *rest = loaded.values()
+    names = list(results)[1:]
+    others = [
+        OtherMotion(its, other.t, other.qs, name) for name, (other, its) in zip(names, rest, strict=True)
+    ]
+    unlike = differences_of(results)
     sections = [
+        ("Numbers", _rows(("", *results), numbers_of(results))),
+        ("Keys that differ", _rows(("key", *results), unlike) if unlike else "<p>None: one problem.</p>"),
+    ]
+    plots = [(title, _plots(figures)) for title, figures in paired_figures(loaded)]
+    drawn = {**drawn_of(first, robot), "title": " · ".join(results), "others": others}
+    page = replay_page(
+        robot, first.t, first.qs, below=_below(_join(sections) + _fold(plots, opened=3)), **drawn
+    )
+    return write_page(page, path, "report")
+
+
+def _below(content: str) -> Below:
+    style, script = ((_RESOURCES / name).read_text(encoding="utf-8") for name in ("below.css", "below.js"))
+    return Below(content, style, script)
+
+
+def _content(solution: Solution, robot: Robot, facts: Iterable[tuple[str, str]]) -> str:
+    limits = solution.active_limits
+    shown = [
         ("Over time", _plots(motion_figures(solution, robot))),
         ("What came out", _table(facts)),
-        ("Active limits", _limits(solution.active_limits)),
         ("Loads of the controls", _loads(loads_of(solution, robot))),
+    ]
+    folded = [
+        (f"Active limits ({len(limits)})", _limits(limits)),
         ("Forces, adjoints and multipliers", _multipliers(solution)),
         ("Convergence and diagnostics", _plots(other_figures(solution, robot))),
         ("Problem file", f"<pre>{html.escape(solution.problem_text or 'not recorded')}</pre>"),
         ("Made with", _table(_versions(solution.versions))),
     ]
-    return "\n".join(f"<h2>{title}</h2>\n{body}" for title, body in sections)
+    return _verdict(solution) + _join(shown) + _fold(folded)
+
+
+def _verdict(solution: Solution) -> str:
+    """What an engineer asks first, in one line."""
+    words = [f"cost {solution.cost:.6g}", f"{solution.duration:.4g} s"]
+    if np.isfinite(solution.clearance):
+        words.append(f"clearance {1e3 * solution.clearance:.4g} mm")
+    if not solution.converged:
+        words.append(solution.advice)
+    looks, status = ("", "converged") if solution.converged else (" bad", f"not converged: {solution.status}")
+    rest = "".join(f" · {html.escape(word)}" for word in words if word)
+    return f'<p class="verdict{looks}"><b>{html.escape(status)}</b>{rest}</p>'
+
+
+def _join(sections: Iterable[tuple[str, str]]) -> str:
+    return "\n".join(f"<h2>{html.escape(title)}</h2>\n{body}" for title, body in sections)
+
+
+def _fold(sections: Iterable[tuple[str, str]], opened: int = 0) -> str:
+    """Sections that a click opens, but for the first ones."""
+    return "\n".join(
+        f"<details{' open' if k < opened else ''}><summary><h2>{html.escape(title)}</h2></summary>\n{body}"
+        "</details>"
+        for k, (title, body) in enumerate(sections)
+    )
 
 
 def _plots(figures: Iterable[str]) -> str:
@@ -100,7 +180,7 @@ def _limits(limits: Sequence[ActiveLimit]) -> str:
 
 
 def _rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{word}</th>" for word in heading)
+    head = "".join(f"<th>{html.escape(word)}</th>" for word in heading)
     body = "".join(
         "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
@@ -113,15 +193,22 @@ def _loads(loads: Sequence[Load]) -> str:
     rows = (
         (
             load.name,
-            f"{load.rms:.4g} {load.unit}",
-            f"{load.largest:.4g} {load.unit}",
-            *("-" if math.isnan(power) else f"{power:.4g} W" for power in (load.power, load.braking)),
-            *("-" if math.isnan(energy) else f"{energy:.4g} J" for energy in (load.work, load.braked)),
+            *(_sized(value, load.unit) for value in (load.rms, load.largest)),
+            *(_sized(power, "W") for power in (load.power, load.braking)),
+            *(_sized(energy, "J") for energy in (load.work, load.braked)),
         )
         for load in loads
     )
     heading = ("control", "root mean square", "largest", "largest power", "largest braking", "work", "braked")
     return _rows(heading, rows)
+
+
+def _sized(value: float, unit: str) -> str:
+    """A value with its unit, on one line; round-off is zero."""
+    if math.isnan(value):
+        return "-"
+    number = f"{0.0 if abs(value) < _ROUND_OFF else value:.4g}"
+    return f"{number} {unit}".replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _cells(limit: ActiveLimit) -> tuple[str, ...]:

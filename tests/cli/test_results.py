@@ -12,6 +12,7 @@ import pytest
 
 import mbocp
 import mbocp.view.of_solution
+import mbocp.view.report
 from mbocp.cli.summary import print_rows
 from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited, pendulum
@@ -50,6 +51,18 @@ def test_a_motion_too_far_away_to_be_drawn(folder: Path, run: Run, result: Path)
     done = run("replay", "far.h5")
     assert done.exit_code == 2
     assert "expected numbers up to 1e+09" in done.stderr
+
+
+def test_results_of_one_name_are_told_apart(
+    folder: Path, run: Run, result: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+    monkeypatch.setattr(mbocp.view.report, "compare_results", lambda results, path: seen.extend(results))
+    assert run("report", str(result), str(result), "-o", "both.html").exit_code == 0
+    assert seen == [f"{result} (1)", f"{result} (2)"]
+    Solution.load(result).save(folder / "other.h5")
+    assert run("report", str(result), "other.h5", "-o", "both.html").exit_code == 0
+    assert seen[2:] == [result.stem, "other"]
 
 
 @pytest.mark.parametrize("command", ["plot", "replay"])

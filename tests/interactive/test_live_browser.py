@@ -12,6 +12,7 @@ import pytest
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
 from mbocp.view import browser
+from mbocp.view.meshcat.surroundings import BACKGROUND
 from tests.view.pages import angles, write_arm
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'mbocp[live]'")
@@ -91,7 +92,8 @@ def test_the_page_shows_the_robot_and_complains_of_nothing(page):
     assert page.value("document.title")
     assert page.value("Math.max(...[...document.querySelectorAll('canvas')].map((c) => c.width))") == SIZE[0]
     seen = page.picture()[160:, : SIZE[0] - 360][drawn(page.picture())]
-    assert np.ptp(seen.mean(axis=1)) > 50.0  # lit from one side
+    assert np.ptp(seen.mean(axis=1)) > 40.0  # lit from one side; what is as light as the floor is left out
+    assert page.picture()[5, SIZE[0] // 2] == pytest.approx(255.0 * np.array(BACKGROUND), abs=3.0)
     assert not page.errors()
 
 

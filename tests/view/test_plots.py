@@ -298,7 +298,7 @@ def test_rates_have_names_and_units_and_all_kinds() -> None:
     figure = plot_rates(solution, robot)
     assert titles(figure) == kinds
     units = [axes.get_ylabel().rpartition("[")[2] for axes in figure.axes]
-    assert units == ["rad/s^2]", "rad/s^3]", "N m/s]", "W]"]
+    assert units == ["rad/s²]", "rad/s³]", "N m/s]", "W]"]
     assert titles(plot_rates(solution)) == kinds[:3]  # powers need a robot
     drawn = figure.axes[0].lines[0].get_ydata()
     accelerations = np.diff(solution.vs[:, 0]) / np.diff(solution.t)

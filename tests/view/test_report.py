@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,9 @@ from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.view import browser
-from mbocp.view.report import write_report
-from mbocp.view.reports.plots import frame_panels
+from mbocp.view.report import compare_results, write_report
+from mbocp.view.reports.comparison import differences_of
+from mbocp.view.reports.plots import energy_panels, frame_panels
 from tests.view.test_replay_browser import SIZE, browse
 
 T, STEPS = 2.0, 20
@@ -55,10 +57,12 @@ def test_a_report_is_one_file(page: Path) -> None:
     assert "<script>alert(1)" not in text
     titles = re.findall("<h2>(.*?)</h2>", own)
     assert titles == [
-        "Over time", "What came out", "Active limits", "Loads of the controls",
-        "Forces, adjoints and multipliers",
+        "Over time", "What came out", "Loads of the controls",
+        "Active limits (0)", "Forces, adjoints and multipliers",
         "Convergence and diagnostics", "Problem file", "Made with",
     ]  # fmt: skip
+    assert re.findall("<details><summary><h2>(.*?)</h2>", own) == titles[3:]
+    assert '<p class="verdict"><b>converged</b> · cost 1 · 2 s</p>' in own
 
 
 def test_the_motion_in_space_is_plotted() -> None:
@@ -76,12 +80,74 @@ def test_plots_have_the_numbers_of_the_motion(page: Path) -> None:
     assert len(curves) >= 4
     for plot in curves:
         assert (plot["start"], plot["duration"]) == (1.0, T)
-        assert plot["from"] < plot["t"][0] < plot["t"][-1] < plot["to"]
+        assert all(plot["from"] < part["t"][0] < part["t"][-1] < plot["to"] for part in plot["parts"])
         left, right, top, bottom = plot["box"]
         assert 0.0 < left < right <= 1.0
         assert 0.0 < top < bottom < 1.0
-        assert all(len(values) == STEPS + (not plot["step"]) for values in plot["values"])
-    assert any(plot["step"] and plot["values"][0] == list(range(STEPS)) for plot in curves)
+        parts = plot["parts"]
+        assert all(len(values) == STEPS + (not part["step"]) for part in parts for values in part["values"])
+    assert any(
+        part["step"] and part["values"][0] == list(range(STEPS)) for plot in curves for part in plot["parts"]
+    )
+
+
+def test_what_is_constant_has_words_in_place_of_a_plot(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "<h3>Velocity" not in text
+    words = re.findall(r'<p class="note whole">Constant: (.*?)</p>', text)[0]
+    assert re.search(r"Velocity(, root_joint)?: .* [\d.-]+ \[(rad|m)/s\]", words)
+
+
+def test_energy_is_that_of_momenta_and_heights() -> None:
+    robot = load_robot("rigid_pendulum")
+    solution = replace(a_solution("rigid_pendulum"), vs=np.ones((STEPS + 1, robot.nv)))
+    kinetic, potential, both = energy_panels(solution, robot)[0].values.T
+    np.testing.assert_allclose(kinetic, 0.5 * (solution.ps * solution.vs).sum(axis=1))
+    heights = [robot.potential_energy(q) - robot.potential_energy(solution.qs[0]) for q in solution.qs]
+    np.testing.assert_allclose(potential, heights)
+    np.testing.assert_allclose(both, kinetic + potential)
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory) -> str:
+    """Two motions of one robot side by side, the second half as long, from an earlier time."""
+    first = replace(a_solution("double_pendulum"), problem_text="[horizon]\nsteps = 20\nduration = 2.0")
+    second = replace(
+        first,
+        t=0.5 * first.t,
+        cost=0.5,
+        qs=1.1 * first.qs,
+        problem_text="[horizon]\nsteps = 20\nduration = 1.0",
+    )
+    path = tmp_path_factory.mktemp("pair") / "page.html"
+    with pytest.warns(ProblemNotShownWarning):
+        return compare_results({"one": first, "two": second}, path).read_text(encoding="utf-8")
+
+
+def test_two_results_have_their_numbers_side_by_side(pair: str) -> None:
+    assert "<tr><td>cost</td><td>1</td><td>0.5</td></tr>" in pair
+    assert "<tr><td>duration [s]</td><td>2</td><td>1</td></tr>" in pair
+    assert "<tr><td>horizon.duration</td><td>2.0</td><td>1.0</td></tr>" in pair
+    assert "horizon.steps</td>" not in pair
+    assert "clearance" not in pair.split('id="below"')[1].split("</table>")[0]  # neither has one
+
+
+def test_two_results_are_drawn_on_the_same_axes(pair: str) -> None:
+    plots = [json.loads(html.unescape(data)) for data in re.findall(r'data-curves="([^"]*)"', pair)]
+    legends = re.findall("<figcaption>(.*?)</figcaption>", pair)
+    assert len(plots) == len(legends) >= 6
+    for plot, legend in zip(plots, legends, strict=True):
+        assert [len(part["values"]) for part in plot["parts"]] == [1, 1]
+        assert [part["t"][0] for part in plot["parts"]] == [1.0, 1.0]  # both begin with the first
+        assert plot["to"] > plot["start"] + plot["duration"] == 1.0 + T
+        assert re.findall(r"</i>(\w+) ", legend) == ["one", "two"]
+        assert len(set(re.findall("border-color:(#[0-9A-F]{6})", legend))) == 2
+    assert "<details open><summary><h2>Configuration [rad]</h2>" in pair
+    assert "<h2>Velocity" not in pair  # constant, and the same
+
+
+def test_results_of_one_problem_differ_in_no_key() -> None:
+    assert differences_of({"a": a_solution("ur5"), "b": a_solution("ur5")}) == []
 
 
 @pytest.mark.slow

@@ -163,7 +163,7 @@ def line_panels(
     """Distribute columns over panels by unit; `limits` has the shape (2, columns)."""
     panels = []
     for members in _groups(columns):
-        unit = columns[members[0]].unit
+        unit = columns[members[0]].unit.replace("^2", "²").replace("^3", "³")
         prefix, names = shorten([columns[i].name for i in members])
         panels.append(
             LinePanel(

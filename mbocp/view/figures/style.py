@@ -28,6 +28,7 @@ GREY = "#8A8A8A"
 WARNING = "#B03A00"
 SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 160  # of files and of the layout: how wide text is in inches depends on it
+_FLOOR = 0.09  # of the axes' height, for the names of phases
 _GAP = 0.06  # [inch] between a panel with its labels and its neighbours or the edge of the page
 
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2)))
@@ -200,26 +201,30 @@ def mark_time(axes: Axes, t: Array) -> None:
     axes.set_xlim(t[0] - margin, t[-1] + margin)
 
 
-def mark_phases(axes: Axes, solution: Solution) -> None:
-    """Draw a line where each phase but the last ends, and write the phases' names above the axes' floor."""
+def mark_phases(axes: Axes, solution: Solution | None) -> None:
+    """Draw a line where each phase but the last ends, and write the phases' names below the curves."""
+    if solution is None or not solution.phase_times:
+        return
+    low, high = axes.get_ylim()
+    axes.set_ylim(low - _FLOOR * (high - low), high)
     start = float(solution.t[0])
     for i, (name, (begins, ends)) in enumerate(solution.phase_times.items()):
         if i:
             axes.axvline(start + begins, color=GREY, linewidth=0.8, linestyle=":")
         middle = start + (begins + ends) / 2
         place: Any = {"xy": (middle, 0.02), "xycoords": axes.get_xaxis_transform()}
-        axes.annotate(plain_text(name), **place, ha="center", va="bottom", color=GREY, fontsize=6)
+        axes.annotate(plain_text(name), **place, ha="center", va="bottom", color=GREY, fontsize=6.5)
 
 
-def calm_limits(axes: Axes, values: Array) -> None:
-    """Widen the axes of a constant curve, so that round-off does not fill them."""
+def calm_limits(axes: Axes, values: Array, zero: float = 1e-12) -> None:
+    """Widen the axes of a constant curve, so that round-off does not fill them; `zero` is below any value."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return
     low, high = float(finite.min()), float(finite.max())
     middle, scale = (low + high) / 2, max(abs(low), abs(high))
-    if high - low < 1e-6 * scale or scale < 1e-12:
-        half = 0.1 * scale if scale >= 1e-12 else 1.0
+    if high - low < 1e-6 * scale or scale < zero:
+        half = 0.1 * scale if scale >= zero else 1.0
         axes.set_ylim(middle - half, middle + half)
 
 

@@ -18,8 +18,10 @@ from mbocp.view.marks import Marks
 from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import WORLD, build_scene, joint_node, motion_commands
 from mbocp.view.meshcat.shapes import nice_length
+from mbocp.view.meshcat.surroundings import BACKGROUND, FLOOR, LINE
 from mbocp.view.motion import Motion
 
+ACCENT = (47, 111, 171)  # of sliders and buttons, as in meshcat/page.html
 _MOVES = ("position", "quaternion", "scale")
 _GRID = 40.0  # side of the floor in sizes of the scene
 _BACK, _ASIDE = 1.3, 0.1  # by which the camera steps back and aside, for the panel of the page
@@ -118,12 +120,19 @@ class LiveScene:
     def _set_stage(self, target: Array, offset: Array, field_of_view: float, floor: float) -> None:
         server, cell = self._server, nice_length(self.size / 5.0)
         server.scene.set_up_direction("+z")
+        server.scene.set_background_image(
+            np.full((2, 2, 3), _colour(BACKGROUND), dtype=np.uint8), format="png"
+        )
         server.scene.add_grid(
             "/floor",
             width=_GRID * self.size,
             height=_GRID * self.size,
             cell_size=cell,
             section_size=5.0 * cell,
+            cell_color=_colour(LINE),
+            section_color=_colour(LINE),
+            plane_color=_colour(FLOOR),
+            plane_opacity=1.0,
             position=(0.0, 0.0, floor - 1e-3 * self.size),
             fade_distance=_FADE * self.size,
         )
@@ -193,6 +202,12 @@ class LiveScene:
             opacity=None if piece.opacity >= 1.0 else piece.opacity,
             side="double",
         )
+
+
+def _colour(shares: Sequence[float]) -> tuple[int, int, int]:
+    """A colour of the replay as viser takes it."""
+    red, green, blue = (round(255.0 * share) for share in shares)
+    return red, green, blue
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from mbocp.view.meshcat.commands import Command, set_object, set_property, set_t
 from mbocp.view.meshcat.shapes import floor_disc, floor_lines, nice_length
 from mbocp.view.meshcat.viewer import mg
 
-_BACKGROUND = (0.800, 0.835, 0.870)  # RGB
-_FLOOR = (0.905, 0.925, 0.940)
-_LINE = (0.66, 0.70, 0.74)
+BACKGROUND = (0.800, 0.835, 0.870)  # RGB
+FLOOR = (0.905, 0.925, 0.940)
+LINE = (0.66, 0.70, 0.74)
 _REACH = 2.5  # radius of the floor in sizes of the scene
 _MESHCAT_LIGHTS = ("PointLightNegativeX", "PointLightPositiveX", "FillLight")
 
@@ -34,8 +34,8 @@ def stage_commands(swept: Array, size: float, camera: Camera, root: str) -> list
         the mouse turns the picture about.
     """
     return [
-        set_property("/Background", "top_color", list(_BACKGROUND)),
-        set_property("/Background", "bottom_color", list(_BACKGROUND)),
+        set_property("/Background", "top_color", list(BACKGROUND)),
+        set_property("/Background", "bottom_color", list(BACKGROUND)),
         set_property("/Grid", "visible", False),
         set_property("/Axes", "visible", False),
         set_transform(root, np.eye(3), -camera.target),
@@ -113,9 +113,9 @@ def _floor_commands(swept: Array, size: float, root: str) -> list[Command]:
     height = floor_height(swept, size)
     centre = np.array([*(0.5 * (swept.min(axis=0) + swept.max(axis=0)))[:2], height])
     reach, cell = _REACH * size, nice_length(size / 5.0)
-    disc = floor_disc(centre - [0.0, 0.0, 1e-3 * size], reach, _FLOOR, _BACKGROUND)
+    disc = floor_disc(centre - [0.0, 0.0, 1e-3 * size], reach, FLOOR, BACKGROUND)
     shadow = mg.Box([4.0 * size, 4.0 * size, 1e-6 * size])
-    lines = floor_lines(centre, reach, cell, _LINE, _BACKGROUND)
+    lines = floor_lines(centre, reach, cell, LINE, BACKGROUND)
     front = 0  # seen from above only, so that it never hides the robot
     return [
         set_object(f"{root}/disc", shape_object(disc, mg.MeshBasicMaterial(vertexColors=True, side=front))),

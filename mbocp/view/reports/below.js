@@ -9,14 +9,18 @@
     return { picture, cursor, numbers: [...figure.querySelectorAll("b")], ...JSON.parse(figure.dataset.curves) };
   });
 
-  function valueAt(figure, values, time) {
-    const { t, step } = figure;
+  function valueAt({ t, step }, values, time) {
     let k = t.findIndex((x) => x > time);
     k = k < 0 ? t.length - 1 : k; // t[k - 1] <= time < t[k]
     if (k === 0) { return values[0]; }
     if (step) { return values[Math.min(k - 1, values.length - 1)]; }
     const share = Math.min(1, (time - t[k - 1]) / (t[k] - t[k - 1] || 1));
     return values[k - 1] + share * (values[k] - values[k - 1]);
+  }
+
+  function written(value, places) {
+    const text = places > 7 ? value.toExponential(2) : value.toFixed(places);
+    return text.replace(/^-(?=[0.]+$)/, "").replaceAll("-", "−");
   }
 
   function place(time) {
@@ -26,10 +30,13 @@
       figure.cursor.style.left = `${100 * (left + share * (right - left))}%`;
       figure.cursor.style.top = `${100 * top}%`;
       figure.cursor.style.height = `${100 * (bottom - top)}%`;
-      figure.values.forEach((values, i) => {
-        const value = valueAt(figure, values, figure.start + time);
-        figure.numbers[i].textContent = value === null ? "–" : Number(value).toPrecision(4).replace("-", "−");
-      });
+      let i = 0;
+      for (const part of figure.parts) {
+        for (const values of part.values) {
+          const value = valueAt(part, values, figure.start + time);
+          figure.numbers[i++].textContent = value === null ? "–" : written(Number(value), figure.places);
+        }
+      }
     }
   }
 

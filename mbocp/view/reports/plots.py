@@ -6,8 +6,10 @@ import base64
 import html
 import io
 import json
+import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,16 @@ from mbocp.robot.large import working_data
 from mbocp.solution import Column
 from mbocp.view.figures import panels
 from mbocp.view.figures.lines import LinePanel, line_panels
-from mbocp.view.figures.style import house_style, line_style, mark_phases, new_figure
+from mbocp.view.figures.style import (
+    PALETTE,
+    LineStyle,
+    calm_limits,
+    house_style,
+    line_style,
+    mark_phases,
+    mark_time,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,60 +41,163 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
 
-_SIZE = (4.5, 2.4)  # [inch]
+_SIZE = (3.7, 2.0)  # [inch]
 _DIGITS = 5  # of the numbers under a plot
 _MEANS = "Lines and numbers: means of neighbouring steps. Faint: as computed."
 _ALWAYS = ("acceleration", "power")  # rates that are shown without limits, too
 _MAX_NAMES = 30  # curves whose numbers stand under a plot
+_ROUND_OFF = 1e-8  # of a motion, in any of its units
+_NOTHING = 1e-12  # of multipliers, whose units are the cost's
+_AS_IN_REPLAY = (6, 1, 0, 2, 3)  # of the palette: the first robot has its own colours, see `COLOURS`
+_FORCES = ("N", "N m")
 
 
-def motion_figures(solution: Solution, robot: Robot) -> Iterator[str]:
-    """Plots of the motion over time as HTML; a cursor stands at the replay's time, and moves it."""
-    tiles = [
+def motion_panels(solution: Solution, robot: Robot) -> list[LinePanel]:
+    """Return the motion over time: joints and controls, frames, clearance, energy."""
+    found = [
         *panels.state_panels(solution),
         *panels.rate_panels(solution, "v"),
         *panels.control_panels(solution),
-        *panels.rate_limit_panels(solution, robot, always=_ALWAYS),
         *frame_panels(solution, robot),
     ]
     if np.isfinite(solution.clearance):
-        tiles += clearance_panels(solution, solution.load_problem())
-    return _tie(tiles, solution)
+        found += clearance_panels(solution, solution.load_problem())
+    rates = panels.rate_limit_panels(solution, robot, always=_ALWAYS)
+    return [*found, *map(_add_total, rates), *energy_panels(solution, robot)]
+
+
+def motion_figures(solution: Solution, robot: Robot) -> Iterator[str]:
+    """Plots of the motion over time as HTML; a cursor stands at the replay's time, and moves it.
+
+    What is constant is told in one line after them.
+    """
+    found = motion_panels(solution, robot)
+    moving = [panel for panel in found if not _is_constant(panel)]
+    yield from _tie([[panel] for panel in moving], solution)
+    words = "; ".join(_values_of(panel) for panel in found if _is_constant(panel))
+    if words:
+        yield f'<p class="note whole">Constant: {html.escape(words)}.</p>'
 
 
 def multiplier_figures(solution: Solution) -> Iterator[str]:
     """Plots of forces, adjoints and multipliers over time as HTML, with the same cursor."""
-    return _tie(panels.multiplier_panels(solution), solution)
+    return _tie([[panel] for panel in panels.multiplier_panels(solution)], solution, zero=_NOTHING)
 
 
-def _tie(tiles: Sequence[LinePanel], solution: Solution) -> Iterator[str]:
+def paired_figures(results: Mapping[str, tuple[Solution, Robot]]) -> Iterator[tuple[str, list[str]]]:
+    """Title and plots of each quantity of several results, a plot for each column, a colour for each result.
+
+    All begin at the time at which the first begins. Columns that no two results share are left out, and those
+    that are constant and the same in all.
+    """
+    first = next(iter(results.values()))[0]
+    styles = {name: LineStyle(PALETTE[k], "-") for name, k in zip(results, _AS_IN_REPLAY, strict=False)}
+    found: dict[str, dict[str, list[LinePanel]]] = {}
+    for name, (solution, robot) in results.items():
+        for panel in motion_panels(solution, robot):
+            for k, column in enumerate(panel.names):
+                limits = None if panel.limits is None else panel.limits[:, [k]]
+                t = panel.t + (first.t[0] - solution.t[0])
+                one = replace(
+                    panel, names=(name,), t=t, values=panel.values[:, [k]], limits=limits, bands=None
+                )
+                columns = found.setdefault(f"{panel.title} {_unit_of(panel)}", {})
+                columns.setdefault(column, []).append(replace(one, title=_plain(column)))
+    for heading, columns in found.items():
+        tiles = [tile for tile in columns.values() if len(tile) > 1 and not _are_same(tile)]
+        if tiles:
+            yield _plain(heading), list(_tie(tiles, first, styles))
+
+
+def _add_total(panel: LinePanel) -> LinePanel:
+    """The powers of several controls with their sum."""
+    if panel.title.partition(",")[0] != "Power" or len(panel.names) < 2:
+        return panel
+    values = np.column_stack([panel.values, panel.values.sum(axis=1)])
+    limits = None if panel.limits is None else np.column_stack([panel.limits, [-np.inf, np.inf]])
+    return replace(panel, names=(*panel.names, "total"), values=values, limits=limits)
+
+
+def _is_constant(panel: LinePanel) -> bool:
+    sizes = np.maximum(1.0, np.abs(panel.values).max(axis=0, initial=0.0))
+    return panel.bands is None and bool((np.ptp(panel.values, axis=0) <= _ROUND_OFF * sizes).all())
+
+
+def _are_same(tile: Sequence[LinePanel]) -> bool:
+    ends = [panel.values[0, 0] for panel in tile]
+    return all(map(_is_constant, tile)) and bool(np.ptp(ends) <= _ROUND_OFF)
+
+
+def _values_of(panel: LinePanel) -> str:
+    values = (0.0 if abs(value) <= _ROUND_OFF else value for value in panel.values[0])
+    columns = ", ".join(
+        f"{_plain(name)} {value:.4g}" for name, value in zip(panel.names, values, strict=True)
+    )
+    return f"{_plain(panel.title)}: {columns} {_unit_of(panel)}".strip()
+
+
+def _unit_of(panel: LinePanel) -> str:
+    """Unit of a panel in brackets."""
+    return f"[{panel.ylabel.rpartition(' [')[2]}" if panel.ylabel.endswith("]") else ""
+
+
+def _tie(
+    tiles: Iterable[Sequence[LinePanel]],
+    solution: Solution,
+    own: Mapping[str, LineStyle] | None = None,
+    zero: float = _ROUND_OFF,
+) -> Iterator[str]:
+    """Draw tiles; the panels of one share its axes, names may have their own styles, `zero` is no value."""
     for tile in tiles:
+        names = [name for panel in tile for name in panel.names]
+        styles = [(own or {}).get(name, line_style(i)) for i, name in enumerate(names)]
         with house_style():
             figure = new_figure(*_SIZE)
             axes = figure.add_subplot()
-            styles = [line_style(i) for i in range(len(tile.names))]
-            tile.draw(axes, styles)
-            mark_phases(axes, solution)
+            drawn = 0
+            for panel in tile:
+                panel.draw(axes, styles[drawn : drawn + len(panel.names)])
+                drawn += len(panel.names)
+            if len(tile) > 1:
+                axes.autoscale(axis="y")  # a constant curve has set its own limits
+            mark_time(axes, np.sort(np.concatenate([panel.t for panel in tile])))
+            calm_limits(axes, np.concatenate([panel.values.ravel() for panel in tile]), zero)
+            mark_phases(axes, solution if len(tile) == 1 else None)
+            notes = [axes.get_title(loc="right")]
+            for place in ("left", "right"):  # they stand beside the picture, in the page's own letters
+                axes.set_title("", loc=place)
             picture = _picture(figure)
             box = axes.get_position()
-        shown = tile.names[:_MAX_NAMES]
+        sizes = np.abs(np.concatenate([panel.values.ravel() for panel in tile]))
         curves = {
-            "t": _round(tile.t),
-            "values": [_round(tile.values[:, i]) for i in range(len(shown))],
-            "step": tile.step,
+            "parts": [
+                {
+                    "t": _round(panel.t),
+                    "values": [_round(column) for column in panel.values.T[:_MAX_NAMES]],
+                    "step": panel.step,
+                }
+                for panel in tile
+            ],
+            "places": _places(float(sizes[np.isfinite(sizes)].max(initial=0.0)), zero),
             "box": [box.x0, box.x1, 1.0 - box.y1, 1.0 - box.y0],
             "from": axes.get_xlim()[0],
             "to": axes.get_xlim()[1],
             "start": float(solution.t[0]),
-            "duration": solution.duration,
+            "duration": float(max(panel.t[-1] for panel in tile) - solution.t[0]),
         }
+        shown = [name for panel in tile for name in panel.names[:_MAX_NAMES]]
         legend = "".join(
             f'<span><i style="border-color:{style.color}"></i>{html.escape(_plain(name))} <b></b></span>'
             for name, style in zip(shown, styles, strict=False)
         )
-        note = "" if tile.faint is None else _MEANS
+        notes += [_MEANS] if any(panel.faint is not None for panel in tile) else []
         data = html.escape(json.dumps(curves, separators=(",", ":")))
-        yield _figure(picture, tile.title, data, legend, note)
+        yield _figure(picture, tile[0].title, data, legend, " ".join(filter(None, notes)))
+
+
+def _places(largest: float, zero: float) -> int:
+    """Decimals of the numbers under a plot: four digits of the largest; what is smaller needs no more."""
+    return 0 if largest <= zero else max(0, 3 - math.floor(math.log10(largest)))
 
 
 def why_zigzag(solution: Solution) -> str:
@@ -100,17 +214,18 @@ def why_zigzag(solution: Solution) -> str:
 def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
     """Convergence, Hamiltonian and drifts as HTML."""
     tiles: list[tuple[str, Callable[[Axes], None]]] = [
-        ("convergence", partial(panels.draw_convergence, solution)),
-        ("cost of the iterates", partial(panels.draw_cost, solution)),
-        ("control Hamiltonian", partial(panels.draw_hamiltonian, solution)),
+        ("Convergence", partial(panels.draw_convergence, solution)),
+        ("Cost of the iterates", partial(panels.draw_cost, solution)),
+        ("Control Hamiltonian", partial(panels.draw_hamiltonian, solution)),
     ]
     if solution.control_momenta.size or solution.nc or not solution.is_vector_space:
-        tiles.append(("drift of what is conserved", partial(panels.draw_drift, solution, robot)))
+        tiles.append(("Drift of what is conserved", partial(panels.draw_drift, solution, robot)))
     for title, draw in tiles:
         with house_style():
             figure = new_figure(*_SIZE)
             axes = figure.add_subplot()
             draw(axes)
+            axes.set_title("", loc="left")
             picture = _picture(figure)
         yield _figure(picture, title)
 
@@ -118,9 +233,12 @@ def other_figures(solution: Solution, robot: Robot) -> Iterator[str]:
 def _figure(picture: str, title: str, curves: str = "", legend: str = "", note: str = "") -> str:
     data, tied = (f' data-curves="{curves}"', " tied") if curves else ("", "")
     caption = f"<figcaption>{legend}</figcaption>" if legend else ""
-    image = f'<img alt="{html.escape(_plain(title))}" src="data:image/svg+xml;base64,{picture}">'
-    words = f'<p class="note">{note}</p>' if note else ""
-    return f'<figure{data}><div class="picture{tied}">{image}</div>{caption}{words}</figure>'
+    heading = html.escape(_plain(title))
+    image = f'<img alt="{heading}" src="data:image/svg+xml;base64,{picture}">'
+    words = f'<p class="note">{html.escape(note)}</p>' if note else ""
+    return (
+        f'<figure{data}><h3>{heading}</h3><div class="picture{tied}">{image}</div>{caption}{words}</figure>'
+    )
 
 
 def _picture(figure: Figure) -> str:
@@ -173,3 +291,15 @@ def clearance_panels(solution: Solution, problem: Problem) -> list[LinePanel]:
     columns = [Column("nearest pair of those that are checked", "m")]
     distances = clearances_along(problem.clearance, solution.qs)[:, None]
     return line_panels("Clearance", "$d$", columns, solution.t, distances)
+
+
+def energy_panels(solution: Solution, robot: Robot) -> list[LinePanel]:
+    """Return kinetic and potential energy, this one from the start on; nothing where no forces act."""
+    if solution.nu and not any(column.unit in _FORCES for column in solution.labels.u):
+        return []
+    kinetic = 0.5 * np.einsum("ni,ni->n", solution.ps, solution.vs)
+    potential = np.array([robot.potential_energy(q) for q in solution.qs])
+    potential -= potential[0]
+    columns = [Column(name, "J") for name in ("kinetic", "potential since the start", "sum")]
+    values = np.column_stack([kinetic, potential, kinetic + potential])
+    return line_panels("Energy", "$E$", columns, solution.t, values)

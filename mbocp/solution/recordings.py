@@ -1,0 +1,240 @@
+"""A motion as a recording for viewers: MCAP, which Foxglove shows, and Rerun's format.
+
+Unlike what is sent to a controller, a recording is the solution itself, with floating bases and ball joints:
+poses of links, joints, controls, paths of the tool. A new format is a class, and an entry of `RECORDINGS`.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp.exceptions import InvalidValue
+from mbocp.robot import Robot
+from mbocp.robot.large import working_data
+from mbocp.solution.data import SolutionData
+
+_MOST_SAMPLES = 200_000
+_FORCES = ("N", "N m")
+_WORLD = "world"
+_FIELDS = ("position", "velocity", "effort")
+_SAME = 1e-9  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A motion at some times.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K,)
+        From its start [s].
+    joints : mapping of str to (ndarray, ndarray, ndarray)
+        Position, velocity and effort of each joint of one velocity, shape (K,) each [rad, m, s, N m, N];
+        efforts are zero where there is no motor.
+    controls : mapping of str to ndarray
+        By name and unit, shape (K,).
+    links : mapping of str to ndarray
+        Poses in the world, shape (K, 7): position [m], quaternion xyzw.
+    paths : mapping of str to ndarray
+        The same of frames that the robot traces.
+    """
+
+    t: Array
+    joints: Mapping[str, tuple[Array, Array, Array]]
+    controls: Mapping[str, Array]
+    links: Mapping[str, Array]
+    paths: Mapping[str, Array]
+
+
+def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> Recorded:
+    """Record a motion at its nodes, or at a rate [1/s].
+
+    Between nodes configurations follow the tangent, and velocities are linear.
+
+    Raises
+    ------
+    InvalidValue
+        If the rate cannot be right, or the motion has numbers that are not finite.
+    """
+    t, qs, vs = _sampled(solution, robot, rate)
+    us = solution.controls_at(t)
+    for name, values in (("qs", qs), ("vs", vs), ("us", us)):
+        if not np.isfinite(values).all():
+            raise InvalidValue(name, "NaN or infinity", "finite numbers, of a motion that can be shown")
+    labels = solution.labels.u
+    efforts = {c.name: us[:, k] for k, c in enumerate(labels) if c.unit in _FORCES}
+    model: Any = robot.model
+    joints = {}
+    for joint in range(1, model.njoints):
+        at, name = model.joints[joint], model.names[joint]
+        if at.nv == 1:
+            columns = qs[:, at.idx_q : at.idx_q + at.nq]
+            turned = np.unwrap(np.arctan2(columns[:, -1], columns[:, 0]))  # of cos and sin
+            position = columns[:, 0] if at.nq == 1 else turned
+            joints[name] = (position, vs[:, at.idx_v], efforts.get(name, np.zeros(len(t))))
+    bodies = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY and f.name != _WORLD]
+    traced = [robot.frame_id(name) for name in robot.trace_frames]
+    poses = _poses(robot, qs, [*bodies, *traced])
+    return Recorded(
+        t - t[0],
+        joints,
+        {f"{c.name} [{c.unit}]": us[:, k] for k, c in enumerate(labels)},
+        {model.frames[k].name: poses[k] for k in bodies},
+        {model.frames[k].name: poses[k] for k in traced},
+    )
+
+
+def _sampled(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[Array, Array, Array]:
+    """Times [s], configurations and velocities."""
+    nodes = solution.t
+    if rate is None:
+        return nodes, solution.qs, solution.vs
+    if not (rate > 0.0 and solution.duration * rate <= _MOST_SAMPLES):
+        raise InvalidValue("rate", rate, f"a positive number [1/s], and {_MOST_SAMPLES} samples at most")
+    grid = np.arange(0.0, solution.duration - _SAME, 1.0 / rate)
+    t = nodes[0] + np.append(grid, solution.duration)
+    after = np.clip(np.searchsorted(nodes, t, side="right"), 1, len(nodes) - 1)
+    shares = (t - nodes[after - 1]) / np.maximum(nodes[after] - nodes[after - 1], _SAME)
+    qs, vs = solution.qs, solution.vs
+    between = [
+        pin.interpolate(robot.model, qs[k - 1], qs[k], float(share))
+        for k, share in zip(after, shares, strict=True)
+    ]
+    return t, np.array(between), vs[after - 1] + shares[:, None] * (vs[after] - vs[after - 1])
+
+
+def _poses(robot: Robot, qs: Array, frames: list[int]) -> dict[int, Array]:
+    found = {frame: np.empty((len(qs), 7)) for frame in frames}
+    data = working_data(robot.model)
+    for n, q in enumerate(qs):
+        pin.framesForwardKinematics(robot.model, data, q)
+        for frame, poses in found.items():
+            poses[n] = pin.SE3ToXYZQUAT(data.oMf[frame])
+    return found
+
+
+class Recording(Protocol):
+    """A format of recordings: the suffix of its files, and how a motion is written."""
+
+    suffix: str
+
+    def write(self, motion: Recorded) -> bytes:
+        """Write the content of a file."""
+        ...
+
+
+class Mcap:
+    """MCAP with messages in JSON: poses as Foxglove has them, joints as `sensor_msgs/JointState`."""
+
+    suffix = ".mcap"
+
+    def write(self, motion: Recorded) -> bytes:
+        """Write topics /tf, /joint_states, /controls, and /path/FRAME once."""
+        try:
+            from mcap.writer import CompressionType, Writer
+        except ImportError as error:
+            raise _missing("mcap", error) from error
+        file = io.BytesIO()
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="mbocp")
+        channels: dict[str, int] = {}
+        times = [round(float(t) * 1e9) for t in motion.t]  # [ns]
+        for n, topic, kind, message in _messages(motion, times):
+            if topic not in channels:
+                schema = json.dumps(_schema_of(message)).encode()
+                number = writer.register_schema(name=kind, encoding="jsonschema", data=schema)
+                channels[topic] = writer.register_channel(topic, message_encoding="json", schema_id=number)
+            data = json.dumps(message, allow_nan=False).encode()
+            writer.add_message(channels[topic], log_time=times[n], publish_time=times[n], data=data)
+        writer.finish()
+        return file.getvalue()
+
+
+def _messages(motion: Recorded, times: list[int]) -> Iterator[tuple[int, str, str, Any]]:
+    """Number of the sample, topic, name of the schema, and message."""
+    stamps = [dict(zip(("sec", "nsec"), divmod(t, 1_000_000_000), strict=True)) for t in times]
+    for name, poses in motion.paths.items():
+        listed = [{"position": place, "orientation": turn} for place, turn in map(_pose, poses)]
+        path = {"timestamp": stamps[0], "frame_id": _WORLD, "poses": listed}
+        yield 0, f"/path/{name}", "foxglove.PosesInFrame", path
+    for n, stamp in enumerate(stamps):
+        transforms = []
+        for name, poses in motion.links.items():
+            place, turn = _pose(poses[n])
+            frames = {"timestamp": stamp, "parent_frame_id": _WORLD, "child_frame_id": name}
+            transforms.append({**frames, "translation": place, "rotation": turn})
+        yield n, "/tf", "foxglove.FrameTransforms", {"transforms": transforms}
+        header = {"header": {"stamp": stamp, "frame_id": ""}}
+        values = {
+            field: [float(joint[k][n]) for joint in motion.joints.values()] for k, field in enumerate(_FIELDS)
+        }
+        yield n, "/joint_states", "sensor_msgs/JointState", {**header, "name": [*motion.joints], **values}
+        controls = {"name": [*motion.controls], "value": [float(u[n]) for u in motion.controls.values()]}
+        yield n, "/controls", "mbocp.Controls", {**header, **controls}
+
+
+def _pose(row: Array) -> tuple[dict[str, float], dict[str, float]]:
+    place, turn = (map(float, part) for part in (row[:3], row[3:]))
+    return dict(zip("xyz", place, strict=True)), dict(zip("xyzw", turn, strict=True))
+
+
+def _schema_of(value: Any) -> dict[str, Any]:
+    """JSON schema of a message, by its first one."""
+    if isinstance(value, dict):
+        return {"type": "object", "properties": {key: _schema_of(item) for key, item in value.items()}}
+    if isinstance(value, list):
+        return {"type": "array", "items": _schema_of(value[0]) if value else {}}
+    if isinstance(value, str):
+        return {"type": "string"}
+    return {"type": "integer" if isinstance(value, int) else "number"}
+
+
+class Rerun:
+    """Rerun's .rrd: poses of links, paths, and a curve for each joint and control."""
+
+    suffix = ".rrd"
+
+    def write(self, motion: Recorded) -> bytes:
+        """Write entities world/LINK, path/FRAME, joints/JOINT/position, ..., controls/NAME over "time"."""
+        try:
+            import rerun as rr
+        except ImportError as error:
+            raise _missing("rerun", error) from error
+        recording = rr.RecordingStream("mbocp")
+        memory = recording.memory_recording()
+        times = [rr.TimeColumn("time", duration=motion.t)]
+
+        def entity(*parts: str) -> str:
+            return "/".join(map(rr.escape_entity_path_part, parts))
+
+        for name, poses in motion.links.items():
+            columns = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, 3:])
+            recording.send_columns(entity(_WORLD, name), times, columns)
+        for name, poses in motion.paths.items():
+            recording.log(entity("path", name), rr.LineStrips3D([poses[:, :3]]), static=True)
+        curves = {
+            entity("joints", name, field): values
+            for name, joint in motion.joints.items()
+            for field, values in zip(_FIELDS, joint, strict=True)
+        }
+        curves |= {entity("controls", name): values for name, values in motion.controls.items()}
+        for path, values in curves.items():
+            recording.send_columns(path, times, rr.Scalars.columns(scalars=values))
+        recording.flush()
+        return bytes(memory.drain_as_bytes())
+
+
+def _missing(name: str, error: ImportError) -> InvalidValue:
+    return InvalidValue("format", name, f"an extra to be installed ({error}): pip install 'mbocp[{name}]'")
+
+
+RECORDINGS: Mapping[str, Recording] = MappingProxyType({"mcap": Mcap(), "rerun": Rerun()})
