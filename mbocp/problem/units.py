@@ -26,7 +26,7 @@ def ask_degrees(value: float, lower: float, upper: float, unit: str) -> str:
         likely = abs(value) > _TURNS and value == round(value)
     else:
         likely = abs(value) > _TURN and not lower <= value <= upper and lower <= angle <= upper
-    return f"is it in degrees? {value:.6g} deg are {angle:.4f} rad" if likely else ""
+    return f'is it in degrees? "{value:.6g} deg" is {angle:.4f} rad' if likely else ""
 
 
 def with_question(message: str, question: str) -> str:
@@ -37,4 +37,4 @@ def with_question(message: str, question: str) -> str:
 def ask_millimetres(position: Iterable[float]) -> str:
     """Return the question whether a position [m] is in millimetres; "" where nothing looks like it."""
     worst = max((x for x in position if math.isfinite(x)), key=abs, default=0.0)
-    return f"is it in millimetres? {worst:.6g} mm are {worst / 1e3:.4g} m" if abs(worst) > _FAR else ""
+    return f'is it in millimetres? "{worst:.6g} mm" is {worst / 1e3:.4g} m' if abs(worst) > _FAR else ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
+from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.file.messages import locate
@@ -16,6 +17,7 @@ from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
+from mbocp.robot.parts import Label
 from mbocp.terms import RATE_TERMS, RateTerm
 
 _Sides = tuple[Array, Array]
@@ -137,20 +139,24 @@ def _rate(robot: Robot, term: type[RateTerm], written: Any) -> _Sides:
     key = LIMITS[term.letter]
     if written is True:
         raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
-    slots = tangent_slots(robot) if term.over == "v" else _control_slots(robot, key, written)
-    none = np.full(robot.nv if term.over == "v" else robot.nu, np.inf)
-    return _sides(robot, key, written, (-none, none), slots)
+    is_of_motion = term.over == "v"
+    slots = tangent_slots(robot) if is_of_motion else _control_slots(robot, key, written)
+    labels = robot.v_labels if is_of_motion else robot.u_labels
+    none = np.full(len(labels), np.inf)
+    return _sides(robot, key, written, (-none, none), slots, labels)
 
 
 def _effort(robot: Robot, written: Any) -> _Sides:
     own = robot.limits.effort
-    return _sides(robot, LIMITS["u"], written, (-own, own), _control_slots(robot, LIMITS["u"], written))
+    slots = _control_slots(robot, LIMITS["u"], written)
+    return _sides(robot, LIMITS["u"], written, (-own, own), slots, robot.u_labels)
 
 
 def _effort_rms(robot: Robot, written: Any) -> Array:
     """Upper bounds; what is written is positive."""
     key, none = LIMITS["rms"], np.full(robot.nu, np.inf)
-    return _sides(robot, key, written, (-none, none), _control_slots(robot, key, written))[1]
+    slots = _control_slots(robot, key, written)
+    return _sides(robot, key, written, (-none, none), slots, robot.u_labels)[1]
 
 
 def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
@@ -168,7 +174,7 @@ def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
 
 def _velocity(robot: Robot, written: Any) -> _Sides:
     own = robot.limits.velocity
-    return _sides(robot, LIMITS["v"], written, (-own, own), tangent_slots(robot))
+    return _sides(robot, LIMITS["v"], written, (-own, own), tangent_slots(robot), robot.v_labels)
 
 
 def _position(robot: Robot, written: Any) -> _Sides:
@@ -185,10 +191,12 @@ def _position(robot: Robot, written: Any) -> _Sides:
                     f"{key}.{name}: a unit quaternion or a (cos, sin) pair has no limits, only lengths and "
                     f"the angles of revolute joints have{advice}"
                 )
-    return _sides(robot, key, written, (lower, upper), slots)
+    return _sides(robot, key, written, (lower, upper), slots, robot.q_labels)
 
 
-def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice]) -> _Sides:
+def _sides(
+    robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice], labels: Sequence[Label]
+) -> _Sides:
     """Lower and upper bounds from the values in a file."""
     size = len(own[0])
     if written is True:
@@ -202,24 +210,29 @@ def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str
         for name, entry in written.items():
             if name not in slots:
                 raise robot.unknown_joint(name, slots)
-            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}")
+            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}", labels[slots[name]], key)
     elif isinstance(written, Sequence):
         if len(written) != size:
             names = ", ".join(name for name, slot in slots.items() if slot.stop - slot.start == 1)
             raise DimensionMismatch(key, len(written), size, f"entries: {names}")
         for i, entry in enumerate(written):
-            lower[i], upper[i] = _pair(entry, f"{key}[{i}]")
+            lower[i], upper[i] = _pair(entry, f"{key}[{i}]", labels[i : i + 1], key)
     else:
-        lower[:], upper[:] = _pair(written, key)
+        lower[:], upper[:] = _pair(written, key, labels, key)
     return lower, upper
 
 
-def _pair(entry: float | Sequence[float], key: str) -> tuple[float, float]:
+def _pair(
+    entry: float | Sequence[float], name: str, labels: Sequence[Label], key: str
+) -> tuple[float, float]:
+    for label in labels:
+        for side in entry if isinstance(entry, Sequence) else [entry]:
+            plain_number(side, label.unit, f"{key}.{label.name}")
     if isinstance(entry, Sequence):
-        low, high = entry
+        low, high = map(float, entry)
         if not low < high:
-            raise InvalidValue(key, [low, high], "[lower, upper] with lower < upper")
+            raise InvalidValue(name, [low, high], "[lower, upper] with lower < upper")
         return low, high
     if not entry > 0.0:
-        raise InvalidValue(key, entry, "a positive number, the largest absolute value, or [lower, upper]")
-    return -entry, entry
+        raise InvalidValue(name, entry, "a positive number, the largest absolute value, or [lower, upper]")
+    return -entry, float(entry)

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from mbocp._keys import Key, Kind
 from mbocp._keys import Table as KeyTable
+from mbocp._measured import Measured
 from mbocp._numbers import finite_number
 from mbocp._text import show
 from mbocp.exceptions import RobotError
@@ -23,7 +24,7 @@ _Positive = Annotated[float, Kind("positive number", finite_number, float), Fiel
 class LinkTable(Table):
     """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
 
-    mass: _Positive
+    mass: Annotated[_Positive, Measured("kg")]
     com: Position | None = None
     inertia: Inertia | None = None
 

@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
+from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.large import check_working_memory
@@ -77,6 +78,7 @@ def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, 
     """
     kind, name = joints.joint_kind(model, joint), model.names[joint]
     where = f"robot {robot!r}: joint {name!r}"
+    value = _plain(value, kind, name, where)
     array = np.atleast_1d(np.array(value, dtype=float))
     if not np.isfinite(array).all():
         raise InvalidValue(where, array.tolist(), "finite numbers")
@@ -119,6 +121,15 @@ def refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
                 f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no "
                 f"position or control of its own: name {model.names[leader]!r}, or load with mimic = false"
             )
+
+
+def _plain(value: float | ArrayLike, kind: joints.JointKind, name: str, where: str) -> Any:
+    """Numbers whose units, where they have some, are those of the joint."""
+    values: Any = value if isinstance(value, Sequence) else [value]
+    units = [(suffix or name, unit) for suffix, unit in kind.q]
+    if kind.word in ("continuous", "planar") and len(values) == len(units) - 1:
+        units[-2:] = [("angle", "rad")]
+    return plain_numbers(values, units, where)
 
 
 def _slice_of(model: pin.Model, name: str) -> slice:

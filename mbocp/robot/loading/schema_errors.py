@@ -50,12 +50,17 @@ def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:
     for position, step in enumerate(loc):
         if isinstance(step, int):
             parts.append(f"[{step}]")
-        elif (absent and position == last) or (isinstance(node, dict) and step in node):
+        elif (absent and position == last) or _has(node, step, is_last=position == last):
             parts.append(f".{step}")
         else:
             continue
         node = _child(node, step)
     return "".join(parts).lstrip(".")
+
+
+def _has(node: Any, step: str, *, is_last: bool) -> bool:
+    """Whether a step leads on: a tag may have the name of a key, which holds no more steps."""
+    return isinstance(node, dict) and step in node and (is_last or isinstance(node[step], dict | list))
 
 
 def _child(node: Any, step: int | str) -> Any:

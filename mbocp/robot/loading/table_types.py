@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from mbocp._measured import Measured
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, show
 
@@ -25,9 +26,11 @@ _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
 PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
+Metres: TypeAlias = Annotated[PositiveNumber, Measured("m")]
 Vector3: TypeAlias = tuple[Number, Number, Number]
 Numbers: TypeAlias = Number | list[Number]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_MAX_VALUE)]
+Place: TypeAlias = Annotated[Vector3, Measured("m")]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
 
@@ -92,5 +95,7 @@ def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
-Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3))]
-Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4))]
+Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3)), Measured("m")]
+Orientation: TypeAlias = Annotated[
+    Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4)), Measured("rad")
+]
