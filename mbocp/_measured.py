@@ -150,6 +150,7 @@ def in_unit(value: Any, metadata: Iterable[Any], unit: str, name: str) -> Any:
 
 
 def _is_of_angle(unit: str) -> bool:
+    """Whether it is the unit of a turning joint among two of a key."""
     return any(word in unit for word in ("rad", "N m", "kg m^2"))
 
 

@@ -10,9 +10,12 @@ from typing import NamedTuple
 from mbocp._text import show
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
-_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*([A-Za-zµμ°/(].*?|1/.*?)\s*")
+_BEGIN = "[A-Za-zµμ°/(]|1/"  # of a unit
+_QUANTITY = re.compile(rf"({_NUMBER})\s*((?:{_BEGIN}).*)")
 _TOKEN = re.compile(r"\s*([A-Za-zµμ]+|°|\*\*|[-+]?[0-9.]+|[()/*·^²³])")
-PATTERN = rf"^\s*{_NUMBER}\s*[A-Za-zµμ°/(]"  # of texts, for JSON schemas
+PATTERN = rf"^\s*{_NUMBER}\s*({_BEGIN})"  # of texts, for JSON schemas
+
+_LONGEST = 80  # characters of a text with a unit, as much as its parser may nest
 
 
 class Unit(NamedTuple):
@@ -134,7 +137,12 @@ def _named(word: str) -> Unit:
 
 def has_unit(text: str) -> bool:
     """Whether a text is a number with something behind it, which may be a unit."""
-    return _QUANTITY.fullmatch(text) is not None
+    return _split(text) is not None
+
+
+def _split(text: str) -> re.Match[str] | None:
+    text = text.strip()
+    return _QUANTITY.fullmatch(text) if len(text) <= _LONGEST else None
 
 
 class Quantity(float):
@@ -147,12 +155,18 @@ class Quantity(float):
     @classmethod
     def of(cls, text: str, units: tuple[str, ...]) -> Quantity | None:
         """Return what a text says; None if it is no number with a known unit."""
-        found = _QUANTITY.fullmatch(text)
+        found = _split(text)
         unit = unit_of(found[2]) if found else None
         if found is None or unit is None:
             return None
         quantity = cls(float(found[1]) * unit.times / unit.over)
         quantity.text, quantity.powers, quantity.units = text, unit.powers, units
+        return quantity
+
+    def like(self, value: float) -> Quantity:
+        """Return another number [SI] of the same unit."""
+        quantity = type(self)(value)
+        quantity.text, quantity.powers, quantity.units = f"{value:g}, as {self.text}", self.powers, self.units
         return quantity
 
     def describe(self, where: str = "") -> str:
