@@ -9,16 +9,16 @@ repository.
 from __future__ import annotations
 
 import argparse
-import json
+import contextlib
+import multiprocessing
 import os
 import resource
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import mbocp
@@ -37,15 +37,12 @@ _COLUMNS = (
     *("loads", "checks", "moves", "reports", "reason"),
 )
 _STAGES = slice(_COLUMNS.index("loads"), -1)
+_FORK = multiprocessing.get_context("fork")  # with all that is imported
 _LIMIT = 60  # [s] of a core for one robot, whatever else the machine does
 
 
-def outcome_table(robots: Sequence[str], *, solve: bool) -> Table:
+def outcome_table(rows: Sequence[tuple[str, ...]]) -> Table:
     """What became of each robot."""
-    rows = list[tuple[str, ...]]()
-    for robot in robots:
-        rows.append(_apart(robot, solve=solve))
-        print(*rows[-1], sep="; ", file=sys.stderr, flush=True)
     stages = list(enumerate(_COLUMNS))[_STAGES]
     words = [f"{what} {sum(row[place] == 'yes' for row in rows)}" for place, what in stages]
     return Table("Robots", _COLUMNS, rows, f"of {len(rows)}: {', '.join(words)}")
@@ -53,14 +50,26 @@ def outcome_table(robots: Sequence[str], *, solve: bool) -> Table:
 
 def _apart(robot: str, *, solve: bool) -> tuple[str, ...]:
     """The row of a robot, worked out in a process of its own, as far as it came."""
-    command = [sys.executable, "-m", __spec__.name, "--one", robot, *(() if solve else ("--load",))]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    reason = f"the process ended with {done.returncode}" if done.returncode else ""
-    if done.returncode == -signal.SIGXCPU:
-        reason = f"more than {_LIMIT} s"
-    rows = done.stdout.splitlines()
-    row = json.loads(rows[-1]) if rows else _padded([_name(robot), _format(robot)])
+    ours, theirs = _FORK.Pipe(duplex=False)
+    process = _FORK.Process(target=_work, args=(robot, theirs), kwargs={"solve": solve})
+    process.start()
+    theirs.close()
+    row, reason = _padded([_name(robot), _format(robot)]), ""
+    with contextlib.suppress(EOFError):
+        while True:
+            row = ours.recv()
+    process.join()
+    if process.exitcode:
+        too_long = process.exitcode == -signal.SIGXCPU
+        reason = f"more than {_LIMIT} s" if too_long else f"the process ended with {process.exitcode}"
     return (*row[:-1], reason or row[-1])
+
+
+def _work(robot: str, out: Connection, *, solve: bool) -> None:
+    warnings.simplefilter("ignore")
+    resource.setrlimit(resource.RLIMIT_CPU, (_LIMIT, _LIMIT + 1))
+    for row in _rows(robot, solve=solve):
+        out.send(row)
 
 
 def _padded(row: Sequence[str], reason: str = "") -> tuple[str, ...]:
@@ -88,17 +97,16 @@ def _rows(robot: str, *, solve: bool) -> Iterator[tuple[str, ...]]:
     arguments = dict(word.split("=", 1) for word in said) or None
     row = [_name(robot), _format(robot)]
     try:
-        found = load_robot(_path(robot) or name, arguments=arguments)
+        found = _held(_path(robot) or name, arguments)
         row += [str(found.nv), str(found.nu), str(found.nc), "yes"]
         yield _padded(row)
         if not solve:
             return
-        held = _held(_path(robot) or name, arguments) or found
-        if held.nu == 0:
+        if found.nu == 0:
             yield _padded(row, "no motors")
             return
         with tempfile.TemporaryDirectory() as folder:
-            for stage in _stages(held, Path(folder)):
+            for stage in _stages(found, Path(folder)):
                 row.append("yes" if not stage else "no")
                 yield _padded(row, stage)
                 if stage:
@@ -108,12 +116,12 @@ def _rows(robot: str, *, solve: bool) -> Iterator[tuple[str, ...]]:
         yield _padded([*row, "no"], " ".join(str(error).replace(f"{name}: ", "").split())[:160])
 
 
-def _held(robot: Path | str, arguments: dict[str, str] | None) -> Robot | None:
-    """The robot on a base that stands still; None where code of example-robot-data builds it as it is."""
+def _held(robot: Path | str, arguments: dict[str, str] | None) -> Robot:
+    """The robot on a base that stands still, unless code of example-robot-data builds it as it is."""
     try:
         return load_robot(robot, arguments=arguments, free_flyer=False)
     except UnsupportedRobot:
-        return None
+        return load_robot(robot, arguments=arguments)
 
 
 def _stages(robot: Robot, folder: Path) -> Iterator[str]:
@@ -137,23 +145,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.robot_files", description=__doc__)
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help="default: names of example-robot-data")
     parser.add_argument("--load", action="store_true", help="only load them")
-    parser.add_argument("--one", help=argparse.SUPPRESS)
     parser.add_argument("-o", "--output", type=Path, help="a CSV")
     options = parser.parse_args(arguments)
-    if options.one is not None:
-        warnings.simplefilter("ignore")
-        resource.setrlimit(resource.RLIMIT_CPU, (_LIMIT, _LIMIT + 1))
-        for row in _rows(options.one, solve=not options.load):
-            print(json.dumps(row), flush=True)
-        return
     os.environ["MBOCP_FUNCTIONS"] = "tapes"  # no compiler runs, as in first motions of users
-    table = outcome_table(options.robots or _examples(), solve=not options.load)
-    if options.output is not None:
-        table.to_csv(options.output)
-        what = "; ".join(" ".join(row) for row in header().rows)
-        head = f"# {time.strftime('%Y-%m-%d')}, python -m benchmarks.robot_files; {what}\n"
-        options.output.write_text(head + options.output.read_text(encoding="utf-8"), encoding="utf-8")
-    show(table)
+    machine = "; ".join(" ".join(row) for row in header().rows)
+    robots, rows = options.robots or _examples(), list[tuple[str, ...]]()
+    for place, robot in enumerate(robots, start=1):
+        rows.append(_apart(robot, solve=not options.load))
+        if options.output is not None:  # at once: all take long
+            _write(options.output, outcome_table(rows), machine, robots[place:])
+    show(outcome_table(rows))
+
+
+def _write(path: Path, table: Table, machine: str, missing: Sequence[str]) -> None:
+    table.to_csv(path)
+    rest = f"; not measured: {', '.join(missing)}" if missing else ""
+    head = f"# {time.strftime('%Y-%m-%d')}, python -m benchmarks.robot_files; {machine}{rest}\n"
+    path.write_text(head + path.read_text(encoding="utf-8"), encoding="utf-8")
 
 
 if __name__ == "__main__":
