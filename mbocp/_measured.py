@@ -118,7 +118,7 @@ def plain_number(value: float, unit: str, name: str) -> float:
 def plain_numbers(values: Sequence[float], units: Sequence[tuple[str, str]], key: str) -> list[float]:
     """Return numbers of components, given by name and unit, as `plain_number` does; further ones stay."""
     numbers = zip(values, units, strict=False)
-    found = [plain_number(one, unit, f"{key}.{name}") for one, (name, unit) in numbers]
+    found = [plain_number(one, unit, f"{key}{name and '.'}{name}") for one, (name, unit) in numbers]
     return [*found, *values[len(units) :]]
 
 

@@ -78,7 +78,7 @@ def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, 
     """
     kind, name = joints.joint_kind(model, joint), model.names[joint]
     where = f"robot {robot!r}: joint {name!r}"
-    value = _plain(value, kind, name, where)
+    value = _plain(value, kind, where)
     array = np.atleast_1d(np.array(value, dtype=float))
     if not np.isfinite(array).all():
         raise InvalidValue(where, array.tolist(), "finite numbers")
@@ -123,10 +123,12 @@ def refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
             )
 
 
-def _plain(value: float | ArrayLike, kind: joints.JointKind, name: str, where: str) -> Any:
+def _plain(value: float | ArrayLike, kind: joints.JointKind, where: str) -> Any:
     """Numbers whose units, where they have some, are those of the joint."""
-    values: Any = value if isinstance(value, Sequence) else [value]
-    units = [(suffix or name, unit) for suffix, unit in kind.q]
+    values: Any = [value] if isinstance(value, float) else value
+    if not isinstance(values, list | tuple):
+        return value
+    units = list(kind.q)
     if kind.word in ("continuous", "planar") and len(values) == len(units) - 1:
         units[-2:] = [("angle", "rad")]
     return plain_numbers(values, units, where)

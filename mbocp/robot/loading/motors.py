@@ -76,8 +76,12 @@ def _add_motor(model: pin.Model, joint: int, row: ElasticTable) -> ElasticJoint:
     motor = model.addJoint(0, kind, pin.SE3.Identity(), motor_of(row.joint))
     model.addJointFrame(motor)
     unit = "m" if joints.joint_kind(model, joint).word == "prismatic" else "rad"
-    for key in ("stiffness", "damping", "motor_inertia"):
-        plain_number(getattr(row, key), unit, f"elastic: {row.joint!r}: {key}")
+    row = row.model_copy(
+        update={
+            key: plain_number(getattr(row, key), unit, f"elastic: {row.joint!r}: {key}")
+            for key in ("stiffness", "damping", "motor_inertia")
+        }
+    )
     link, rotor = (joints.velocity_slice(model, one).start for one in (joint, motor))
     for key in ("armature", "rotorInertia"):
         numbers = getattr(model, key)  # a rotor that a file gives the joint is this one

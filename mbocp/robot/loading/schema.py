@@ -109,7 +109,7 @@ class DriveTable(Table):
     direction: Vector3 | None = None
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     control: Literal["velocity", "acceleration"]
-    limit: Annotated[PositiveFloat, Measured("those of the number")] | None = None
+    limit: Annotated[PositiveFloat, Measured("those of the number")] | None = None  # of the control
 
     @model_validator(mode="after")
     def _a_joint_or_a_frame(self) -> DriveTable:

@@ -114,6 +114,13 @@ def test_python_takes_them() -> None:
     assert problem.with_(start={"q": {"elbow_joint": "-30 deg"}}).q_start[2] == pytest.approx(-math.pi / 6)
 
 
+def test_steps_of_given_lengths_last_as_long_as_a_text_says() -> None:
+    problem = parse_problem(ARM, ["horizon={lengths=[0.4, 0.6]}", "goal={v=0}"])
+    np.testing.assert_allclose(problem.with_(duration="2 s").lengths, [0.8, 1.2])
+    with pytest.raises(MbocpError, match=r"horizon\.duration: got '2 m', a length"):
+        problem.with_(duration="2 m")
+
+
 REFUSED = {
     "goal.q={elbow_joint='350 mm'}": r"goal\.q\.elbow_joint: got '350 mm', a length, expected .* rad",
     "goal.q=[0, 0, '350 mm', 0, 0, 0]": r"goal\.q\.elbow_joint: got '350 mm', a length, expected .* rad",
@@ -133,6 +140,7 @@ REFUSED = {
     "path=[{kind='speed', frame='tool0', max=1, from={share='1 s'}}]": r"from: got '1 s' for share",
     "robot.lock={elbow_joint='3 mm'}": r"joint 'elbow_joint'.*: got '3 mm', a length, .* in rad",
     "robot.elastic=[{joint='elbow_joint', stiffness='9 N/m', motor_inertia=1}]": r"stiffness: got '9 N/m'",
+    "start.q={elbow_joint='3'}": r"start\.q: got '3' for 'elbow_joint', expected a number",
     "cost.effort='3 N'": r"cost\.effort: got '3 N', expected a number",
 }
 
