@@ -59,4 +59,6 @@ def test_other_numbers_are_left_alone() -> None:
     assert ask_degrees(3.5, -3.0, 3.0, "rad") == ""  # a little too far
     assert ask_degrees(400.0, -3.0, 3.0, "rad") == ""  # wrong as degrees, too
     assert ask_degrees(90.0, -1.0, 1.0, "m") == ""
-    assert ask_millimetres([math.nan, 1.0, -19.0]) == ask_millimetres([]) == ""
+    assert ask_millimetres([math.nan, 4.0, -19.0], 15.0) == ask_millimetres([], 0.0) == ""  # a tall crane
+    assert ask_millimetres([0.0, 0.1, 0.0], 0.5) == ""  # in the base of the robot
+    assert ask_millimetres([0.0, 15.0, 0.0], 14.5) == 'is it in millimetres? "15 mm" is 0.015 m'
