@@ -25,6 +25,8 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
+from mbocp._measured import Measured
+
 _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 
@@ -32,34 +34,6 @@ _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 def without_links(words: str) -> str:
     """Return Markdown with the words of links in their place."""
     return _LINK.sub(r"\1", words)
-
-
-class Declared(BaseModel):
-    """Some keys of a table, each declared."""
-
-    model_config = ConfigDict(defer_build=True)
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
-    ) -> JsonSchemaValue:
-        """Return the schema, in which keys of one line are described alike."""
-        found, keys = handler(schema), keys_of(cls)
-        rows = {name: row_of(name, keys) for name in cls.model_fields}
-        properties = handler.resolve_ref_schema(found)["properties"]
-        for name, row in rows.items():
-            if row is not None:
-                properties[name] = {**properties[name], "description": keys[row].description}
-        return found
-
-
-class Table(Declared):
-    """A table of a problem file: keys that it does not have are refused."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
-
-
-T = TypeVar("T", bound=Table)
 
 
 @dataclass(frozen=True)
@@ -168,6 +142,11 @@ class Key:
         unit, default = f" [{self.unit}]" * bool(self.unit), f" Default: {self.default}." * bool(self.default)
         return f"{says[:1].upper()}{says[1:]}{unit}.{default}"
 
+    def unit_of(self, name: str, row: str) -> str:
+        """Return the unit of one of the keys of a row: they have one each where semicolons part them."""
+        names, units = (row, *self.beside), self.unit.split("; ")
+        return units[names.index(name)] if len(units) == len(names) else ", ".join(units)
+
     def join(self, other: Key) -> Key:
         """Return what is said of a key of several tables."""
         units = dict.fromkeys([*self.unit.split(", "), *other.unit.split(", ")])
@@ -196,6 +175,45 @@ def checks_of(table: type[BaseModel]) -> dict[str, Callable[[str, Any], Any]]:
 def row_of(name: str, keys: Mapping[str, Key]) -> str | None:
     """Return the key whose line describes a key of this name."""
     return next((first for first, key in keys.items() if name in (first, *key.beside)), None)
+
+
+class Declared(BaseModel):
+    """Some keys of a table, each declared."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        """Let keys with a unit take numbers that have one."""
+        keys = keys_of(cls)
+        for name, info in cls.model_fields.items():
+            row = row_of(name, keys)
+            if row is not None and str not in (info.annotation, *get_args(info.annotation)):
+                others = [item for item in info.metadata if not isinstance(item, Measured)]
+                measured = Measured(keys[row].unit_of(name, row))
+                info.metadata = [*others, measured] if measured.is_known else others
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
+    ) -> JsonSchemaValue:
+        """Return the schema, in which keys of one line are described alike."""
+        found, keys = handler(schema), keys_of(cls)
+        rows = {name: row_of(name, keys) for name in cls.model_fields}
+        properties = handler.resolve_ref_schema(found)["properties"]
+        for name, row in rows.items():
+            if row is not None:
+                properties[name] = {**properties[name], "description": keys[row].description}
+        return found
+
+
+class Table(Declared):
+    """A table of a problem file: keys that it does not have are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
+
+
+T = TypeVar("T", bound=Table)
 
 
 def takes_of(info: FieldInfo) -> str:

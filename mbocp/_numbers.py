@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
+from mbocp._quantities import Quantity
 from mbocp._text import show
 
 LARGEST = 1e100  # of numbers in files: squares and cubes of them are floats, too
@@ -17,7 +18,9 @@ def is_number(value: Any) -> TypeGuard[int | float]:
 
 
 def as_float(value: int | float) -> float:
-    """Return the nearest float; infinite for an integer beyond all of them."""
+    """Return the nearest float, or a quantity as it is; infinite for an integer beyond all of them."""
+    if isinstance(value, Quantity):
+        return value
     try:
         return float(value)
     except OverflowError:

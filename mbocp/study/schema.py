@@ -22,6 +22,7 @@ from pydantic import (
     ValidationError,
 )
 
+from mbocp._measured import Measured
 from mbocp._numbers import as_float, is_number
 from mbocp._text import show
 
@@ -81,7 +82,7 @@ class StudyTable(_Table):
     problem: Annotated[Any, BeforeValidator(_problem)]
     name: str | None = None
     seed: Annotated[int, BeforeValidator(_seed)] = 0
-    time_limit: Positive | None = None
+    time_limit: Annotated[Positive, Measured("s")] | None = None
     record: Names = []
     fixed: Keys = {}
     grid: Keys = {}

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbocp._memory import check_memory
 from mbocp._numbers import as_float, is_number
+from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides
@@ -166,7 +167,8 @@ def _grid_values(entry: Any, where: str) -> list[Any]:
             raise StudyError(f"{where}: the list is empty, expected at least one value")
         return entry
     if isinstance(entry, Mapping) and len(entry) == 1 and (name := next(iter(entry))) in _RANGES:
-        return _RANGES[name](entry[name], f"{where}.{name}")
+        ends, unit = _of_unit(entry[name], f"{where}.{name}")
+        return _in_unit(_RANGES[name](ends, f"{where}.{name}"), unit)
     raise StudyError(
         f"{where}: got {show(entry)}, expected a list of values, {{ linspace = [first, last, count] }} or "
         "{ geomspace = [first, last, count] }"
@@ -197,7 +199,10 @@ def _geomspace(written: Any, where: str) -> list[Any]:
 
 def _draw(entry: Any, count: int, generator: np.random.Generator, where: str) -> list[Any]:
     if isinstance(entry, Mapping) and len(entry) == 1 and (name := next(iter(entry))) in _DRAWS:
-        return _DRAWS[name](entry[name], count, generator, f"{where}.{name}")
+        if name == "choice":
+            return _choice(entry[name], count, generator, f"{where}.{name}")
+        ends, unit = _of_unit(entry[name], f"{where}.{name}")
+        return _in_unit(_DRAWS[name](ends, count, generator, f"{where}.{name}"), unit)
     raise StudyError(
         f"{where}: got {show(entry)}, expected {{ uniform = [low, high] }}, "
         "{ normal = [mean, deviation] } or { choice = [...] }"
@@ -234,6 +239,22 @@ def _two(written: Any, where: str, what: str) -> tuple[Any, Any]:
         if len(rows) == 2 and len(rows[0]) == len(rows[1]):
             return np.array(rows[0], dtype=float), np.array(rows[1], dtype=float)
     raise StudyError(f"{where}: got {show(written)}, expected {what}, each a number or a list of one length")
+
+
+def _of_unit(written: Any, where: str) -> tuple[Any, Quantity | None]:
+    """Ends of a range with numbers in the place of texts with units of one sort, and one of these."""
+    if not isinstance(written, list):
+        return written, None
+    texts = [Quantity.of(end, ()) if isinstance(end, str) else None for end in written]
+    read = [end if text is None else text for end, text in zip(written, texts, strict=True)]
+    found = [end for end in read if isinstance(end, Quantity)]
+    if len({end.powers for end in found}) > 1:
+        raise StudyError(f"{where}: got {show(written)}, expected units of one sort")
+    return read, found[0] if found else None
+
+
+def _in_unit(values: list[Any], unit: Quantity | None) -> list[Any]:
+    return values if unit is None else [unit.like(value) for value in values]
 
 
 def _is_number(value: Any) -> bool:

@@ -106,7 +106,7 @@ _End = Annotated[
         float | str | dict[Literal["phase", "share"], float | str],
     ),
 ]
-_KEY = Key("when it holds", "s, or part of the horizon", "the whole motion", beside=SPAN[1:])
+_KEY = Key("when it holds", "s", "the whole motion", beside=SPAN[1:])
 _FIELDS: Any = {"from": (Annotated[_End, _KEY], None), "until": (_End, None)}
 SpanKeys = create_model("SpanKeys", __base__=Table, __doc__="When a path constraint holds.", **_FIELDS)
 

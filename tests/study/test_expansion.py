@@ -42,6 +42,24 @@ def test_geomspace(make: MakeStudy) -> None:
     np.testing.assert_allclose([t.values["cost.effort"] for t in study.tasks()], 10.0 ** np.arange(-4, 1))
 
 
+def test_ranges_have_units(make: MakeStudy) -> None:
+    key = "goal.q.bob"
+    study = make(fixed={"goal.q": {}}, grid={key: {"linspace": [0, "180 deg", 3]}})
+    np.testing.assert_allclose([task.values[key] for task in study.tasks()], [0, np.pi / 2, np.pi])
+    drawn = make(sample={"count": 9, "cost.effort": {"uniform": ["90 deg", "180 deg"]}})
+    assert all(np.pi / 2 <= task.values["cost.effort"] <= np.pi for task in drawn.tasks())
+    with pytest.raises(StudyFileError, match=r"linspace: got .*, expected units of one sort"):
+        make(grid={key: {"linspace": ["1 m", "180 deg", 3]}})
+
+
+def test_units_of_ranges_fit_their_key(make: MakeStudy) -> None:
+    study = make(grid={"horizon.duration": {"linspace": ["1 s", "2000 ms", 2]}}, time_limit="2 min")
+    assert [task.values["horizon.duration"] for task in study.tasks()] == [1.0, 2.0]
+    assert study.job.time_limit == 120.0
+    with pytest.raises(StudyFileError, match=r"duration: got '1, as 1 m', a length, expected .* s"):
+        make(grid={"horizon.duration": {"linspace": ["1 m", "2 m", 2]}})
+
+
 def test_axes_have_named_values(make: MakeStudy) -> None:
     study = make(axis=[AXIS], grid={"horizon.steps": [5, 10]})
     tasks = list(study.tasks())

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbocp._arrays import plain
 from mbocp._keys import Table
+from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
@@ -220,7 +221,9 @@ def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]
     )
     if made.given_lengths is None or is_other:
         return None
-    return scaled_lengths(made.given_lengths, float(table["duration"]))
+    duration = table["duration"]
+    seconds = Quantity.of(duration, ("s",)) if isinstance(duration, str) else float(duration)
+    return None if seconds is None else scaled_lengths(made.given_lengths, seconds)
 
 
 def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:

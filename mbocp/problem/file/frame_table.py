@@ -66,7 +66,7 @@ class FrameGoalTable(FramePoseTable):
         TripleOrZero,
         Key(
             "of the frame's origin and of the frame, in the axes of the world",
-            "m/s, rad/s",
+            "m/s; rad/s",
             "free",
             beside=("angular_velocity",),
         ),

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
+from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.file.messages import locate
@@ -16,6 +17,7 @@ from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
+from mbocp.robot.parts import Label
 from mbocp.terms import RATE_TERMS
 
 _Sides = tuple[Array, Array]
@@ -110,9 +112,10 @@ def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Side
         raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
     is_of_v = letter == "v" or (term is not None and term.over == "v")
     slots = tangent_slots(robot) if is_of_v else _control_slots(robot, key, written)
-    none = np.full(robot.nv if is_of_v else robot.nu, np.inf)
+    labels = robot.v_labels if is_of_v else robot.u_labels
+    none = np.full(len(labels), np.inf)
     own = {"u": robot.limits.effort, "v": robot.limits.velocity}.get(letter, none)
-    return _sides(robot, key, written, (-own, own), slots)
+    return _sides(robot, key, written, (-own, own), slots, labels)
 
 
 def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
@@ -142,10 +145,12 @@ def _position(robot: Robot, letter: str, written: Any) -> _Sides:
                     f"{key}.{name}: a unit quaternion or a (cos, sin) pair has no limits, only lengths and "
                     f"the angles of revolute joints have{advice}"
                 )
-    return _sides(robot, key, written, (lower, upper), slots)
+    return _sides(robot, key, written, (lower, upper), slots, robot.q_labels)
 
 
-def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice]) -> _Sides:
+def _sides(
+    robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice], labels: Sequence[Label]
+) -> _Sides:
     """Lower and upper bounds from the values in a file."""
     size = len(own[0])
     if written is True:
@@ -159,24 +164,29 @@ def _sides(robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str
         for name, entry in written.items():
             if name not in slots:
                 raise robot.unknown_joint(name, slots)
-            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}")
+            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}", labels[slots[name]], key)
     elif isinstance(written, Sequence):
         if len(written) != size:
             names = ", ".join(name for name, slot in slots.items() if slot.stop - slot.start == 1)
             raise DimensionMismatch(key, len(written), size, f"entries: {names}")
         for i, entry in enumerate(written):
-            lower[i], upper[i] = _pair(entry, f"{key}[{i}]")
+            lower[i], upper[i] = _pair(entry, f"{key}[{i}]", labels[i : i + 1], key)
     else:
-        lower[:], upper[:] = _pair(written, key)
+        lower[:], upper[:] = _pair(written, key, labels, key)
     return lower, upper
 
 
-def _pair(entry: float | Sequence[float], key: str) -> tuple[float, float]:
+def _pair(
+    entry: float | Sequence[float], name: str, labels: Sequence[Label], key: str
+) -> tuple[float, float]:
+    for label in labels:
+        for side in entry if isinstance(entry, Sequence) else [entry]:
+            plain_number(side, label.unit, f"{key}.{label.name}")
     if isinstance(entry, Sequence):
-        low, high = entry
+        low, high = map(float, entry)
         if not low < high:
-            raise InvalidValue(key, [low, high], "[lower, upper] with lower < upper")
+            raise InvalidValue(name, [low, high], "[lower, upper] with lower < upper")
         return low, high
     if not entry > 0.0:
-        raise InvalidValue(key, entry, "a positive number, the largest absolute value, or [lower, upper]")
-    return -entry, entry
+        raise InvalidValue(name, entry, "a positive number, the largest absolute value, or [lower, upper]")
+    return -entry, float(entry)

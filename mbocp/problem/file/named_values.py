@@ -14,12 +14,14 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._measured import plain_numbers
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.messages import locate
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.parts import Label
 
 Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 
@@ -50,6 +52,12 @@ class _Slot:
     def n_written(self) -> int:
         """Numbers that a person writes, with the angle instead of cosine and sine."""
         return self.nq - 1 if self.has_angle else self.nq
+
+    def written_labels(self, robot: Robot, count: int) -> Sequence[Label]:
+        """Names and units of the numbers that a person writes."""
+        labels = robot.q_labels[self.q]
+        is_angle = self.has_angle and count == self.n_written
+        return [*labels[:-2], Label(self.name, "rad")] if is_angle else labels
 
     def expand(self, numbers: Sequence[float], key: str) -> list[float]:
         """Return the `nq` numbers of the joint."""
@@ -86,12 +94,16 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     active = np.zeros(robot.nv, dtype=np.bool_)
     for slot, numbers in _by_joint(robot, slots, written, key):
         where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
-        q[slot.q] = slot.expand(numbers, where)
+        q[slot.q] = slot.expand(_checked(numbers, slot.written_labels(robot, len(numbers)), key), where)
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
     q = np.array(robot.balanced(q, active)) if robot.elastic else q
     return q, active
+
+
+def _checked(numbers: Sequence[float], labels: Sequence[Label], key: str) -> list[float]:
+    return plain_numbers(numbers, [(label.name, label.unit) for label in labels], key)
 
 
 def _without_motors(robot: Robot, slots: list[_Slot], written: Written) -> Written:
@@ -129,10 +141,11 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
     """Return a velocity or momentum, zero where nothing was written, and which components were written."""
     value = np.zeros(robot.nv)
     active = np.zeros(robot.nv, dtype=np.bool_)
+    labels = robot.p_labels if key.endswith(".p") else robot.v_labels
     if not isinstance(written, Mapping):
         if len(written) != robot.nv:
             raise DimensionMismatch(key, len(written), robot.nv, f"joints: {_names(_slots(robot))}")
-        value[:] = written
+        value[:] = _checked(written, labels, key)
         active[:] = True
         return value, active
     slots = tangent_slots(robot)
@@ -143,7 +156,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         numbers = _as_list(entry)
         if len(numbers) != where.stop - where.start:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), where.stop - where.start)
-        value[where] = numbers
+        value[where] = _checked(numbers, labels[where], key)
         active[where] = True
     return value, active
 
@@ -159,7 +172,7 @@ def rate_from(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
 def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
     """Return `nv` weights from one number for all, a list, or a table by joint name (the others are zero)."""
     if isinstance(written, (int, float)):
-        return np.full(robot.nv, float(written))
+        return np.array(_checked([written] * robot.nv, robot.v_labels, key), dtype=np.float64)
     if not isinstance(written, Mapping):
         return tangent_from(robot, written, key)[0]
     slots = _tangent_sizes(robot)
@@ -179,11 +192,11 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
     """Return `nu` controls from one number for all, a list, or a table by actuator (the others are zero)."""
     names = [label.name for label in robot.u_labels]
     if isinstance(written, (int, float)):
-        return np.full(robot.nu, float(written))
+        return np.array(_checked([written] * robot.nu, robot.u_labels, key), dtype=np.float64)
     if not isinstance(written, Mapping):
         if len(written) != robot.nu:
             raise DimensionMismatch(key, len(written), robot.nu, f"actuators: {', '.join(names)}")
-        return np.array(written, dtype=np.float64)
+        return np.array(_checked(written, robot.u_labels, key), dtype=np.float64)
     u = np.zeros(robot.nu)
     for name, entry in written.items():
         if name not in names:
@@ -193,7 +206,8 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
         numbers = _as_list(entry)
         if len(numbers) != 1:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
-        u[names.index(name)] = numbers[0]
+        i = names.index(name)
+        u[i] = _checked(numbers, robot.u_labels[i : i + 1], key)[0]
     return u
 
 

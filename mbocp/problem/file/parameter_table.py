@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 from mbocp._keys import Key, Table
+from mbocp._measured import plain_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.parameter import OF_ROBOT, Parameter, ParameterCost
@@ -61,6 +62,9 @@ def _parameter(table: ParameterTable, index: int, robot: Robot) -> Parameter:
         raise InvalidValue(f"{key}.of", show(table.of), 'a number of the robot, as "robot.payload.NAME.mass"')
     words = [word.removeprefix(OF_ROBOT) for word in words]
     numbers = [take(robot, word) for word in words]
+    unit, said = numbers[0].unit, table.model_fields_set & {"min", "max", "start"}
+    plain = {name: plain_number(getattr(table, name), unit, f"{key}.{name}") for name in said}
+    table = table.model_copy(update=plain)
     if not table.min < table.max:
         raise InvalidValue(f"{key}.max", table.max, f"a number above {key}.min, {table.min:g}")
     _check_bounds(key, table, robot, words)

@@ -14,6 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, path_of, read_bytes, read_text
 from mbocp._keys import Key, Table, merge_tables
+from mbocp._measured import in_unit
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, Unreadable
 from mbocp.problem._checks import check_choice, choice
@@ -139,7 +140,11 @@ def _given(table: PathHead, kind: str, key: str) -> dict[str, Any]:
         if name not in PATH_KEYS[kind].model_fields:
             used = ", ".join(PATH_KEYS[kind].model_fields)
             raise ProblemError(f'{key}.{name}: kind = "{kind}" does not use it, but {used}')
-    return given
+    unit = "" if kind == ContactTerm.kind else PATH_TERMS[kind].unit
+    fields = PATH_KEYS[kind].model_fields
+    return {
+        name: in_unit(value, fields[name].metadata, unit, f"{key}.{name}") for name, value in given.items()
+    }
 
 
 def _contact(table: PathHead, key: str, given: dict[str, Any]) -> ContactForce:

@@ -311,7 +311,7 @@ def _unreachable(
         else "with no joint at a limit"
     )
     advice = "widen these limits, " if at else ""
-    question = "" if target.position is None else ask_millimetres(target.position)
+    question = "" if target.position is None else ask_millimetres(target.position, distance)
     words = (
         f"{key}: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
         f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free"

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._measured import plain_number
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.model_changes import unit_rotors
@@ -101,7 +102,9 @@ class DriveReader:
                 )
             speed, limit = _SPEEDS[kind.v[0][1]], float(self.names.model.upperVelocityLimit[dofs[0]])
         unit, own = (speed, limit) if table.control == "velocity" else (f"{speed}^2", np.inf)
-        limit = table.limit or limit_of(own)
+        limit = limit_of(own)
+        if table.limit is not None:
+            limit = plain_number(table.limit, unit, f"drive[{number}].limit")
         name = table.name or table.joint or table.frame or ""
         return Drive(name, table.control, dofs, frame, direction, unit, speed), limit
 
@@ -234,6 +237,9 @@ class ActuationReader:
     def _of_joint(self, joint: int, effort: float | None) -> Iterator[_Column]:
         where = joints.velocity_slice(self.names.model, joint)
         labels, limits = self._effort_labels[where], self.names.model.upperEffortLimit[where]
+        if effort is not None:
+            for label in labels:
+                plain_number(effort, label.unit, f"actuator: effort of {label.name!r}")
         for index, label, limit in zip(range(where.start, where.stop), labels, limits, strict=True):
             column = np.zeros(self.names.model.nv)  # a row of np.eye would keep the whole matrix
             column[index] = 1.0
@@ -272,7 +278,9 @@ def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
     efforts = (
         table.effort if isinstance(table.effort, list) else [table.effort or np.inf] * len(table.components)
     )
-    return [
-        (Label(f"{name}.{c}", "N" if c[0] == "f" else "N m"), np.eye(6)[order.index(c)], effort)
-        for c, effort in zip(table.components, efforts, strict=True)
-    ]
+    found = []
+    for c, effort in zip(table.components, efforts, strict=True):
+        label = Label(f"{name}.{c}", "N" if c[0] == "f" else "N m")
+        limit = plain_number(effort, label.unit, f"actuator: effort of {label.name!r}")
+        found.append((label, np.eye(6)[order.index(c)], limit))
+    return found

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
 from mbocp.robot.collision.source import ShapeSource
@@ -107,8 +108,10 @@ class Description:
             return pose_by_joint(model, self.q0, initial.q, self.name)
         # The option free_flyer may differ from the file.
         floats, meant = ROOT_JOINT in model.names, bool(self.table.free_flyer)
-        given = np.array(initial.q[_BASE_NQ:] if meant and not floats else initial.q)
+        values = initial.q[_BASE_NQ:] if meant and not floats else initial.q
         base = _BASE_NQ if floats and not meant else 0
+        units = [(label.name, label.unit) for label in joints.position_labels(model)[base:]]
+        given = np.array(plain_numbers(values, units, f"{self.file}: initial.q"))
         if given.shape != (model.nq - base,):
             raise DimensionMismatch(f"{self.file}: initial.q", given.shape, (model.nq - base,))
         q = np.concatenate([self.q0[:base], given])

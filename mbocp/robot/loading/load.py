@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mbocp._arrays import plain
+from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError
 from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
@@ -19,7 +20,7 @@ from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_
 from mbocp.robot.loading.robot_tables import payloads_of, read_elastic, read_inertias
 from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
-from mbocp.robot.named_numbers import with_numbers
+from mbocp.robot.named_numbers import take, with_numbers
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot
 
@@ -267,7 +268,10 @@ def load_keys(keys: RobotKeys, base: Path | None) -> Robot:
     if keys.payload is not None:
         spec["payload"] = []  # those that it has in the end name themselves
     robot = assemble_robot(named, keys.actuated, spec)
-    return with_numbers(robot, keys.numbers) if keys.numbers else robot
+    if not keys.numbers:
+        return robot
+    numbers = keys.numbers.items()
+    return with_numbers(robot, {w: plain_number(x, take(robot, w).unit, f"numbers.{w}") for w, x in numbers})
 
 
 def _alone(keys: RobotKeys, base: Path | None) -> tuple[Description, dict[str, Any]]:

@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array
+from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.large import check_working_memory
@@ -86,6 +87,7 @@ def joint_configuration(model: pin.Model, joint: int, value: float | ArrayLike, 
     """
     kind, name = joints.joint_kind(model, joint), model.names[joint]
     where = f"robot {robot!r}: joint {name!r}"
+    value = _plain(value, kind, where)
     array = np.atleast_1d(np.array(value, dtype=float))
     if not np.isfinite(array).all():
         raise InvalidValue(where, array.tolist(), "finite numbers")
@@ -128,6 +130,21 @@ def refuse_follower(model: pin.Model, joint: int, robot: str) -> None:
                 f"robot {robot!r}: joint {model.names[joint]!r} mimics {model.names[leader]!r} and has no "
                 f"position or control of its own: name {model.names[leader]!r}, or load with mimic = false"
             )
+
+
+def _plain(value: float | ArrayLike, kind: joints.JointKind, where: str) -> Any:
+    """Numbers whose units, where they have some, are those of the joint."""
+    values: Any = [value] if isinstance(value, float) else value
+    if not isinstance(values, list | tuple):
+        return value
+    units = list(kind.q)
+    if kind.word in ("continuous", "planar") and len(values) == len(units) - 1:
+        units[-2:] = [("angle", "rad")]
+    return plain_numbers(values, units, where)
+
+
+def _slice_of(model: pin.Model, name: str) -> slice:
+    return joints.configuration_slice(model, list(model.names).index(name))
 
 
 def decided_by_locks(

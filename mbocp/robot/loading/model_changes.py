@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.loading.description import ROOT_JOINT, Description
@@ -130,6 +131,13 @@ def _add_motor(model: pin.Model, joint: int, row: ElasticTable) -> ElasticJoint:
     kind = _ROTORS[joints.joint_kind(model, joint).word]()
     motor = model.addJoint(0, kind, pin.SE3.Identity(), motor_of(row.joint))
     model.addJointFrame(motor)
+    unit = "m" if joints.joint_kind(model, joint).word == "prismatic" else "rad"
+    row = row.model_copy(
+        update={
+            key: plain_number(getattr(row, key), unit, f"elastic: {row.joint!r}: {key}")
+            for key in ("stiffness", "damping", "motor_inertia")
+        }
+    )
     link, rotor = (joints.velocity_slice(model, one).start for one in (joint, motor))
     for key in ("armature", "rotorInertia"):
         numbers = getattr(model, key)  # a rotor that a file gives the joint is this one

@@ -228,6 +228,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
         dict[str, Number] | None,
         Key(
             'other values of [its numbers](parameters.md), as `"joint.elbow.length" = 0.4`',
+            "those of the number",
             default="those of its files",
             takes="table",
         ),

@@ -9,6 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from mbocp._keys import Key, Kind
 from mbocp._keys import Table as KeyTable
+from mbocp._measured import Measured
 from mbocp._numbers import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
@@ -49,8 +50,8 @@ def _name(value: Any) -> str:
     return value
 
 
-Inertia: TypeAlias = Annotated[Any, BeforeValidator(_inertia)]
-Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number)]
+Inertia: TypeAlias = Annotated[Any, BeforeValidator(_inertia), Measured("kg m^2")]
+Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number), Measured("kg")]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
 
@@ -71,9 +72,9 @@ class ShapeTable(BaseModel):
     mass: Mass | None = None
     com: Position = (0.0, 0.0, 0.0)
     inertia: Inertia = (0.0,) * 6
-    box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3))] = None
-    sphere: Annotated[Any, BeforeValidator(finite_number)] = None
-    cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2))] = None
+    box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3)), Measured("m")] = None
+    sphere: Annotated[Any, BeforeValidator(finite_number), Measured("m")] = None
+    cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2)), Measured("m")] = None
 
 
 class PayloadTable(ShapeTable):
@@ -150,7 +151,7 @@ def motor_of(joint: str) -> str:
 class LinkTable(Table):
     """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
 
-    mass: _Positive
+    mass: Annotated[_Positive, Measured("kg")]
     com: Position | None = None
     inertia: Inertia | None = None
 

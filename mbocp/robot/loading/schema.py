@@ -18,6 +18,7 @@ from pydantic import (
 )
 
 from mbocp._files import read_toml
+from mbocp._measured import Measured
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, PayloadTable
@@ -25,9 +26,11 @@ from mbocp.robot.loading.table_types import (
     Component,
     FramePair,
     Length,
+    Metres,
     Number,
     Numbers,
     PairTable,
+    Place,
     PositiveNumber,
     Printable,
     Table,
@@ -57,7 +60,7 @@ class JointActuator(Table):
 
     type: Literal["joint"]
     joint: str
-    effort: PositiveFloat | None = None
+    effort: Annotated[PositiveFloat, Measured("N, N m")] | None = None
 
 
 class Wrench(Table):
@@ -67,7 +70,7 @@ class Wrench(Table):
     frame: str
     name: str | None = None
     components: list[Component] = Field(default=["fx", "fy", "fz", "mx", "my", "mz"], min_length=1)
-    effort: PositiveFloat | list[PositiveFloat] | None = None
+    effort: Annotated[PositiveFloat | list[PositiveFloat], Measured("N, N m")] | None = None
 
     @model_validator(mode="after")
     def _one_effort_a_component(self) -> Wrench:
@@ -85,9 +88,9 @@ class Thruster(Table):
     frame: str
     name: str | None = None
     axis: Vector3 = (0.0, 0.0, 1.0)
-    position: Vector3 = (0.0, 0.0, 0.0)
-    torque_ratio: Number = 0.0
-    effort: PositiveFloat | None = None
+    position: Place = (0.0, 0.0, 0.0)
+    torque_ratio: Annotated[Number, Measured("m")] = 0.0
+    effort: Annotated[PositiveFloat, Measured("N")] | None = None
 
     @model_validator(mode="after")
     def _axis_has_a_direction(self) -> Thruster:
@@ -105,7 +108,7 @@ class DriveTable(Table):
     direction: Vector3 | None = None
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     control: Literal["velocity", "acceleration"]
-    limit: PositiveFloat | None = None
+    limit: Annotated[PositiveFloat, Measured("those of the number")] | None = None  # of the control
 
     @model_validator(mode="after")
     def _a_joint_or_a_frame(self) -> DriveTable:
@@ -127,9 +130,9 @@ class QuarticSpringTable(PairTable):
     """A spring with a quartic potential."""
 
     type: Literal["quartic"] = "quartic"
-    stiffness: PositiveNumber | None = None
-    coefficient: PositiveNumber | None = None
-    length: PositiveNumber | None = None
+    stiffness: Annotated[PositiveNumber, Measured("N/m")] | None = None
+    coefficient: Annotated[PositiveNumber, Measured("N/m^3")] | None = None
+    length: Metres | None = None
 
     @model_validator(mode="after")
     def _one_strength(self) -> QuarticSpringTable:
@@ -141,15 +144,15 @@ class QuarticSpringTable(PairTable):
 class SpringDamperTable(PairTable):
     """A linear spring and damper."""
 
-    stiffness: Length = 0.0
-    damping: Length = 0.0
-    length: Length | None = None
+    stiffness: Annotated[Length, Measured("N/m")] = 0.0
+    damping: Annotated[Length, Measured("N s/m")] = 0.0
+    length: Annotated[Length, Measured("m")] | None = None
 
 
 class InitialTable(Table):
     """[initial]: the initial pose, as the whole configuration or by joint."""
 
-    q: list[Number] | dict[str, Numbers]
+    q: Annotated[list[Number] | dict[str, Numbers], Measured("m, rad")]
 
 
 class VisualTable(Table):
@@ -157,7 +160,7 @@ class VisualTable(Table):
 
     type: Literal["rod", "spring", "line", "none"]
     frames: FramePair
-    radius: PositiveNumber | None = None
+    radius: Metres | None = None
     color: list[Annotated[FiniteFloat, Field(ge=0, le=1)]] | None = Field(
         default=None, min_length=3, max_length=4
     )
@@ -167,8 +170,8 @@ class CollisionSphereTable(Table):
     """A sphere that stands for a part of a link where it may collide."""
 
     frame: str
-    center: Vector3 = (0.0, 0.0, 0.0)
-    radius: PositiveNumber
+    center: Place = (0.0, 0.0, 0.0)
+    radius: Metres
 
 
 # Keys that say how a model is read; a file that assembles parts has none.
@@ -198,14 +201,14 @@ class RobotTable(Table):
     urdf: str = "robot.urdf"
     package_dirs: list[str] = Field(default=[])
     free_flyer: bool | None = None
-    gravity: Vector3 | None = None
-    lock: list[str] | dict[str, Numbers] = Field(default=[])
+    gravity: Annotated[Vector3, Measured("m/s^2")] | None = None
+    lock: Annotated[list[str] | dict[str, Numbers], Measured("m, rad")] = Field(default=[])
     mimic: bool | None = None
     dynamics: bool | None = None
     inertias: InertiasTable | None = None
     damping: bool | None = None
     friction: Literal["none", "smooth"] | None = None
-    friction_speed: PositiveNumber | None = None
+    friction_speed: Annotated[PositiveNumber, Measured("m/s, rad/s")] | None = None
     arguments: dict[str, str | bool | int | float] | None = None
     spherical: list[str] = Field(default=[])
     rotations: Literal["quaternion", "dcm"] | None = None

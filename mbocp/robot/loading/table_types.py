@@ -19,6 +19,7 @@ from pydantic import (
 )
 
 from mbocp._arrays import plain
+from mbocp._measured import Measured
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import RobotError, suggest
@@ -28,9 +29,11 @@ _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
 PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
+Metres: TypeAlias = Annotated[PositiveNumber, Measured("m")]
 Vector3: TypeAlias = tuple[Number, Number, Number]
 Numbers: TypeAlias = Number | list[Number]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_MAX_VALUE)]
+Place: TypeAlias = Annotated[Vector3, Measured("m")]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -97,8 +100,10 @@ def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
-Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3))]
-Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4))]
+Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3)), Measured("m")]
+Orientation: TypeAlias = Annotated[
+    Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4)), Measured("rad")
+]
 
 
 def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tuple[str, str]:
@@ -136,12 +141,17 @@ def _key(data: Any, loc: tuple[int | str, ...], *, absent: bool) -> str:
     for position, step in enumerate(loc):
         if isinstance(step, int):
             parts.append(f"[{step}]")
-        elif (absent and position == last) or (isinstance(node, dict) and step in node):
+        elif (absent and position == last) or _has(node, step, is_last=position == last):
             parts.append(f".{step}")
         else:
             continue
         node = _child(node, step)
     return "".join(parts).lstrip(".")
+
+
+def _has(node: Any, step: str, *, is_last: bool) -> bool:
+    """Whether a step leads on: a tag may have the name of a key, which holds no more steps."""
+    return isinstance(node, dict) and step in node and (is_last or isinstance(node[step], dict | list))
 
 
 def _child(node: Any, step: int | str) -> Any:

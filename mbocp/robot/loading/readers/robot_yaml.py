@@ -113,7 +113,8 @@ def read(path: Path, name: str, how: Reading) -> Description:
     urdf = read_urdf(_model_file(path))
     table, urdf = told.table(urdf), told.with_joints(urdf, path)
     found = describe_urdf(urdf, replace(how, mimic=bool(how.mimic)))
-    return replace(found, name=name, file=path, table=table)
+    loops = [*found.table.constraints, *table.constraints]
+    return replace(found, name=name, file=path, table=table.model_copy(update={"constraints": loops}))
 
 
 def companions(path: Path) -> tuple[Path, ...]:

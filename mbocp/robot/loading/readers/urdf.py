@@ -22,9 +22,11 @@ from mbocp.robot.loading.limits import Follower
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
+from mbocp.robot.loading.readers.urdf_loops import read_loops
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
 from mbocp.robot.loading.readers.urdf_xml import Urdf, find_srdf, finite_numbers, parse_urdf
+from mbocp.robot.loading.schema import RobotTable, tables_from
 
 _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
@@ -79,7 +81,7 @@ def check_urdf(urdf: Urdf) -> Urdf:
 def describe_urdf(urdf: Urdf, how: Reading) -> Description:
     """Make the description of what a URDF says, which `read_urdf` returned."""
     urdf, estimated = (urdf, ()) if how.inertias is None else with_inertias(urdf, how.inertias, how.folders)
-    mimic = how.mimic is not False
+    mimic, loops = how.mimic is not False, read_loops(urdf.path, urdf.root)
     model = build_model(urdf, free_flyer=bool(how.free_flyer), mimic=mimic)
     return Description(
         name=urdf.name,
@@ -91,6 +93,7 @@ def describe_urdf(urdf: Urdf, how: Reading) -> Description:
         followers=followers(urdf.path, urdf.root) if mimic else (),
         shapes=(shapes_of(urdf, how.folders),),
         link_inertias=estimated,
+        table=tables_from({"constraint": loops}) if loops else RobotTable.model_construct(),
     )
 
 

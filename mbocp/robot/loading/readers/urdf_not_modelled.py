@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from mbocp._text import list_names, shorten, show
 from mbocp._warn import warn_caller
 from mbocp.robot.loading.readers.urdf_inertia import read_inertials
+from mbocp.robot.loading.readers.urdf_loops import LEFT_OUT
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number
 from mbocp.robot.warnings import NotModelledWarning
 
@@ -23,7 +24,7 @@ _ROTORS = ("rotorInertia", "rotor_inertia", "motorInertia", "motor_inertia", "ar
 _NO = ("false", "0")
 _LOOP_HINT = "[[constraint]] of a robot.toml closes loops"
 _KNOWN = {
-    "robot": ("link", "joint", "material", "transmission", "gazebo", "sensor"),
+    "robot": ("link", "joint", "material", "transmission", "gazebo", "sensor", "constraint"),
     "link": ("inertial", "visual", "collision"),
     "inertial": ("origin", "mass", "inertia"),
     "joint": (
@@ -65,8 +66,9 @@ def _extensions(root: ElementTree.Element) -> Iterator[str]:
             if _not_zero(child_attribute(joint, "dynamics", key)):
                 yield f"{_what(key)} of joint {show(joint.get('name'))} (<dynamics {key}>)"
     yield from _losses_without_an_axis(root)
-    for loop in root.iterfind("loop_joint"):
-        yield f"the loop that <loop_joint> {show(loop.get('name'))} closes ({_LOOP_HINT})"
+    for loop in root:
+        if loop.tag in LEFT_OUT:
+            yield f"the loop that <{loop.tag}> {show(loop.get('name'))} closes ({_LOOP_HINT})"
     for element in root.iterfind("gazebo"):
         yield from _gazebo(element)
     yield from _weightless(root)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
 from mbocp._arrays import Array
+from mbocp._measured import Measured, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.loading.table_reader import TableReader
@@ -63,7 +64,7 @@ class Coupling(Constraint):
         type: Literal["coupling"]
         joints: FramePair
         ratio: Number = 1.0
-        offset: Number = 0.0
+        offset: Annotated[Number, Measured("m, rad")] = 0.0
 
         @model_validator(mode="after")
         def _two_joints(self) -> Coupling.Keys:
@@ -87,7 +88,8 @@ class Coupling(Constraint):
                     reason = f"joint {named!r} is {kind.word} and has {len(kind.v)} velocities"
                     places.refuse(f"{where}.joints", f"{reason}; a coupling takes joints with one")
             periodic = (not kinds[0].is_vector, not kinds[1].is_vector)
-            return Coupling(name, a, b, self.ratio, self.offset, self.joints, kinds[0].v[0][1], periodic)
+            offset = plain_number(self.offset, kinds[0].v[0][1], f"{where}.offset")
+            return Coupling(name, a, b, self.ratio, offset, self.joints, kinds[0].v[0][1], periodic)
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.ratio) or self.ratio == 0.0:

@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loading.table_types import PositiveNumber
+from mbocp.robot.loading.table_types import Metres
 from mbocp.robot.loops.kinds.axes import Axis
 from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
@@ -47,7 +47,7 @@ class Rod(FrameConstraint):
         """A rigid massless rod."""
 
         type: Literal["rod"]
-        length: PositiveNumber | None = None
+        length: Metres | None = None
 
         def make(self, name: str, where: str, places: TableReader) -> Rod:
             """Make the rod; a length that is not given is measured."""

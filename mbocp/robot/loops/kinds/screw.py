@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
 from mbocp._arrays import Array
+from mbocp._measured import Measured
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction, Number
@@ -60,7 +61,7 @@ class Screw(FrameConstraint):
         """Two frames share an axis, and the first slides along it as it turns about it."""
 
         type: Literal["screw"]
-        pitch: Number
+        pitch: Annotated[Number, Measured("m")]
         axis: Direction = Z
         axis_b: Direction | None = None
 
