@@ -24,6 +24,7 @@ struct Stage {
 
     // Of a dense step: derivatives, and factors.
     double *Jw, *Js, *Hww, *Hws, *Hss, *LU;
+    double* lead;  // -A^{-1} of its direct rows' lead, A a + B z + C s, with D = -A^{-1} B and J = -A^{-1} C behind it
     int* pivot;
     StepFactors factors_of;
 

@@ -139,13 +139,18 @@ Form DenseElimination::form_of_rest(const Stage& s, double shift) {
     dense::zero(form.of_state, (k.couples_controls ? padded(nd + nu) : pd) * ld);
     double *H = space.take(nw + 1, pw), *M = space.take(pz, ld), *Y = space.zeros(nz, ps), *G = space.take(pz, pz);
     double *B = space.take(pw), *D = space.zeros(pw), *J = space.zeros(pw), *part_J = space.zeros(pw);
+    const Lead lead(s);
+    const int num_lead = Joints ? 0 : lead.size;  // few joints have none, see find_direct
     add_up<Joints>(s, shift, H);
     dense::gather(na, 1.0, s.Jw + na, pw + 1, D);
     dense::gather(na, 1.0, s.Js, ps + 1, J), dense::gather(na, part, s.Js, ps + 1, part_J);
+    for (double* diagonal : {D, J, part_J}) dense::zero(diagonal, num_lead);
     const auto columns = [&](const Box& box) { return padded(box.columns); };
     for (int i = k.of_Hws.row; i < k.of_Hws.row + k.of_Hws.rows; ++i) {
         const int at = k.of_Hws.column, into = i < na ? i : i - na;
         dense::axpy(columns(k.of_Hws), i < na ? D[i] : 1.0, s.Hws + i * ps + at, Y + into * ps + at);
+        for (int j = 0; j < num_lead && i < num_lead; ++j)
+            dense::axpy(columns(k.of_Hws), lead.D[i * lead.ld + j], s.Hws + i * ps + at, Y + j * ps + at);
     }
     for (int i = 0; i < nz; ++i) {
         double *m = M + i * ld, *y = Y + i * ps, *g = G + i * pz;
@@ -153,13 +158,22 @@ Form DenseElimination::form_of_rest(const Stage& s, double shift) {
         const double d = i < na ? D[i] : 0.0;
         for (int j = 0; j < pw; j += dense::width)  // row i of L'H
             dense::store(B + j, i < na ? d * dense::load(a + j) + dense::load(z + j) : dense::load(z + j));
+        for (int j = 0; j < num_lead && i < num_lead; ++j) dense::axpy(pw, lead.D[j * lead.ld + i], H + j * pw, B);
         for (int j = 0; j < pg; j += dense::width) {
             dense::Vec v = na + i < nd ? dense::load(S + na * pg + j) : dense::Vec{};
             dense::store(m + j, i < na ? v + d * dense::load(S + j) : v);
         }
+        for (int j = 0; j < num_lead && i < num_lead; ++j) dense::axpy(pg, lead.D[j * lead.ld + i], s.S + j * pg, m);
         for (int j = 0; j < pz; j += dense::width) {  // not from B: the processor waits for what crosses its vectors
             const dense::Vec beside = d * dense::load(a + na + j) + dense::load(z + na + j);
             dense::store(g + j, part * (beside + dense::load(D + j) * dense::load(B + j)));
+        }
+        if (i < num_lead)
+            for (int j = 0; j < pz; j += dense::width)
+                dense::store(g + j, part * (dense::load(B + na + j) + dense::load(D + j) * dense::load(B + j)));
+        for (int j = 0; j < num_lead; ++j) {
+            dense::axpy(lead.ld, part * B[j], lead.D + j * lead.ld, g);
+            dense::axpy(lead.ld, B[j], lead.J + j * lead.ld, y);
         }
         dense::multiply_add(na, J, B, y);
         for (const auto& [row, column] : k.before) y[column] += s.Js[row * ps + column] * B[row];
@@ -170,15 +184,21 @@ Form DenseElimination::form_of_rest(const Stage& s, double shift) {
         double* q = form.of_state + i * ld;
         dense::copy(s.S + i * pg, q, pg);
         dense::multiply_add(na, part_J, H + i * pw, q + pg);
+        for (int j = 0; j < num_lead; ++j) dense::axpy(lead.ld, part * H[i * pw + j], lead.J + j * lead.ld, q + pg);
         for (const auto& [row, column] : k.before) q[pg + column] += part * s.Js[row * ps + column] * H[i * pw + row];
     }
     for (int i = k.of_Hws.row; i < std::min(na, k.of_Hws.row + k.of_Hws.rows); ++i) {
         const int at = k.of_Hws.column;
         dense::axpy(columns(k.of_Hws), 2.0 * part, s.Hws + i * ps + at, form.of_state + i * ld + pg + at);
     }
-    double* rows = space.take(k.before.empty() ? 0 : na, ld);
-    if (!k.before.empty()) dense::copy(form.of_state, rows, na * ld);
-    for (int i = 0; i < na; ++i)
+    const int num_kept = k.before.empty() ? num_lead : na;
+    double* rows = space.take(num_kept, ld);
+    dense::copy(form.of_state, rows, num_kept * ld);
+    dense::zero(form.of_state, num_lead * ld);
+    for (int i = 0; i < num_lead; ++i)
+        for (int j = 0; j < num_lead; ++j)
+            dense::axpy(ld, lead.J[j * lead.ld + i], rows + j * ld, form.of_state + i * ld);
+    for (int i = num_lead; i < na; ++i)
         if (J[i] != 1.0) dense::scaled(ld, J[i], form.of_state + i * ld, form.of_state + i * ld);
     for (const auto& [row, column] : k.before)
         dense::axpy(ld, s.Js[row * ps + column], rows + row * ld, form.of_state + column * ld);

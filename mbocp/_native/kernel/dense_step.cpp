@@ -49,10 +49,11 @@ struct BlocksOf {
     double B(const Kind::Entry& entry) const { return Jw[entry.row * pw + entry.column]; }
 };
 
-// Whether the kind's direct rows are a = D z + J s here, with D small enough to lose no digits without pivoting.
+// Whether the kind's direct rows, but for their lead, are a = D z + J s here, with D small enough to lose no digits
+// without pivoting.
 bool has_direct_rows(const Stage& s) {
     const int na = s.kind->num_direct, pw = padded(s.kind->nw());
-    for (int i = 0; i < na; ++i)
+    for (int i = s.kind->lead; i < na; ++i)
         if (s.Jw[i * (pw + 1)] != -1.0 || !(std::abs(s.Jw[i * (pw + 1) + na]) <= 1.0)) return false;
     return na > 0;
 }
@@ -66,6 +67,25 @@ void add_transposed(const Box& box, const double* A, int lda, const double* x, d
 }
 
 }  // namespace
+
+void Lead::divide(double* c) const {
+    double divided[dense::most_inverted] = {};
+    dense::gemv(size, size, N, ld, c, divided);
+    std::copy_n(divided, size, c);
+}
+void Lead::divide_transposed(double* w) const {
+    double divided[dense::most_inverted] = {};
+    dense::gemv_t(size, size, N, ld, w, divided);
+    std::copy_n(divided, size, w);
+}
+void Lead::add_before(const double* ds, const double* z, double* a) const {
+    dense::gemv(size, size, J, ld, ds, a);
+    dense::gemv(size, size, D, ld, z, a, -1.0);
+}
+void Lead::add_transposed(const double* a, double* z, double* ds) const {
+    dense::gemv_t(size, size, D, ld, a, z);
+    dense::gemv_t(size, size, J, ld, a, ds);
+}
 
 std::unique_ptr<Step> make_step(const Problem& problem, Data& data) {
     if (problem.is_structured()) return std::make_unique<StructuredStep>(problem, data);
@@ -97,8 +117,12 @@ void DenseStep::store_first(int n, const StageFunction& f) {
 void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* c) const {
     const Stage& s = data_[n];
     const Kind& k = *s.kind;
-    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns());
-    for (int i = 0; i < na; ++i) {
+    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns()), lead = k.lead;
+    if (lead) {
+        dense::gemv(lead, lead, s.Jw, pw, dw, c), dense::gemv(lead, lead, s.Jw + na, pw, dw + na, c);
+        dense::gemv(lead, lead, s.Js, ps, ds, c);
+    }
+    for (int i = lead; i < na; ++i) {
         const double* row = s.Jw + i * (pw + 1);
         c[i] += row[0] * dw[i] + row[na] * dw[na + i] + s.Js[i * (ps + 1)] * ds[i];
     }
@@ -110,16 +134,18 @@ void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* 
 void DenseStep::add_jacobian_transposed(int n, const double* dm, double* w, double* s) const {
     const Stage& at = data_[n];
     const Kind& k = *at.kind;
-    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns());
+    const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns()), lead = k.lead;
     if (w) {
-        for (int i = 0; i < na; ++i) {
+        if (lead) dense::gemv_t(lead, lead, at.Jw, pw, dm, w), dense::gemv_t(lead, lead, at.Jw + na, pw, dm, w + na);
+        for (int i = lead; i < na; ++i) {
             const double* row = at.Jw + i * (pw + 1);
             w[i] += row[0] * dm[i], w[na + i] += row[na] * dm[i];
         }
         dense::gemv_t(nz, k.nw(), at.Jw + na * pw, pw, dm + na, w);
     }
     if (!s) return;
-    for (int i = 0; i < na; ++i) s[i] += at.Js[i * (ps + 1)] * dm[i];
+    if (lead) dense::gemv_t(lead, lead, at.Js, ps, dm, s);
+    for (int i = lead; i < na; ++i) s[i] += at.Js[i * (ps + 1)] * dm[i];
     for (const auto& [i, j] : k.before) s[j] += at.Js[i * ps + j] * dm[i];
     dense::gemv_t(nz, k.ns(), at.Js + na * ps, ps, dm + na, s);
 }
@@ -143,22 +169,45 @@ double DenseStep::factor(int n, int thread) {
     Stage& s = data_[n];
     const Kind& k = *s.kind;
     if (is_minus_identity(s)) return s.factors_of = StepFactors::none, 1.0;
-    if (has_direct_rows(s)) return factor_rest(s, thread);
+    const double of_lead = has_direct_rows(s) ? factor_lead(s) : 0.0;
+    if (of_lead > 0.0) return std::min(of_lead, factor_rest(s, thread));
     if (k.blocks.upper) return factor_blocks(s);
     s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
 }
 
+// 0 where it is singular, or has a large D; 1 where there is none.
+double DenseStep::factor_lead(Stage& s) const {
+    const Lead lead(s);
+    const int n = lead.size, ld = lead.ld, na = s.kind->num_direct, pw = padded(s.kind->nw());
+    if (!n) return 1.0;
+    double *N = s.lead, *of_w = N + n * ld, *of_s = of_w + n * ld, row[dense::most_inverted];
+    const auto divided = [&](const double* given, int ldg, double* by) {  // by += N given
+        for (int k = 0; k < n; ++k) {
+            copy_row(given + k * ldg, row, n);
+            for (int i = 0; i < n; ++i) dense::axpy(ld, N[i * ld + k], row, by + i * ld);
+        }
+    };
+    for (int i = 0; i < n; ++i) copy_row(s.Jw + i * pw, N + i * ld, n);
+    const double pivot = dense::factor(n, N, ld, s.pivot);
+    dense::scaled(n * ld, -1.0, N, N), dense::zero(of_w, 2 * n * ld);
+    divided(s.Jw + na, pw, of_w), divided(s.Js, padded(s.kind->ns()), of_s);
+    return dense::largest(n * ld, of_w) <= 1.0 ? pivot : 0.0;
+}
+
 double DenseStep::factor_rest(Stage& s, int thread) const {
     const int nw = s.kind->nw(), pw = padded(nw), na = s.kind->num_direct, nz = nw - na, pz = padded(nz);
+    const Lead lead(s);
     double* D = space(thread).take(na);
     dense::gather(na, 1.0, s.Jw + na, pw + 1, D);
+    dense::zero(D, lead.size);
     s.factors_of = StepFactors::rest;
     for (int i = 0; i < nz; ++i) {
         const double* row = s.Jw + (na + i) * pw;
         copy_row(row + na, s.LU + i * pz, nz);
         dense::multiply_add(na, row, D, s.LU + i * pz);
+        for (int k = 0; k < lead.size; ++k) dense::axpy(lead.ld, row[k], lead.D + k * lead.ld, s.LU + i * pz);
     }
     return dense::factor(nz, s.LU, pz, s.pivot);
 }
@@ -198,10 +247,14 @@ void DenseStep::solve(int n, double* c) const {
     }
     if (s.factors_of == StepFactors::blocks) return solve_blocks(s, c);
     const int na = s.kind->num_direct, nz = nc - na;
+    const Lead lead(s);
     double* z = c + na;
+    if (lead.size) lead.divide(c);
     dense::gemv(nz, na, s.Jw + na * pw, pw, c, z);
     dense::solve_vector(nz, s.LU, padded(nz), s.pivot, z);
-    for (int i = 0; i < na; ++i) c[i] = s.Jw[i * (pw + 1) + na] * z[i] - c[i];
+    for (int i = 0; i < lead.size; ++i) c[i] = -c[i];
+    if (lead.size) dense::gemv(lead.size, lead.size, lead.D, lead.ld, z, c);
+    for (int i = lead.size; i < na; ++i) c[i] = s.Jw[i * (pw + 1) + na] * z[i] - c[i];
 }
 
 void DenseStep::solve_transposed(int n, double* w) const {
@@ -212,10 +265,14 @@ void DenseStep::solve_transposed(int n, double* w) const {
     for (int i = 0; i < nc && s.factors_of == StepFactors::none; ++i) w[i] = -w[i];
     if (s.factors_of == StepFactors::none) return;
     const int na = s.kind->num_direct, nz = nc - na;
+    const Lead lead(s);
     double* z = w + na;
-    for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * w[i], w[i] = -w[i];
+    if (lead.size) dense::gemv_t(lead.size, lead.size, lead.D, lead.ld, w, z);
+    for (int i = lead.size; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * w[i];
+    for (int i = 0; i < na; ++i) w[i] = -w[i];
     dense::solve_transposed(nz, s.LU, padded(nz), s.pivot, z);
     dense::gemv_t(nz, na, s.Jw + na * pw, pw, z, w);
+    if (lead.size) lead.divide_transposed(w);
 }
 
 void DenseStep::solve_blocks(const Stage& s, double* c) const {
@@ -259,13 +316,16 @@ double DenseStep::prepare_response(int n, int thread) {
 void DenseStep::respond_rest(const Stage& s, int thread) const {
     const Kind& k = *s.kind;
     const int nw = k.nw(), na = k.num_direct, nz = nw - na, pw = padded(nw), ps = padded(k.ns());
+    const Lead lead(s);
     double *V = s.T + na * ps, *minus_J = space(thread).take(na);
     dense::gather(na, -1.0, s.Js, ps + 1, minus_J);
+    dense::zero(minus_J, lead.size);
     for (int i = 0; i < nz; ++i) {
         const double* A = s.Jw + (na + i) * pw;
         double* v = V + i * ps;
         dense::scaled(ps, -1.0, s.Js + (na + i) * ps, v);
         dense::multiply_add(na, A, minus_J, v);
+        for (int j = 0; j < lead.size; ++j) dense::axpy(lead.ld, -A[j], lead.J + j * lead.ld, v);
         for (const auto& [row, column] : k.before) v[column] -= A[row] * s.Js[row * ps + column];
     }
     dense::solve(nz, s.LU, padded(nz), s.pivot, V, ps, ps);
@@ -281,7 +341,13 @@ void add_hessian_of(const Stage& at, const double* dw, double* w, double* s) {
 void complete_response(const Stage& s) {
     if (s.factors_of != StepFactors::rest) return;
     const int na = s.kind->num_direct, pw = padded(s.kind->nw()), ps = padded(s.kind->ns());
-    for (int i = 0; i < na; ++i) {
+    const Lead lead(s);
+    for (int i = 0; i < lead.size; ++i) {
+        dense::zero(s.T + i * ps, ps);
+        dense::copy(lead.J + i * lead.ld, s.T + i * ps, lead.size);
+        for (int k = 0; k < lead.size; ++k) dense::axpy(ps, lead.D[i * lead.ld + k], s.T + (na + k) * ps, s.T + i * ps);
+    }
+    for (int i = lead.size; i < na; ++i) {
         dense::copy(s.Js + i * ps, s.T + i * ps, ps);
         dense::axpy(ps, s.Jw[i * (pw + 1) + na], s.T + (na + i) * ps, s.T + i * ps);
     }
@@ -292,11 +358,14 @@ void add_response(const Stage& s, const double* ds, double* dw) {
     const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
     if (s.factors_of != StepFactors::rest) return dense::gemv(nw, ns, s.T, ps, ds, dw);
     const int na = k.num_direct, nz = nw - na;
+    const Lead lead(s);
     double* z = dw + na;
-    for (int i = 0; i < na; ++i) dw[i] += s.Js[i * (ps + 1)] * ds[i] - s.Jw[i * (pw + 1) + na] * z[i];
+    if (lead.size) lead.add_before(ds, z, dw);
+    for (int i = lead.size; i < na; ++i) dw[i] += s.Js[i * (ps + 1)] * ds[i] - s.Jw[i * (pw + 1) + na] * z[i];
     for (const auto& [row, column] : k.before) dw[row] += s.Js[row * ps + column] * ds[column];
     dense::gemv(nz, ns, s.T + na * ps, ps, ds, z);
-    for (int i = 0; i < na; ++i) dw[i] += s.Jw[i * (pw + 1) + na] * z[i];
+    if (lead.size) dense::gemv(lead.size, lead.size, lead.D, lead.ld, z, dw);
+    for (int i = lead.size; i < na; ++i) dw[i] += s.Jw[i * (pw + 1) + na] * z[i];
 }
 
 void add_response_transposed(const Stage& s, double* dw, double* ds) {
@@ -304,8 +373,10 @@ void add_response_transposed(const Stage& s, double* dw, double* ds) {
     const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
     if (s.factors_of != StepFactors::rest) return dense::gemv_t(nw, ns, s.T, ps, dw, ds);
     const int na = k.num_direct, nz = nw - na;
+    const Lead lead(s);
     double* z = dw + na;
-    for (int i = 0; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * dw[i], ds[i] += s.Js[i * (ps + 1)] * dw[i];
+    if (lead.size) lead.add_transposed(dw, z, ds);
+    for (int i = lead.size; i < na; ++i) z[i] += s.Jw[i * (pw + 1) + na] * dw[i], ds[i] += s.Js[i * (ps + 1)] * dw[i];
     for (const auto& [row, column] : k.before) ds[column] += s.Js[row * ps + column] * dw[row];
     dense::gemv_t(nz, ns, s.T + na * ps, ps, z, ds);
 }

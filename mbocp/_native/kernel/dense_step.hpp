@@ -1,7 +1,9 @@
 // Steps of 4 to 100 unknowns, as whole matrices.
 //
 // Rows that only add up speeds, a = D z + J s with w = (a, z), are not factorised: with Jw = [-1 D; A E] what is left
-// is E + A D, of half the size. Where Jw is a triangle of blocks by its pattern, only those on its diagonal are.
+// is E + A D, of half the size. The first of them, as those of a floating base, may have blocks in place of diagonals,
+// and another one than -1, by which they are divided first. Where Jw is a triangle of blocks by its pattern, only those
+// on its diagonal are.
 #pragma once
 
 #include "step.hpp"
@@ -30,6 +32,7 @@ public:
 
 private:
     double factor(int n, int thread);
+    double factor_lead(Stage& s) const;
     double factor_rest(Stage& s, int thread) const;
     void respond_rest(const Stage& s, int thread) const;
     double factor_blocks(Stage& s) const;
@@ -42,6 +45,20 @@ private:
     Data& data_;
     Pool work_;
     std::size_t size_;  // of what a thread has of it
+};
+
+// Blocks of the direct rows' lead, see Stage.
+struct Lead {
+    explicit Lead(const Stage& s)
+        : size(s.kind->lead), ld(dense::padded(size)), N(s.lead), D(N + size * ld), J(D + size * ld) {}
+
+    void divide(double* c) const;  // c <- N c, and w <- N'w
+    void divide_transposed(double* w) const;
+    void add_before(const double* ds, const double* z, double* a) const;  // a += J ds - D z
+    void add_transposed(const double* a, double* z, double* ds) const;    // z += D'a, ds += J'a
+
+    const int size, ld;
+    const double *N, *D, *J;
 };
 
 // The response T of a dense step, of which there are the rows of z alone where direct rows are left out:

@@ -37,22 +37,39 @@ bool has_diagonal(const Pattern& J, int nw) {
     return count == nw;
 }
 
-// Leading rows of the state with w_i and at most the entry of w_{n + i} beside it, n the number of such rows.
-int count_direct(const Pattern& J, int nw, int ndx) {
+struct Direct {
+    int rows, lead;
+};
+
+// Leading rows of the state with w_i and at most the entry of w_{n + i} beside it, n the number of such rows. Where
+// there are none, the first few may share two blocks, over their w_i and w_{n + i}, and one over their states before.
+Direct find_direct(const Pattern& J, int nw, int ndx) {
+    constexpr int most_in_lead = 6, least_with_lead = 12;  // of fewer rows a factorisation of all costs less
     std::vector<std::vector<int>> rows(static_cast<std::size_t>(J.rows));
-    for (int k = 0; k < J.nnz(); ++k)
-        if (J.column[k] < nw) rows[J.row[k]].push_back(J.column[k]);
-    const auto fits = [&](int n) {
-        for (int i = 0; i < n; ++i) {
-            if (std::count(rows[i].begin(), rows[i].end(), i) != 1) return false;
-            for (const int j : rows[i])
-                if (j != i && j != n + i) return false;
-        }
-        return true;
+    for (int k = 0; k < J.nnz(); ++k) rows[J.row[k]].push_back(J.column[k]);
+    const auto is_diagonal = [&](int i, int n) {
+        const auto fits = [&](int j) { return j == i || j == n + i || j >= nw; };
+        return std::count(rows[i].begin(), rows[i].end(), i) == 1 && std::all_of(rows[i].begin(), rows[i].end(), fits);
     };
-    int n = std::min(nw / 2, ndx);
-    while (!fits(n)) --n;
-    return n;
+    const auto is_in_lead = [&](int i, int n, int lead) {
+        return std::all_of(rows[i].begin(), rows[i].end(),
+                           [&](int j) { return j < lead || (n <= j && j < n + lead) || (nw <= j && j < nw + lead); });
+    };
+    const auto find_lead = [&](int n) {  // 0: rows are no lead and diagonal ones
+        int first = n;
+        while (first > 0 && is_diagonal(first - 1, n)) --first;
+        for (int i = 0; i < first; ++i)
+            if (!is_in_lead(i, n, first)) return 0;
+        return first <= most_in_lead ? first : 0;
+    };
+    for (int n = std::min(nw / 2, ndx); n > 0; --n) {
+        int i = 0;
+        while (i < n && is_diagonal(i, n)) ++i;
+        if (i == n) return {n, 0};
+    }
+    for (int n = ndx / 2; n >= least_with_lead; --n)
+        if (const int lead = find_lead(n)) return {n, lead};
+    return {0, 0};
 }
 
 // The form of Jw that leaves least to factorise, by both patterns that it may have.
@@ -128,10 +145,13 @@ void Kind::prepare() {
     if (!groups.empty()) prepare_structure();
     const auto &all = complete->outputs, &first = jacobian->outputs;
     may_be_explicit = groups.empty() && has_diagonal(all[2], nw()) && has_diagonal(first[2], nw());
-    if (groups.empty() && !may_be_explicit) num_direct = count_direct(all[2], nw(), ndx);
+    if (groups.empty() && !may_be_explicit) {
+        const Direct direct = find_direct(all[2], nw(), ndx);
+        num_direct = direct.rows, lead = direct.lead;
+    }
     for (int k = 0; k < all[2].nnz(); ++k) {
         const int i = all[2].row[k], j = all[2].column[k] - nw();
-        if (i < num_direct && j >= 0 && j != i) before.push_back({i, j});
+        if (lead <= i && i < num_direct && j >= 0 && j != i) before.push_back({i, j});
     }
     if (groups.empty() && !may_be_explicit && !num_direct) blocks = find_blocks({&all[2], &first[2]}, nw());
     for (int k = 0; k < all[2].nnz(); ++k) {

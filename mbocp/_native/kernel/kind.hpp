@@ -48,6 +48,9 @@ struct Kind {
     };
     int num_direct = 0;
     std::vector<Entry> before;
+    // The first of them whose d and J are one block for all, as those of a floating base; they need not have -1 before
+    // w_i, but any regular block.
+    int lead = 0;
 
     // Jw = [D 0 B; A E C; 0 0 Y] by its pattern, where the diagonal D has `plain` rows and Y those from `upper` on, as
     // where a step's stages are solved for by themselves; `upper` is 0 where there is no such form. `beyond` has the

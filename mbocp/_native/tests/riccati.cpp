@@ -38,6 +38,7 @@ struct Shape {
     int direct = 0;
     double slope = 0.1;
     bool also_before = false;
+    int lead = 0;           // the first of these have blocks in place of diagonals, and any block before w
     int plain = -1;         // unless -1: the last ny rows do not know x1, and so many of the first only their own of it
     bool is_split = false;  // no curvature couples x1 with y
     bool is_apart = false;  // none couples controls with others, none knows the first state before
@@ -63,6 +64,12 @@ Quadratic random_stage(const Shape& s, const Matrix& beside, Random& random) {
     for (int i = 0; i < s.direct; ++i) {
         q.J.row(i) = beside.row(i).cwiseProduct(q.J.row(i));
         q.J(i, i) = -1.0, q.J(i, s.direct + i) = s.slope, q.J(i, nc + i) = 1.0;
+    }
+    if (const int lead = s.lead) {
+        q.J.topRows(lead).setZero();
+        q.J.topLeftCorner(lead, lead) = random.matrix(lead, lead) + 3.0 * Matrix::Identity(lead, lead);
+        q.J.block(0, s.direct, lead, lead) = s.slope * random.matrix(lead, lead);
+        q.J.block(0, nc, lead, lead) = random.matrix(lead, lead);
     }
     for (int i = 0; i < nc && s.plain >= 0; ++i)
         if (i < s.plain || i >= n) q.J.row(i).head(n).setZero();
@@ -227,7 +234,8 @@ int check_direction(const Shape& shape, Random& random, double shift = 0.0, doub
     const int excess = int((eigenvalues.array() < 0.0).count()) - (int(K.rows()) - programme.num_primal());
     const std::string what = "N " + std::to_string(shape.N) + ", ndx " + std::to_string(shape.ndx) + ", ny " +
                              std::to_string(shape.ny) + ", nu " + std::to_string(shape.nu) + ", direct " +
-                             std::to_string(shape.direct) + ", plain " + std::to_string(shape.plain);
+                             std::to_string(shape.direct) + ", lead " + std::to_string(shape.lead) + ", plain " +
+                             std::to_string(shape.plain);
     const Evaluation evaluation = programme->evaluate(1.0);
     check_equal(evaluation.residual, r.norm(), 1e4 * r.norm(), what + ": residual");
     const Factorisation factorisation = programme->riccati.factorise(shift, augment);
@@ -263,6 +271,20 @@ TEST(any_shape) {
         regular += excess >= 0, indefinite += excess > 0;
     }
     check(regular > 300 && indefinite > 50 && regular - indefinite > 100, "matrices of all kinds");
+}
+
+// As many joints as leave their base a block of its own, or a base that is too steep for that.
+TEST(floating_bases) {
+    Random random(33);
+    int regular = 0;
+    for (int trial = 0; trial < 30; ++trial) {
+        Shape s{random.integer(1, 3), 0, random.integer(0, 3), random.integer(1, 10), 0};
+        s.direct = random.integer(12, 15), s.ndx = 2 * s.direct, s.ng = random.integer(0, s.nu * s.N);
+        s.lead = random.integer(2, 6), s.slope = random.is(0.8) ? 0.02 : 3.0;
+        s.also_before = random.is(0.5), s.is_apart = random.is(0.5);
+        regular += check_direction(s, random, random.is(0.5) ? 0.5 : 0.0, random.is(0.5) ? 10.0 : 0.0) >= 0;
+    }
+    check(regular > 15, "matrices that are not singular");
 }
 
 TEST(controls_without_pivots_of_their_own) {
