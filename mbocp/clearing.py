@@ -8,7 +8,7 @@ the same is solved again from where it is. Other ways, where one comes to nothin
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,7 +35,9 @@ from mbocp.solvers import Phase, Status
 
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
 _ROUGH = 2e-2  # residual of a motion that shows what it comes near
+_IN_VAIN = 3  # of these in which a motion comes no nearer to touching nothing
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
+_BRIEF = 200  # iterations on one way before others; most take a quarter, and IPOPT as long as several ways
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
 _NO_WAY = "a search has found no way around the obstacles: there may be none"
 _WITH_WAYS = ("auto", "way")  # guesses beside which there are others
@@ -51,6 +53,8 @@ class ClearOfObstacles:
         near, before = _near(job), list[Attempt]()
         if job.start is None and job.problem.solver.starts == 1 and _may_be_rough(near.problem):
             near = _find_rows(near, before)
+        if before and job.brief and not before[-1].is_converged:
+            return job.read(before[-1])  # the same steps again would lead to the same end
         if before and before[-1].is_converged:
             near = replace(near, start=before[-1].carried)
         found = attempt(near)
@@ -75,13 +79,19 @@ class OtherWays:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve on the problem's own way, or on the first other one that leads to a solution."""
-        solution = self.once.run(job)
-        if solution.converged or solution.status.is_stopped or job.is_only or job.patience.is_over:
+        """Solve briefly on the problem's own way and on others, then at length, until there is a solution."""
+        may_have_others = not job.is_only and _may_be_on_the_wrong_side(job.problem)
+        is_brief = may_have_others and not job.brief and around(job.problem) is not None
+        solution = self.once.run(replace(job, brief=_BRIEF) if is_brief else job)
+        if _is_final(solution, job):
             return solution
         if has_no_way(job.problem):
             return retold(solution, advice=f"{solution.advice}; {_NO_WAY}")
-        return self._try_others(job, solution) if _may_be_on_the_wrong_side(job.problem) else solution
+        if may_have_others:
+            solution = self._try_others(replace(job, brief=_BRIEF) if is_brief else job, solution)
+        if not is_brief or solution.is_stationary or solution.status.is_stopped or job.is_late:
+            return solution
+        return after(solution, self.once.run(job.anew()), "other ways")
 
     def _try_others(self, job: Job, known: Solution) -> Solution:
         """Return the solution on the first other way that leads to one, or the known one."""
@@ -106,6 +116,19 @@ class OtherWays:
                 words = f"way {number} around obstacles, inverse dynamics"
                 return retold(after(before, again, "other ways"), guess_used=words)
         return retold(known, wall_time_s=known.wall_time_s + spent)
+
+
+def _is_final(solution: Solution, job: Job) -> bool:
+    """Whether nothing else helps: a motion that touches nothing has no other fault that a way has."""
+    is_clear = solution.is_stationary and not _depth(solution)
+    return is_clear or solution.status.is_stopped or job.is_only or job.patience.is_over
+
+
+def _depth(solution: Solution) -> float:
+    """How deep a solution is in something [m]; 0: in nothing."""
+    if not is_there(solution, "clearance"):  # then nothing is nearer than it may be
+        return 0.0
+    return -solution.clearance if solution.clearance < -BOUND_TOLERANCE else 0.0
 
 
 def _ends_search(found: Solution | None) -> bool:
@@ -157,7 +180,7 @@ def _find_rows(near: Job, before: list[Attempt]) -> Job:
     Each begins at the guess: what is deep in something has come there on a way that is no good any more.
     """
     for _ in range(_ROUNDS):
-        before.append(attempt(replace(near, rough=_ROUGH)))
+        before.append(attempt(replace(near, rough=_ROUGH, brief=near.brief or _BRIEF)))
         if not before[-1].is_converged or near.is_late:
             break
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
@@ -197,47 +220,56 @@ class _Clearing:
         The last one that counts.
     solution : Solution
         Of that.
+    best : Solution
+        With the rows that it asks for, the least deep in something.
+    in_vain : int
+        Rounds since then.
     """
 
     job: Job
     near: Problem
     found: Attempt
     solution: Solution
+    best: Solution = field(init=False)
+    in_vain: int = 0
+
+    def __post_init__(self) -> None:
+        self.best = self.solution
 
     def run(self) -> Solution:
-        """Return a solution that touches nothing, or the last one before that could not be had."""
+        """Return a solution that touches nothing, or the one that touches least where that cannot be had."""
         for _ in range(_ROUNDS):
-            if not self.solution.is_stationary or self.job.is_late or not self._improve():
+            is_open = self.solution.is_stationary and self.in_vain < _IN_VAIN and not self.job.is_late
+            if not is_open or not self._improve():
                 break
-        return self.solution
+        spent = self.solution.wall_time_s
+        return self.best if self.best is self.solution else retold(self.best, wall_time_s=spent)
 
     def _improve(self) -> bool:
-        """Solve with more rows or more room; return whether that was asked for, and a gain."""
-        lacks, touching = self._lacking()
+        """Solve with more rows or more room; return whether that was asked for, and could be had."""
+        lacks = _depth(self.solution)
+        touching = self.solution.clearance_between if lacks else ""
         wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, lacks, touching)
         if wider is None:
             return False
         larger, has_more_rows = wider
-        is_deep = has_more_rows and lacks > _DEEP
-        tried, again = self._solve(larger, None if is_deep else self.found.carried)
-        if has_more_rows and not again.is_stationary and not is_deep:
+        has_no_start = has_more_rows and lacks > _DEEP
+        tried, again = self._solve(larger, None if has_no_start else self.found.carried)
+        is_bad = not again.is_stationary if has_more_rows else min(lacks, _depth(again)) > _DEEP
+        if is_bad and not has_no_start:
             tried, again = self._solve(larger, None)  # from the guess, with all that is known
-        if not has_more_rows and not (again.is_stationary and again.clearance > self.solution.clearance):
+        if not has_more_rows and not again.is_stationary:
             return False
         self.near, self.found = larger, tried
         again = after(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
-        self.solution = _with_room_told(again, larger)
+        self.solution, self.in_vain = _with_room_told(again, larger), self.in_vain + 1
+        if has_more_rows or _depth(self.solution) < _depth(self.best):
+            self.best, self.in_vain = self.solution, 0
         return True
 
-    def _lacking(self) -> tuple[float, str]:
-        """How deep the solution is in something [m], and in what."""
-        if not is_there(self.solution, "clearance"):  # then nothing is nearer than it may be
-            return 0.0, ""
-        clearance = self.solution.clearance
-        return (-clearance if clearance < -BOUND_TOLERANCE else 0.0), self.solution.clearance_between
-
     def _solve(self, problem: Problem, start: Warm) -> tuple[Attempt, Solution]:
-        tried = attempt(replace(self.job, problem=problem, start=start))
+        brief = self.job.brief if start is None else self.job.brief or _BRIEF
+        tried = attempt(replace(self.job, problem=problem, start=start, brief=brief))
         return tried, self.job.read(tried)
 
 

@@ -16,9 +16,11 @@ import mbocp
 from mbocp import clearing
 from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
+from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs
 from mbocp.solution import Status
+from mbocp.solution.later import retold
 from tests.robot.urdfs import link, robot, write
 from tests.test_determinism import digest, digest_of
 
@@ -154,7 +156,7 @@ def test_other_ways_are_tried_where_the_first_comes_to_nothing(around_a_post, mo
     def touching(self, job):
         found = solved(self, job)
         is_first = job.problem.guess.q is None
-        return replace(found, status=Status.UNDER_RESOLVED) if is_first else found
+        return replace(found, status=Status.UNDER_RESOLVED, clearance=-0.1) if is_first else found
 
     solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
@@ -184,7 +186,7 @@ def test_the_first_way_that_leads_somewhere_is_taken_whoever_ends_first(good, ar
         if seed == good:
             sleep(0.05)
         found = solved(self, job)
-        return found if seed >= good else replace(found, status=Status.UNDER_RESOLVED)
+        return found if seed >= good else replace(found, status=Status.UNDER_RESOLVED, clearance=-0.1)
 
     solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
@@ -210,7 +212,7 @@ def test_other_ways_are_tried_where_a_given_one_comes_to_nothing(around_a_post, 
     def touching(self, job):
         found = solved(self, job)
         is_given = len(job.problem.guess.q) == len(middle)
-        return replace(found, status=Status.UNDER_RESOLVED) if is_given else found
+        return replace(found, status=Status.UNDER_RESOLVED, clearance=-0.1) if is_given else found
 
     solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.around", other)
@@ -219,3 +221,51 @@ def test_other_ways_are_tried_where_a_given_one_comes_to_nothing(around_a_post, 
     assert set(seeds) == {0}
     assert solution.converged
     assert solution.guess_used.startswith("way 2 around obstacles")
+
+
+def test_each_way_is_tried_briefly_before_the_first_at_length(around_a_post, monkeypatch):
+    """A way that is hopeless costs no more than a few hundred iterations as long as there are others."""
+    problem, briefs = around_a_post(30), []
+    way, found = straight(problem), mbocp.solve(problem)
+
+    def hopeless(self, job):
+        briefs.append(job.brief)
+        return retold(found, status=Status.STAGNATED)
+
+    monkeypatch.setattr("mbocp.clearing.around", lambda problem, seed=0: way)
+    monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", hopeless)
+    assert mbocp.solve(problem.with_(solver={"method": "auto"})).status is Status.STAGNATED
+    assert all(briefs[:-1])
+    assert len(briefs) > 2
+    assert briefs[-1] == 0
+
+
+def test_other_ways_are_for_what_touches_something(around_a_post, monkeypatch):
+    """A motion that is clear, but leaves its limits between nodes, would do so on another way, too."""
+    problem, tried = around_a_post(30), []
+
+    def coarse(self, job):
+        tried.append(job)
+        return retold(solved(self, job), status=Status.UNDER_RESOLVED)
+
+    solved = clearing.ClearOfObstacles.run
+    monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", coarse)
+    assert mbocp.solve(problem).status is Status.UNDER_RESOLVED
+    assert len(tried) == 1
+
+
+def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):
+    """The best of all rounds counts, and three that are no better are the last."""
+    problem, depths = around_a_post(30), iter([2e-4, 1e-4, 3e-4, 2e-4, 1.5e-4, 0.0])
+
+    def touching(self, attempt):
+        depth = next(depths)
+        words = {"clearance_between": "l3 and post", "clearance_time": 0.5}
+        status = Status.UNDER_RESOLVED if depth else Status.CONVERGED
+        return retold(read(self, attempt), status=status, clearance=-depth, **words)
+
+    read = Job.read
+    monkeypatch.setattr(Job, "read", touching)
+    solution = mbocp.solve(problem.with_(guess={"kind": "line"}))
+    assert solution.clearance == -1e-4
+    assert list(depths) == [0.0]

@@ -109,3 +109,13 @@ def test_a_warm_start_keeps_rows_and_room(slalom, solved):
     warm = mbocp.solve(slalom, warm_start=solved, check=True)
     assert warm.iterations <= 1
     assert warm.cost == pytest.approx(solved.cost, rel=1e-9)
+
+
+def test_further_pairs_take_rows_that_are_free():
+    clearance = scene("ur5", 0).clearance
+    every = range(clearance.num_pairs)
+    filled = clearance.fill([5], [k for k in every if k != 5])
+    assert 5 in filled
+    assert 1 < len(filled) < clearance.num_pairs
+    assert clearance.of_pairs(filled).rows == clearance.of_pairs([5]).rows
+    assert clearance.fill(every, []) == tuple(every)

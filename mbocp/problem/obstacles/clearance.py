@@ -226,16 +226,28 @@ class Clearance(BoundedTerm):
 
         -1: of none. There is room for as many rows of chosen pairs as all have who have few.
         """
-        chosen = range(self.num_pairs) if self.chosen is None else self.chosen
+        kinds = self._by_kind(range(self.num_pairs) if self.chosen is None else self.chosen)
+        slots = self._slots(kinds) if self.chosen is not None else [clearance_slots(len(k), 0) for k in kinds]
+        return tuple((*kind, *[-1] * (n - len(kind))) for kind, n in zip(kinds, slots, strict=True))
+
+    def _by_kind(self, pairs: Sequence[int]) -> tuple[list[int], ...]:
         kinds: tuple[list[int], ...] = ([], [], [])
-        for k in chosen:
+        for k in pairs:
             row = self._every[0][k]
             kinds[2 if isinstance(row.core, HullCore) else int(row.other > 0)].append(k)
-        least = (0, 0, 0)
-        if self.chosen is not None:
-            least = (_STILL_SLOTS, _MOVING_SLOTS, _HULL_SLOTS if self._hulls else 0)
-        slots = [clearance_slots(len(kind), room) for kind, room in zip(kinds, least, strict=True)]
-        return tuple((*kind, *[-1] * (n - len(kind))) for kind, n in zip(kinds, slots, strict=True))
+        return kinds
+
+    def _slots(self, kinds: Sequence[Sequence[int]]) -> list[int]:
+        """How many rows there are of each kind for chosen pairs."""
+        least = (_STILL_SLOTS, _MOVING_SLOTS, _HULL_SLOTS if self._hulls else 0)
+        return [clearance_slots(len(kind), room) for kind, room in zip(kinds, least, strict=True)]
+
+    def fill(self, chosen: Sequence[int], further: Sequence[int]) -> tuple[int, ...]:
+        """Chosen pairs, and the first of further ones; a quarter of the rows that there are stays free."""
+        kinds = self._by_kind(chosen)
+        rooms = [max(3 * n // 4 - len(kind), 0) for kind, n in zip(kinds, self._slots(kinds), strict=True)]
+        others = zip(self._by_kind(further), rooms, strict=True)
+        return tuple(sorted([*chosen, *chain(*(more[:room] for more, room in others))]))
 
     @cached_property
     def _order(self) -> tuple[int, ...]:

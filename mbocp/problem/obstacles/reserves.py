@@ -178,7 +178,10 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     least[list(rows.chosen)] = np.inf
     if least.min() >= 0.0:
         return ()
-    return tuple(np.flatnonzero(least < _MISSED).tolist())
+    order = np.argsort(least, kind="stable")
+    ends = [np.count_nonzero(least < limit) for limit in (_MISSED, _NEAR)]
+    every = rows.fill([*rows.chosen, *order[: ends[0]].tolist()], order[ends[0] : ends[1]].tolist())
+    return tuple(set(every) - set(rows.chosen))
 
 
 def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
