@@ -27,6 +27,7 @@ EXTRAS = {
     "dask": "distributed",
     "bench": "toppra",
     "live": "viser",
+    "scenes": "coacd",
     "jax": "jax",
     "torch": "torch",
     "xacro": "xacro",

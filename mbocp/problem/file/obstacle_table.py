@@ -17,10 +17,14 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.obstacles.clearance import SelfCollision
-from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
+from mbocp.robot.collision.compound import CONCAVITY, Compound
+from mbocp.robot.collision.hull import Hull, hull_of
+from mbocp.robot.collision.mesh_file import body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
+_OF_FILES = ("scale", "hull", "concavity")
+_WRITTEN = ("vertices", "faces", "parts")
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
@@ -35,7 +39,7 @@ class ObstacleTable(Table):
             "shape and number",
         ),
     ] = None
-    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) is a convex hull")]
+    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) need not be convex")]
     radius: Annotated[
         Positive | None,
         Key(
@@ -61,14 +65,23 @@ class ObstacleTable(Table):
     ] = None
     hull: Annotated[
         bool,
-        Key(
-            "whether a file that is [not convex or not closed](obstacles.md#meshes) may stand for its "
-            "convex hull"
-        ),
+        Key("whether the convex hull stands for what is [not convex or not closed](obstacles.md#meshes)"),
     ] = False
+    concavity: Annotated[
+        Positive,
+        Key("that CoACD leaves in [parts](obstacles.md#meshes) of what is not convex; less: more parts"),
+    ] = CONCAVITY
     vertices: Annotated[
         list[list[Finite]] | None,
         Key("corners of a mesh, in the place of a file", "m", "", "list of 3 numbers each"),
+    ] = None
+    faces: Annotated[
+        list[list[int]] | None,
+        Key("triangles of `vertices`, if these are not convex", "", "", "list of 3 numbers each"),
+    ] = None
+    parts: Annotated[
+        list[list[list[Finite]]] | None,
+        Key("corners of each convex part of `faces`", "m", "", "list of lists of 3 numbers each"),
     ] = None
     position: Annotated[
         Triple, Key("of the centre in `frame`; of a halfspace a point of its surface", "m", "0")
@@ -156,7 +169,7 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
-        hull, excess = _hull(table, folder)
+        body, excess = _body(table, folder)
     with locate(key):
         return Obstacle(
             name=name,
@@ -168,7 +181,8 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
             margin=table.margin,
             smoothing=table.smoothing,
             movable=table.movable,
-            hull=hull,
+            hull=body if isinstance(body, Hull) else None,
+            compound=body if isinstance(body, Compound) else None,
             excess=excess,
         )
 
@@ -197,24 +211,44 @@ def _orientation(table: ObstacleTable, key: str) -> list[float]:
     return found
 
 
-def _hull(table: ObstacleTable, folder: Path) -> tuple[Hull | None, float]:
-    """Hull of a mesh, and by how much it is larger than its file."""
+def _body(table: ObstacleTable, folder: Path) -> tuple[Hull | Compound | None, float]:
+    """Body of a mesh, and by how much a hull is larger than its file."""
     if table.shape != MESH:
-        for name in ("file", "scale", "hull", "vertices"):
-            if name in table.model_fields_set:
-                raise ProblemError(f'{name}: shape = "{table.shape}" does not use it, but "{MESH}" does')
+        words = f'shape = "{table.shape}" does not use it, but "{MESH}" does'
+        _refuse(table, ("file", *_OF_FILES, *_WRITTEN), words)
         return None, 0.0
     if (table.file is None) == (table.vertices is None):
         raise ProblemError(f'shape = "{MESH}" needs file or vertices, one of them')
     if table.vertices is not None:
-        for name in ("scale", "hull"):
-            if name in table.model_fields_set:
-                raise ProblemError(f"{name}: of a file; vertices are in metres, and their hull is taken")
-        if any(len(vertex) != 3 for vertex in table.vertices):
-            raise InvalidValue("vertices", "a row of another length", "three numbers for each corner [m]")
-        return hull_of(np.array(table.vertices)), 0.0
-    assert table.file is not None
+        _refuse(table, _OF_FILES, "of a file; vertices are in metres, and `parts` says what these are")
+        return _written(table.vertices, table.faces, table.parts), 0.0
+    _refuse(table, _WRITTEN, "of vertices, not of a file")
     scale = np.ones(3) if table.scale is None else np.asarray(table.scale, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not np.all(scale > 0.0):
         raise InvalidValue("scale", show(table.scale), "one number or three above 0 [m]")
-    return hull_of_file(folder / path_of(table.file), np.broadcast_to(scale, (3,)), table.hull)
+    file, scale = folder / path_of(str(table.file)), np.broadcast_to(scale, (3,))
+    return body_of_file(file, scale, table.hull, table.concavity)
+
+
+def _refuse(table: ObstacleTable, names: Sequence[str], why: str) -> None:
+    for name in names:
+        if name in table.model_fields_set:
+            raise ProblemError(f"{name}: {why}")
+
+
+def _written(
+    vertices: list[list[float]], faces: list[list[int]] | None, parts: list[list[list[float]]] | None
+) -> Hull | Compound:
+    """Body by its corners; without `faces` their hull."""
+    if (faces is None) != (parts is None):
+        raise ProblemError("faces and parts: both of a body that is not convex, or neither")
+    corners = [*vertices, *(corner for part in parts or [] for corner in part)]
+    if any(len(row) != 3 for row in corners) or any(len(face) != 3 for face in faces or []):
+        expected = "three numbers for each corner [m] and each face"
+        raise InvalidValue("vertices, faces or parts", "a row of another length", expected)
+    if faces is None or parts is None:
+        return hull_of(np.array(vertices))
+    if not parts:
+        raise InvalidValue("parts", "none", "one or more")
+    hulls = tuple(hull_of(np.array(part)) for part in parts)
+    return Compound(np.array(vertices), np.array(faces, dtype=np.int64), hulls)

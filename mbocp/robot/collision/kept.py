@@ -1,4 +1,4 @@
-"""Spheres of links that were fitted before: kept in the folder of compiled functions, for seconds of work."""
+"""Spheres and convex parts that were found before: kept beside compiled functions, for seconds of work."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import find_entry, unseal, write_entry
 from mbocp.robot.collision.geometry import triangles_of
 
-_SOURCES = ("fitting", "geometry", "samples", "solid", "spheres")  # modules that say what is fitted
+_SOURCES = ("compound", "fitting", "geometry", "samples", "solid", "spheres")  # that say what is found
 
 Arrays = Mapping[str, Array]
 
