@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
-from mbocp._text import show
+from mbocp._text import shorten, show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.compound import CONCAVITY, Compound
+from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.hull import Hull, hull_of
-from mbocp.robot.collision.mesh_file import body_of_file
+from mbocp.robot.collision.mesh_file import body_of, body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
+from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.loading.scene import read_scene
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
+SCENE = "scene"  # not one shape, but all of a file
 _OF_FILES = ("scale", "hull", "concavity")
 _WRITTEN = ("vertices", "faces", "parts")
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
@@ -39,7 +45,13 @@ class ObstacleTable(Table):
             "shape and number",
         ),
     ] = None
-    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) need not be convex")]
+    shape: Annotated[
+        str,
+        choice((*SHAPES, SCENE)),
+        Key(
+            "a [mesh](obstacles.md#meshes) need not be convex; a [scene](obstacles.md#scenes) has many shapes"
+        ),
+    ]
     radius: Annotated[
         Positive | None,
         Key(
@@ -54,7 +66,7 @@ class ObstacleTable(Table):
     file: Annotated[
         str | None,
         Key(
-            "of a mesh: STL, Collada, OBJ or PLY, beside the problem file; or `vertices`",
+            "of a mesh (STL, Collada, OBJ, PLY; or `vertices`) or a scene, beside the problem file",
             "",
             "required",
             "path",
@@ -131,7 +143,13 @@ def obstacles_from(
     ProblemError, InvalidValue
         If a key does not fit the shape, or a value cannot be right.
     """
-    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
+    found: list[Obstacle] = []
+    for index, table in enumerate(obstacle_table):
+        if table.shape == SCENE:
+            found += _of_scene(table, f"obstacle.{index}", folder or Path())
+        else:
+            found.append(_obstacle(table, index, folder or Path()))
+    return tuple(found)
 
 
 def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
@@ -161,6 +179,64 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
         return None
     srdf = {} if own.srdf is None else {"srdf": str(own.srdf.resolve())}
     return {"margin": own.margin, "disabled": [list(pair) for pair in own.disabled], **srdf}
+
+
+def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle]:
+    """One obstacle for each shape of a scene's file, with the frame, margin and smoothing of the table."""
+    _sizes(table, key)
+    with locate(key):
+        _refuse(table, ("scale", *_WRITTEN), f'shape = "{SCENE}" does not use it')
+        if table.file is None:
+            raise ProblemError(f'shape = "{SCENE}" needs file')
+        path = folder / path_of(table.file)
+        shapes = read_scene(path)
+    turn = pin.Quaternion(np.array(_orientation(table, key))).normalized()
+    base = pin.SE3(turn.matrix(), np.array(table.position or [0.0] * 3))
+    counts = Counter(shape.link for shape in shapes)
+    for shape in shapes:
+        words = [f"{table.name}/" if table.name else "", shape.link]
+        name = "".join(words) + (f" {shape.number + 1}" if counts[shape.link] > 1 else "")
+        at = base * shape.placement
+        with locate(key), locate(f"obstacle {name!r}"):
+            body, excess = _body_of_shape(shape, table, path)
+            kind, sizes = _kind(shape.geometry) if body is None else (MESH, [])
+            yield Obstacle(
+                name=name,
+                shape=kind,
+                sizes=np.array(sizes),
+                position=at.translation,
+                orientation=pin.Quaternion(at.rotation).coeffs(),
+                frame=table.frame or "world",
+                margin=table.margin,
+                smoothing=table.smoothing,
+                movable=table.movable,
+                hull=body if isinstance(body, Hull) else None,
+                compound=body if isinstance(body, Compound) else None,
+                excess=excess,
+            )
+
+
+def _body_of_shape(
+    shape: LinkShape, table: ObstacleTable, path: Path
+) -> tuple[Hull | Compound | None, float]:
+    """Body of a mesh of a scene."""
+    if shape.mesh:
+        return body_of_file(Path(shape.mesh), shape.scale, table.hull, table.concavity)
+    if isinstance(shape.geometry, coal.BVHModelBase):
+        return body_of(*triangles_of(shape.geometry), table.hull, table.concavity, shorten(str(path)))
+    return None, 0.0
+
+
+def _kind(shape: coal.CollisionGeometry) -> tuple[str, list[float]]:
+    """Name and lengths of a shape."""
+    if isinstance(shape, coal.Box):
+        return "box", (2.0 * np.asarray(shape.halfSide)).tolist()
+    if isinstance(shape, coal.Sphere):
+        return "sphere", [float(shape.radius)]
+    kind = {coal.Cylinder: "cylinder", coal.Capsule: "capsule"}.get(type(shape))
+    if kind is None:
+        raise InvalidValue("shape", type(shape).__name__, " or ".join(SHAPES))
+    return kind, [float(shape.radius), 2.0 * float(shape.halfLength)]
 
 
 def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:

@@ -1,4 +1,4 @@
-"""Bodies of mesh files, as obstacles have them."""
+"""Bodies of meshes, as obstacles have them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
+from mbocp.meshes.parts import Indices
 from mbocp.meshes.read import UNREADABLE, read_triangles
 from mbocp.meshes.volume import count_open_edges, enclosed, weld
 from mbocp.robot.collision.compound import CONCAVITY, Compound, compound_of
@@ -51,8 +52,15 @@ def body_of_file(
     except UNREADABLE as error:
         what = f"{name}, which cannot be read: {error}"
         raise InvalidValue("file", what, "a mesh: STL, Collada, OBJ or PLY") from error
-    hull = hull_of(vertices * scale)
-    corners, faces = weld(vertices * scale, faces)
+    return body_of(vertices * scale, faces, takes_hull, concavity, name)
+
+
+def body_of(
+    vertices: Array, faces: Indices, takes_hull: bool, concavity: float, name: str
+) -> tuple[Hull | Compound, float]:
+    """What triangles enclose; see `body_of_file`, `name` is for messages."""
+    hull = hull_of(vertices)
+    corners, faces = weld(vertices, faces)
     open_edges = count_open_edges(faces)
     excess = np.nan if open_edges else hull.volume / max(float(enclosed(corners, faces).mass), 1e-300) - 1.0
     if takes_hull or abs(excess) <= _MAX_EXCESS:
