@@ -364,4 +364,5 @@ class Clearance(BoundedTerm):
             left = f"; left out {', '.join(told)}" if told else ""
             pairs = len(self.sphere_pairs)
             lines.append(f"itself: {len(found.links)} pairs of links, {pairs} of spheres{left}")
-        return tuple(lines)
+        used = sorted({link for link, _ in self.spheres})
+        return (*lines, *filter(None, (self._links[link].words for link in used)))

@@ -22,6 +22,7 @@ _TOLERANCE = 0.03  # of the robot's size: how far fitted spheres may stick out
 _MOST = 8  # spheres of a link
 _CHECKED = 8000  # points of a link that are looked at once more
 _OTHER = 1_000_003  # where the sequence of these points starts
+_TOLD_GAP = 1e-3  # [m]
 _SLACK = 1.005  # of radii, for what lies between the points
 
 
@@ -65,6 +66,13 @@ class LinkSpheres:
     def __post_init__(self) -> None:
         object.__setattr__(self, "centers", frozen_array(self.centers, shape=(None, 3), name="centers"))
         object.__setattr__(self, "radii", frozen_array(self.radii, shape=(len(self.centers),), name="radii"))
+
+    @property
+    def words(self) -> str:
+        """What given spheres leave of a link, in a sentence; empty where that is next to nothing."""
+        if self.origin != "given" or not self.gap > _TOLD_GAP:
+            return ""
+        return f"the given spheres leave {100.0 * self.gap:.2g} cm of {self.link} uncovered"
 
 
 def link_spheres(
