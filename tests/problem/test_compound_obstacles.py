@@ -141,6 +141,7 @@ def test_results_have_the_surface_and_its_parts(planar: Robot) -> None:
         ({"faces": [[0, 1, 99]]}, "faces: got a corner that is not there, expected 0 to 15"),
         ({"faces": []}, "faces.*from 1 to 20000"),
         ({"concavity": 0.1}, "concavity: of a file"),
+        ({"frame": "nowhere"}, "obstacle 'fork'.*nowhere"),
         ({"shape": "sphere", "radius": 0.1}, "vertices: shape = .sphere. does not use it"),
     ],
 )
@@ -150,10 +151,12 @@ def test_refusals(planar: Robot, words: dict[str, Any], reason: str) -> None:
         problem(planar, obstacle=[written])
 
 
-def test_without_coacd_it_is_named(
+def test_what_coacd_cannot_have_is_refused(
     ell: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mbocp.robot.collision.compound.find_spec", lambda _: None)
+    with pytest.raises(InvalidValue, match=r"concavity: got 0\.001, expected 0\.01 to 1"):
+        compound_of(*ell, concavity=0.001)
     with pytest.raises(InvalidValue, match=r"not convex, expected.*coacd.*pip install 'mbocp\[scenes\]'"):
         compound_of(*ell, concavity=0.0123)
 

@@ -25,7 +25,6 @@ from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.mesh_file import body_of, body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
 from mbocp.robot.collision.source import LinkShape
-from mbocp.robot.loading.scene import read_scene
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
 SCENE = "scene"  # not one shape, but all of a file
@@ -183,6 +182,8 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
 
 def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle]:
     """One obstacle for each shape of a scene's file, with the frame, margin and smoothing of the table."""
+    from mbocp.robot.loading.scene import read_scene  # it imports yaml, and few problems have scenes
+
     _sizes(table, key)
     with locate(key):
         _refuse(table, ("scale", *_WRITTEN), f'shape = "{SCENE}" does not use it')

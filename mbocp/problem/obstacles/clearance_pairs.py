@@ -42,6 +42,8 @@ def clearance_of(
         If the robot has no frame of an obstacle's `frame`.
     """
     _check_names(obstacles)
+    for obstacle in obstacles:
+        check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)
     balls = _balls(robot, limits, obstacles)
     pieces = [piece for obstacle in obstacles for piece in obstacle.pieces]
     apart = [_reasons_apart(robot, piece, balls) for piece in pieces]
@@ -89,7 +91,7 @@ def _check_names(obstacles: Sequence[Obstacle]) -> None:
 
 def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
     """Why each sphere never meets a piece of an obstacle; empty where it may."""
-    frame = robot.model.frames[check_frame(f"obstacle {piece.name!r}", robot, piece.frame)]
+    frame = robot.model.frames[robot.frame_id(piece.frame)]
     carrier, placed = int(frame.parentJoint), frame.placement * piece.placement
     return {
         sphere: _never_meet(robot, robot.collision_spheres[sphere[0]].joint, carrier, piece, placed, ball)

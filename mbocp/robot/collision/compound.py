@@ -25,6 +25,7 @@ from mbocp.robot.collision.samples import points_on
 
 MAX_TRIANGLES = 20_000  # results keep them
 CONCAVITY = 0.05  # of CoACD: of half the longest side, about; its own default
+_CONCAVITIES = (0.01, 1.0)  # that it takes
 _CONVEX = 0.01  # of a component's volume, by which its hull may be larger
 _LOOKED_AT = 4000  # points on either surface
 _POINT = 1e-6  # [m]: radius of a ball that stands for a point
@@ -121,13 +122,16 @@ def compound_of(vertices: Array, faces: Indices, concavity: float = CONCAVITY) -
     Raises
     ------
     InvalidValue
-        If there are too many triangles, or coacd is needed and not installed.
+        If there are too many triangles, the concavity is none, or coacd is needed and not installed.
 
     References
     ----------
     Wei et al., "Approximate convex decomposition for 3D meshes with collision-aware concavity and tree
     search", 2022.
     """
+    least, most = _CONCAVITIES
+    if not least <= concavity <= most:
+        raise InvalidValue("concavity", f"{concavity:g}", f"{least:g} to {most:g}")
     corners, faces = weld(vertices, faces)
     if _volumes(corners, faces).sum() < 0.0:
         faces = faces[:, ::-1]
