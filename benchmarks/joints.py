@@ -1,7 +1,7 @@
 """Time and memory over the degrees of freedom, beside Crocoddyl: python -m benchmarks.joints.
 
-From rest to a small move of all motors, 50 steps of semi-implicit Euler, least effort. Every row is a process of
-its own, and its peer another: once with an empty cache and no compiler, then with what that has left there.
+From rest to a small move of all motors, 50 steps of semi-implicit Euler, least effort. Every row is a process
+of its own, and its peer another: once with an empty cache and no compiler, then with what that has left there.
 Processor times, the least of many. Crocoddyl has another step and another Hessian (Gauss-Newton's), and
 functions that need not be built.
 """
@@ -85,7 +85,7 @@ def table(robots: Sequence[str]) -> Table:
             other = _run([str(peer.python), "-m", script, name, str(_STEPS)], {})
             rows.append(_row_of_peer(other))
     columns = ("robot", "joints", "built [s]", "from the cache [s]", "evaluate [us]", "factorise [us]")
-    note = f"Of a stage: derivatives, factorisation, solve, iteration; {_STEPS} stages. " + (peer.reason or "")
+    note = f"Of a stage: derivatives, factorisation, solve, iteration; {_STEPS} stages. {peer.reason}"
     more = ("solve [us]", "trial [us]", "iteration [us]", "stage [kB]", "process [MB]")
     return Table("Degrees of freedom", (*columns, *more), rows, note.strip())
 

@@ -44,6 +44,7 @@ from benchmarks.tables import Table, show
 from mbocp._arrays import Array
 from mbocp.guesses.around import around
 from mbocp.problem import Problem
+from mbocp.problem.file.obstacle_table import ObstacleTable, obstacle_tables, obstacles_from
 from mbocp.robot import Robot
 
 __all__ = ["Line", "Task", "archive", "names", "problem_of", "scene_of", "table_of"]
@@ -89,35 +90,15 @@ def _robot() -> Robot:
     return mbocp.load_robot(archive() / "panda_spherized.urdf", mimic=False, damping=False)
 
 
-def _placement(given: dict[str, Any]) -> pin.SE3:
-    turn = pin.Quaternion(np.array(given.get("orientation", [0, 0, 0, 1]), dtype=float)).normalized()
-    return pin.SE3(turn.matrix(), np.array(given["position"], dtype=float))
-
-
 def scene_of(scene: str, number: int) -> Scene:
     """Obstacles as in a problem file, start and goal [rad]."""
     folder = archive() / "problems" / scene
-    read = {
-        kind: yaml.safe_load((folder / f"{kind}{number:04d}.yaml").read_text())
-        for kind in ("scene", "request")
-    }
-    obstacles = []
-    for thing in read["scene"]["world"]["collision_objects"]:
-        base = _placement(thing["pose"]) if "pose" in thing else pin.SE3.Identity()
-        primitive, at = thing["primitives"][0], base * _placement(thing["primitive_poses"][0])
-        sizes, kind = primitive["dimensions"], primitive["type"]
-        made = {"name": thing["id"], "shape": kind, "position": at.translation.tolist()}
-        made["orientation"] = pin.Quaternion(at.rotation).coeffs().tolist()
-        if kind == "box":
-            made["size"] = sizes
-        elif kind == "cylinder":
-            made |= {"length": sizes[0], "radius": sizes[1]}
-        else:
-            made["radius"] = sizes[0]
-        obstacles.append(made)
-    state = read["request"]["start_state"]["joint_state"]
+    request = yaml.safe_load((folder / f"request{number:04d}.yaml").read_text())
+    table = ObstacleTable(shape="scene", file=str(folder / f"scene{number:04d}.yaml"))
+    obstacles = obstacle_tables(obstacles_from([table]))
+    state = request["start_state"]["joint_state"]
     start = dict(zip(state["name"], state["position"], strict=True))
-    asked = read["request"]["goal_constraints"][0]["joint_constraints"]
+    asked = request["goal_constraints"][0]["joint_constraints"]
     goal = {joint["joint_name"]: joint["position"] for joint in asked}
     q0, q1 = (np.array([place[joint] for joint in _JOINTS], dtype=float) for place in (start, goal))
     return obstacles, q0, q1

@@ -29,6 +29,7 @@ EXTRAS = {
     "live": "viser",
     "mcap": "mcap",
     "rerun": "rerun",
+    "scenes": "coacd",
     "jax": "jax",
     "torch": "torch",
     "xacro": "xacro",

@@ -188,6 +188,9 @@ def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_j
     console = output()
     console.print(f"{robot.name}: {sum(len(link.radii) for link in found)} spheres", style="bold underline")
     console.print(table)
+    for link in found:
+        if link.words:
+            console.print(link.words)
     if replay is not None:
         console.print(f"replay: {replay}")
 

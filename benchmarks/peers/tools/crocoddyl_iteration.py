@@ -1,4 +1,4 @@
-"""An iteration of Crocoddyl's FDDP on a robot: `python -m benchmarks.peers.tools.crocoddyl_iteration ROBOT N`."""
+"""An iteration of Crocoddyl's FDDP: `python -m benchmarks.peers.tools.crocoddyl_iteration ROBOT N`."""
 
 from __future__ import annotations
 

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
-from mbocp._text import show
+from mbocp._text import shorten, show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.obstacles.clearance import SelfCollision
-from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
+from mbocp.robot.collision.compound import CONCAVITY, Compound
+from mbocp.robot.collision.geometry import triangles_of
+from mbocp.robot.collision.hull import Hull, hull_of
+from mbocp.robot.collision.mesh_file import body_of, body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
+from mbocp.robot.collision.source import LinkShape
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
+SCENE = "scene"  # not one shape, but all of a file
+_OF_FILES = ("scale", "hull", "concavity")
+_WRITTEN = ("vertices", "faces", "parts")
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
@@ -35,7 +44,13 @@ class ObstacleTable(Table):
             "shape and number",
         ),
     ] = None
-    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) is a convex hull")]
+    shape: Annotated[
+        str,
+        choice((*SHAPES, SCENE)),
+        Key(
+            "a [mesh](obstacles.md#meshes) need not be convex; a [scene](obstacles.md#scenes) has many shapes"
+        ),
+    ]
     radius: Annotated[
         Positive | None,
         Key(
@@ -50,7 +65,7 @@ class ObstacleTable(Table):
     file: Annotated[
         str | None,
         Key(
-            "of a mesh: STL, Collada, OBJ or PLY",
+            "of a mesh (STL, Collada, OBJ, PLY; or `vertices`) or a scene, beside the problem file",
             "",
             "required",
             "path",
@@ -61,11 +76,23 @@ class ObstacleTable(Table):
     ] = None
     hull: Annotated[
         bool,
-        Key("whether a mesh that is [not convex](obstacles.md#meshes) may stand for its hull"),
+        Key("whether the convex hull stands for what is [not convex or not closed](obstacles.md#meshes)"),
     ] = False
+    concavity: Annotated[
+        Positive,
+        Key("that CoACD leaves in [parts](obstacles.md#meshes) of what is not convex; less: more parts"),
+    ] = CONCAVITY
     vertices: Annotated[
         list[list[Finite]] | None,
         Key("corners of a mesh, in place of a file", "m", "", "list of 3 numbers each"),
+    ] = None
+    faces: Annotated[
+        list[list[int]] | None,
+        Key("triangles of `vertices`, if these are not convex", "", "", "list of 3 numbers each"),
+    ] = None
+    parts: Annotated[
+        list[list[list[Finite]]] | None,
+        Key("corners of each convex part of `faces`", "m", "", "list of lists of 3 numbers each"),
     ] = None
     position: Annotated[Triple, Key("of the centre; of a halfspace a point of its surface", "m", "0")] = None
     rpy: Annotated[
@@ -108,7 +135,13 @@ def obstacles_from(
     ProblemError, InvalidValue
         If a key does not fit the shape, or a value cannot be right.
     """
-    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
+    found: list[Obstacle] = []
+    for index, table in enumerate(obstacle_table):
+        if table.shape == SCENE:
+            found += _of_scene(table, f"obstacle.{index}", folder or Path())
+        else:
+            found.append(_obstacle(table, index, folder or Path()))
+    return tuple(found)
 
 
 def self_collision_from(
@@ -135,13 +168,73 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
     return {"margin": own.margin, "disabled": [list(pair) for pair in own.disabled], **srdf}
 
 
+def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle]:
+    """One obstacle for each shape of a scene's file, with the frame, margin and smoothing of the table."""
+    from mbocp.robot.loading.scene import read_scene  # it imports yaml, and few problems have scenes
+
+    _sizes(table, key)
+    with locate(key):
+        _refuse(table, ("scale", *_WRITTEN), f'shape = "{SCENE}" does not use it')
+        if table.file is None:
+            raise ProblemError(f'shape = "{SCENE}" needs file')
+        path = folder / path_of(table.file)
+        shapes = read_scene(path)
+    turn = pin.Quaternion(np.array(_orientation(table, key))).normalized()
+    base = pin.SE3(turn.matrix(), np.array(table.position or [0.0] * 3))
+    counts = Counter(shape.link for shape in shapes)
+    for shape in shapes:
+        words = [f"{table.name}/" if table.name else "", shape.link]
+        name = "".join(words) + (f" {shape.number + 1}" if counts[shape.link] > 1 else "")
+        at = base * shape.placement
+        with locate(key), locate(f"obstacle {name!r}"):
+            body, excess = _body_of_shape(shape, table, path)
+            kind, sizes = _kind(shape.geometry) if body is None else (MESH, [])
+            yield Obstacle(
+                name=name,
+                shape=kind,
+                sizes=np.array(sizes),
+                position=at.translation,
+                orientation=pin.Quaternion(at.rotation).coeffs(),
+                frame=table.frame or "world",
+                margin=table.margin,
+                smoothing=table.smoothing,
+                movable=table.movable,
+                hull=body if isinstance(body, Hull) else None,
+                compound=body if isinstance(body, Compound) else None,
+                excess=excess,
+            )
+
+
+def _body_of_shape(
+    shape: LinkShape, table: ObstacleTable, path: Path
+) -> tuple[Hull | Compound | None, float]:
+    """Body of a mesh of a scene."""
+    if shape.mesh:
+        return body_of_file(Path(shape.mesh), shape.scale, table.hull, table.concavity)
+    if isinstance(shape.geometry, coal.BVHModelBase):
+        return body_of(*triangles_of(shape.geometry), table.hull, table.concavity, shorten(str(path)))
+    return None, 0.0
+
+
+def _kind(shape: coal.CollisionGeometry) -> tuple[str, list[float]]:
+    """Name and lengths of a shape."""
+    if isinstance(shape, coal.Box):
+        return "box", (2.0 * np.asarray(shape.halfSide)).tolist()
+    if isinstance(shape, coal.Sphere):
+        return "sphere", [float(shape.radius)]
+    kind = {coal.Cylinder: "cylinder", coal.Capsule: "capsule"}.get(type(shape))
+    if kind is None:
+        raise InvalidValue("shape", type(shape).__name__, " or ".join(SHAPES))
+    return kind, [float(shape.radius), 2.0 * float(shape.halfLength)]
+
+
 def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     key = f"obstacle.{index}"
     sizes = _sizes(table, key) if table.shape in SHAPES else []
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
-        hull, excess = _hull(table, folder)
+        body, excess = _body(table, folder)
     with locate(key):
         return Obstacle(
             name=name,
@@ -153,7 +246,8 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
             margin=table.margin,
             smoothing=table.smoothing,
             movable=table.movable,
-            hull=hull,
+            hull=body if isinstance(body, Hull) else None,
+            compound=body if isinstance(body, Compound) else None,
             excess=excess,
         )
 
@@ -182,24 +276,44 @@ def _orientation(table: ObstacleTable, key: str) -> list[float]:
     return found
 
 
-def _hull(table: ObstacleTable, folder: Path) -> tuple[Hull | None, float]:
-    """Hull of a mesh, and by how much it is larger than its file."""
+def _body(table: ObstacleTable, folder: Path) -> tuple[Hull | Compound | None, float]:
+    """Body of a mesh, and by how much a hull is larger than its file."""
     if table.shape != MESH:
-        for name in ("file", "scale", "hull", "vertices"):
-            if name in table.model_fields_set:
-                raise ProblemError(f'{name}: shape = "{table.shape}" does not use it, but "{MESH}" does')
+        words = f'shape = "{table.shape}" does not use it, but "{MESH}" does'
+        _refuse(table, ("file", *_OF_FILES, *_WRITTEN), words)
         return None, 0.0
     if (table.file is None) == (table.vertices is None):
         raise ProblemError(f'shape = "{MESH}" needs file or vertices, one of them')
     if table.vertices is not None:
-        for name in ("scale", "hull"):
-            if name in table.model_fields_set:
-                raise ProblemError(f"{name}: of a file; vertices are in metres, and their hull is taken")
-        if any(len(vertex) != 3 for vertex in table.vertices):
-            raise InvalidValue("vertices", "a row of another length", "three numbers for each corner [m]")
-        return hull_of(np.array(table.vertices)), 0.0
-    assert table.file is not None
+        _refuse(table, _OF_FILES, "of a file; vertices are in metres, and `parts` says what these are")
+        return _written(table.vertices, table.faces, table.parts), 0.0
+    _refuse(table, _WRITTEN, "of vertices, not of a file")
     scale = np.ones(3) if table.scale is None else np.asarray(table.scale, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not np.all(scale > 0.0):
         raise InvalidValue("scale", show(table.scale), "one number or three above 0 [m]")
-    return hull_of_file(folder / path_of(table.file), np.broadcast_to(scale, (3,)), table.hull)
+    file, scale = folder / path_of(str(table.file)), np.broadcast_to(scale, (3,))
+    return body_of_file(file, scale, table.hull, table.concavity)
+
+
+def _refuse(table: ObstacleTable, names: Sequence[str], why: str) -> None:
+    for name in names:
+        if name in table.model_fields_set:
+            raise ProblemError(f"{name}: {why}")
+
+
+def _written(
+    vertices: list[list[float]], faces: list[list[int]] | None, parts: list[list[list[float]]] | None
+) -> Hull | Compound:
+    """Body by its corners; without `faces` their hull."""
+    if (faces is None) != (parts is None):
+        raise ProblemError("faces and parts: both of a body that is not convex, or neither")
+    corners = [*vertices, *(corner for part in parts or [] for corner in part)]
+    if any(len(row) != 3 for row in corners) or any(len(face) != 3 for face in faces or []):
+        expected = "three numbers for each corner [m] and each face"
+        raise InvalidValue("vertices, faces or parts", "a row of another length", expected)
+    if faces is None or parts is None:
+        return hull_of(np.array(vertices))
+    if not parts:
+        raise InvalidValue("parts", "none", "one or more")
+    hulls = tuple(hull_of(np.array(part)) for part in parts)
+    return Compound(np.array(vertices), np.array(faces, dtype=np.int64), hulls)

@@ -14,6 +14,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.model import RobotModel
 from mbocp.robot.nodes import between
 
@@ -85,7 +86,8 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return True
-    near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + 2.0 * max(_gaps(clearance))
+    gaps = 2.0 * max(_gaps(clearance)) + max(map(_uncovered, clearance.obstacles), default=0.0)
+    near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
     search = _Search.of(clearance, t, qs, near)
     lowered = np.maximum(search.margins, 0.0)
     search.bounds += search.margins - lowered
@@ -192,7 +194,8 @@ def _bounds(clearance: Clearance, qs: Array, near: float) -> tuple[list[LinkPair
     values = clearance.pair_values(qs, near) - clearance.margins
     pairs, order = list(columns), [row for rows in columns.values() for row in rows]
     first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
-    sticks = [gaps[a] + (0.0 if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
+    left = [_uncovered(obstacle) for obstacle in clearance.obstacles]
+    sticks = [gaps[a] + (left[b] if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
     found = np.minimum.reduceat(values[:, order], first, axis=1) - _rounding(clearance) - sticks
     return pairs, found, clearance.margins[np.array(order)[first]]
 
@@ -201,7 +204,7 @@ def _pairs(clearance: Clearance) -> dict[LinkPair, list[int]]:
     """Pairs of a link and an obstacle or link, with the rows of their spheres."""
     columns: dict[LinkPair, list[int]] = {}
     for row, (sphere, k) in enumerate(clearance.pairs):
-        columns.setdefault((clearance.spheres[sphere][0], k, True), []).append(row)
+        columns.setdefault((clearance.spheres[sphere][0], clearance.owners[k], True), []).append(row)
     for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
         columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
     return columns
@@ -210,6 +213,11 @@ def _pairs(clearance: Clearance) -> dict[LinkPair, list[int]]:
 def _gaps(clearance: Clearance) -> list[float]:
     """How far the shapes of each link are out of its spheres [m]."""
     return [0.0 if np.isnan(link.gap) else link.gap for link in clearance.robot.collision_spheres]
+
+
+def _uncovered(obstacle: Obstacle) -> float:
+    """How far an obstacle is out of the pieces that stand for it [m]."""
+    return 0.0 if obstacle.compound is None else obstacle.compound.uncovered
 
 
 def _rounding(clearance: Clearance) -> float:

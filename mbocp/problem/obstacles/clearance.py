@@ -22,7 +22,7 @@ from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
 
 _TOLD = 20  # obstacles of which the summary speaks each
-_OF_ALL_PAIRS = ("_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
+_OF_ALL_PAIRS = ("pieces", "owners", "_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
 _IDLE = Label("nothing", "m")  # a row that is not needed
 _AWAY = 10.0  # [m]: its value
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
@@ -54,7 +54,7 @@ class SelfCollision:
 class Clearance(BoundedTerm):
     """Distances of spheres from obstacles and from each other, see `mbocp.problem.PathConstraint`.
 
-    A pair is a sphere and an obstacle, or two spheres; rows are what solvers see of them.
+    A pair is a sphere and a piece of an obstacle, or two spheres; rows are what solvers see of them.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Clearance(BoundedTerm):
     spheres : tuple of (int, int)
         Link, by its place in `robot.collision_spheres`, and sphere of it, of all that take part.
     pairs : tuple of (int, int)
-        Sphere, by its place in `spheres`, and obstacle.
+        Sphere, by its place in `spheres`, and piece, by its place in `pieces`.
     sphere_pairs : tuple of (int, int)
     self_margin : float
         Least distance of spheres from each other [m].
@@ -94,6 +94,16 @@ class Clearance(BoundedTerm):
     def _links(self) -> tuple[LinkSpheres, ...]:
         return self.robot.collision_spheres
 
+    @cached_property
+    def pieces(self) -> tuple[Obstacle, ...]:
+        """Convex pieces of all obstacles."""
+        return tuple(piece for obstacle in self.obstacles for piece in obstacle.pieces)
+
+    @cached_property
+    def owners(self) -> tuple[int, ...]:
+        """Obstacle of each piece."""
+        return tuple(k for k, obstacle in enumerate(self.obstacles) for _ in obstacle.pieces)
+
     @property
     def num_pairs(self) -> int:
         """Of spheres and obstacles, then of spheres."""
@@ -104,7 +114,7 @@ class Clearance(BoundedTerm):
         """Both names of each pair, as `mbocp.problem.obstacles.approach.Approach` says them."""
         links = [self._links[link].link for link, _ in self.spheres]
         return (
-            *(f"{links[a]} and {self.obstacles[k].name}" for a, k in self.pairs),
+            *(f"{links[a]} and {self.obstacles[self.owners[k]].name}" for a, k in self.pairs),
             *(f"{links[a]} and {links[b]}" for a, b in self.sphere_pairs),
         )
 
@@ -136,7 +146,7 @@ class Clearance(BoundedTerm):
         spheres = [(self._links[link], number) for link, number in self.spheres]
         point = core_of("sphere", (0.0,), SMOOTHING)
         shapes: list[tuple[int, Array, Array, Core | HullCore]] = []
-        for number, obstacle in enumerate(self.obstacles):
+        for number, obstacle in enumerate(self.pieces):
             core, middle = self._core(number)
             at, other = obstacle.placement, 0
             frame = self.robot.frame_id(obstacle.frame)
@@ -160,9 +170,9 @@ class Clearance(BoundedTerm):
 
     @cached_property
     def _planes(self) -> dict[int, Planes]:
-        """Planes for the hulls among the obstacles, by their numbers."""
+        """Planes for the hulls among the pieces, by their numbers."""
         found = {}
-        for number, obstacle in enumerate(self.obstacles):
+        for number, obstacle in enumerate(self.pieces):
             if obstacle.hull is None:
                 continue
             spheres = [self.spheres[a] for a, k in self.pairs if k == number]
@@ -176,13 +186,13 @@ class Clearance(BoundedTerm):
     def _hulls(self) -> dict[int, HullCore]:
         """What rows see of these."""
         return {
-            k: HullCore.of(planes.normals, planes.offsets, planes.slope, self.obstacles[k].smoothing)
+            k: HullCore.of(planes.normals, planes.offsets, planes.slope, self.pieces[k].smoothing)
             for k, planes in self._planes.items()
         }
 
     def _core(self, number: int) -> tuple[Core | HullCore, Array]:
-        """Core of an obstacle, and its middle in the axes of the shape."""
-        obstacle = self.obstacles[number]
+        """Core of a piece, and its middle in the axes of the shape."""
+        obstacle = self.pieces[number]
         if obstacle.hull is not None:
             return self._hulls[number], obstacle.hull.middle
         core = core_of(obstacle.shape, obstacle.sizes, obstacle.smoothing)
@@ -195,7 +205,7 @@ class Clearance(BoundedTerm):
     @cached_property
     def margins(self) -> Array:
         """Least clearance of each pair, shape (num_pairs,) [m]."""
-        of_obstacles = [self.obstacles[k].margin for _, k in self.pairs]
+        of_obstacles = [self.pieces[k].margin for _, k in self.pairs]
         return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)], dtype=np.float64)
 
     def pair_values(self, qs: Array, near: float = np.inf) -> Array:
@@ -270,7 +280,7 @@ class Clearance(BoundedTerm):
         names = [f"{self._links[link].link}[{number}]" for link, number in self.spheres]
         if pair < len(self.pairs):
             a, k = self.pairs[pair]
-            return f"{names[a]} from {self.obstacles[k].name}"
+            return f"{names[a]} from {self.pieces[k].name}"
         a, b = self.sphere_pairs[pair - len(self.pairs)]
         return f"{names[a]} from {names[b]}"
 
@@ -313,7 +323,7 @@ class Clearance(BoundedTerm):
         pair = self._order[row]
         if pair < len(self.pairs):
             sphere, k = self.pairs[pair]
-            subject, other = f"obstacle {self.obstacles[k].name!r}", "it"
+            subject, other = f"obstacle {self.obstacles[self.owners[k]].name!r}", "it"
         else:
             sphere, second = self.sphere_pairs[pair - len(self.pairs)]
             subject, other = "self_collision", self._links[self.spheres[second][0]].link
@@ -326,27 +336,36 @@ class Clearance(BoundedTerm):
             f"the obstacle, or give links closer spheres (mbocp spheres {self.robot.name})"
         )
 
-    def _words_of_hull(self, number: int) -> str:
-        """How planes stand for a hull, and the hull for its file."""
-        planes, excess = self._planes[number], self.obstacles[number].excess
-        size = f"{1e3 * planes.error:.2g} mm"
-        told = f"{len(planes.offsets)} planes stand for its hull and keep {size} more away at most"
-        if np.isnan(excess):
+    def _words_of_body(self, number: int) -> str:
+        """How planes stand for hulls, and hulls or parts for the file of an obstacle."""
+        obstacle = self.obstacles[number]
+        planes = [p for k, p in self._planes.items() if self.owners[k] == number]
+        kept = f"keep {1e3 * max((p.error for p in planes), default=0.0):.2g} mm more away at most"
+        if obstacle.compound is not None:
+            body = obstacle.compound
+            told = (
+                f"; {len(body.parts)} convex parts stick out of its surface by {1e3 * body.sticks_out:.2f} mm"
+            )
+            told += f" and leave {1e3 * body.uncovered:.2f} mm of it uncovered at most"
+            return told + (f"; planes around them {kept}" if planes else "")
+        if not planes:
+            return ""
+        told = f"; {len(planes[0].offsets)} planes stand for its hull and {kept}"
+        if np.isnan(obstacle.excess):
             return f"{told}; the surface in its file is not closed"
-        more = f"; it has {100 * excess:.3g} % more volume than its file"
-        return told + (more if excess > _TOLD_EXCESS else "")
+        more = f"; it has {100 * obstacle.excess:.3g} % more volume than its file"
+        return told + (more if obstacle.excess > _TOLD_EXCESS else "")
 
     @property
     def words(self) -> tuple[str, ...]:
         """What is kept apart and what is left out, a line for each."""
-        lines, counts = [], Counter(k for _, k in self.pairs)
+        lines, counts = [], Counter(k for _, k in {(a, self.owners[k]) for a, k in self.pairs})
         for k, obstacle in enumerate(self.obstacles[:_TOLD]):
             count = counts[k]
             told = [f"{n} {reason}" for reason, n in self.left_out.get(obstacle.name, {}).items()]
             left = f"; left out {' and '.join(told)}" if told else ""
-            lines.append(f"{obstacle.name}: {count} {'sphere' if count == 1 else 'spheres'}{left}")
-            if k in self._planes:
-                lines[-1] += f"; {self._words_of_hull(k)}"
+            spheres = f"{count} {'sphere' if count == 1 else 'spheres'}"
+            lines.append(f"{obstacle.name}: {spheres}{left}{self._words_of_body(k)}")
         more = len(self.obstacles) - _TOLD
         if more > 0:
             count = sum(counts[k] for k in range(_TOLD, len(self.obstacles)))
@@ -357,4 +376,5 @@ class Clearance(BoundedTerm):
             left = f"; left out {', '.join(told)}" if told else ""
             pairs = len(self.sphere_pairs)
             lines.append(f"itself: {len(found.links)} pairs of links, {pairs} of spheres{left}")
-        return tuple(lines)
+        used = sorted({link for link, _ in self.spheres})
+        return (*lines, *filter(None, (self._links[link].words for link in used)))

@@ -46,9 +46,17 @@ def clearance_of(
         If the robot has no frame of an obstacle's `frame`.
     """
     _check_names(obstacles)
+    for obstacle in obstacles:
+        check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)
     balls = _balls(robot, limits, obstacles)
-    reasons = {obstacle.name: _reasons_apart(robot, obstacle, balls) for obstacle in obstacles}
-    kept = [(sphere, k) for k, told in enumerate(reasons.values()) for sphere in told if not told[sphere]]
+    pieces = [piece for obstacle in obstacles for piece in obstacle.pieces]
+    apart = [_reasons_apart(robot, piece, balls) for piece in pieces]
+    kept = [(sphere, k) for k, told in enumerate(apart) for sphere in told if not told[sphere]]
+    reasons, rest = {}, iter(apart)
+    for obstacle in obstacles:
+        told = reasons[obstacle.name] = _common([next(rest) for _ in obstacle.pieces])
+        if _FAR in told.values() and all(told.values()):
+            _warn_if_astray(robot, obstacle, [*balls.values()])
     found = _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
     used = sorted({sphere for sphere, _ in kept}.union(*between))
@@ -85,17 +93,20 @@ def _check_names(obstacles: Sequence[Obstacle]) -> None:
             raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
 
 
-def _reasons_apart(robot: Robot, obstacle: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
-    """Why each sphere never meets the obstacle; empty where it may."""
-    frame = robot.model.frames[check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)]
-    carrier, placed = int(frame.parentJoint), frame.placement * obstacle.placement
-    reasons = {
-        sphere: _never_meet(robot, robot.collision_spheres[sphere[0]].joint, carrier, obstacle, placed, ball)
+def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
+    """Why each sphere never meets a piece of an obstacle; empty where it may."""
+    frame = robot.model.frames[robot.frame_id(piece.frame)]
+    carrier, placed = int(frame.parentJoint), frame.placement * piece.placement
+    return {
+        sphere: _never_meet(robot, robot.collision_spheres[sphere[0]].joint, carrier, piece, placed, ball)
         for sphere, ball in balls.items()
     }
-    if _FAR in reasons.values() and all(reasons.values()):
-        _warn_if_astray(robot, obstacle, placed, [*balls.values()])
-    return reasons
+
+
+def _common(reasons: Sequence[Mapping[_Sphere, str]]) -> dict[_Sphere, str]:
+    """Why spheres never meet any piece of an obstacle; empty where they may meet one."""
+    first, *others = reasons
+    return {sphere: told if all(o[sphere] for o in others) else "" for sphere, told in first.items()}
 
 
 def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> _Ball:
@@ -122,8 +133,9 @@ def _never_meet(
     return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
 
 
-def _warn_if_astray(robot: Robot, obstacle: Obstacle, placed: pin.SE3, reaches: Sequence[_Ball]) -> None:
+def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) -> None:
     """Warn of an obstacle that is many times as far away as the robot reaches."""
+    placed = robot.model.frames[robot.frame_id(obstacle.frame)].placement * obstacle.placement
     gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
     size = max(radius for _, radius in reaches)
     if gap > _ASTRAY * size:

@@ -13,6 +13,8 @@ from mbocp._arrays import Array
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.large import working_data
 
+_CONTACTS = 100  # of two meshes that are looked at
+
 Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
 LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whether it is an obstacle
 
@@ -57,9 +59,23 @@ class ShapeDistances:
 
     def of(self, pair: int) -> float:
         """Of the nearest shapes of a pair, negative where they are in each other [m]."""
-        numbers = self._numbers[pair]
-        found = (pin.computeDistance(self._geometry, self._placed, k).min_distance for k in numbers)
-        return float(min(found, default=np.inf))
+        return min((self._distance(k) for k in self._numbers[pair]), default=np.inf)
+
+    def _distance(self, number: int) -> float:
+        found = float(pin.computeDistance(self._geometry, self._placed, number).min_distance)
+        if found != 0.0:
+            return found
+        # Of two meshes it is 0, however deep they are in each other: no deeper is certain than the shallowest
+        # of the triangles that meet.
+        pair = self._geometry.collisionPairs[number]
+        shapes = (self._geometry.geometryObjects[k].geometry for k in (pair.first, pair.second))
+        places = (self._placed.oMg[k] for k in (pair.first, pair.second))
+        at = (coal.Transform3s(place.rotation, place.translation) for place in places)
+        request, result = coal.CollisionRequest(coal.CONTACT, _CONTACTS), coal.CollisionResult()
+        one, other = zip(shapes, at, strict=True)
+        coal.collide(*one, *other, request, result)
+        depths = (result.getContact(k).penetration_depth for k in range(result.numContacts()))
+        return float(max(depths, default=0.0))
 
     def displacements(self, pair: int, here: Array, others: Array) -> Array:
         """By how much the shapes of a pair may have come nearer to each other in other poses, shape (n,) [m].

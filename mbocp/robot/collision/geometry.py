@@ -132,9 +132,13 @@ def read_mesh(path: Path, where: str, mesh: Path, scale: Array) -> tuple[Array, 
 
 
 def _mesh(path: Path, where: str, mesh: Path, scale: Array) -> coal.BVHModelOBBRSS:
-    vertices, faces = read_mesh(path, where, mesh, scale)
+    return mesh_of(*read_mesh(path, where, mesh, scale))
+
+
+def mesh_of(vertices: Array, faces: Indices) -> coal.BVHModelOBBRSS:
+    """Triangles as coal has them."""
     points, triangles = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(vertices))
+    points.extend(list(np.array(vertices)))  # coal takes no arrays that are read-only
     triangles.extend([coal.Triangle(*face) for face in faces.tolist()])
     made = coal.BVHModelOBBRSS()
     made.beginModel(len(faces), len(vertices))

@@ -1,25 +1,22 @@
-"""Convex hulls of points and of mesh files, as obstacles have them."""
+"""Convex hulls of points, as obstacles have them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices
-from mbocp.meshes.read import UNREADABLE, read_triangles
-from mbocp.meshes.volume import count_open_edges, enclosed, weld
 
 MAX_CORNERS = 5000
-_MAX_EXCESS = 0.01  # of a file's volume, by which its hull may be larger without being asked for
 _LEAST_VOLUME = 1e-9  # of the cube over the diagonal
 _LARGEST = 1e6  # [m]
+_FLAT = 1e-5  # of a box's longest side, by which its corners may be elsewhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,55 +95,20 @@ def hull_of(points: Array, max_corners: int = MAX_CORNERS) -> Hull:
     return Hull(frozen_array(corners), faces, frozen_array(normals), volume)
 
 
-def hull_of_file(path: Path, scale: Array, may_be_larger: bool) -> tuple[Hull, float]:
-    """Hull of a mesh file's corners, and its volume beyond the mesh's own, as a part of that.
-
-    Parameters
-    ----------
-    path : Path
-        STL, Collada, OBJ, or what coal reads.
-    scale : ndarray, shape (3,)
-        Metres of a unit of the file.
-    may_be_larger : bool
-        Whether the hull stands for whatever the file has; otherwise its surface has to be closed and convex.
-
-    Returns
-    -------
-    hull : Hull
-    excess : float
-        NaN where the surface is not closed.
-
-    Raises
-    ------
-    InvalidValue
-        If the file is missing or cannot be read, or its surface is not closed or not convex.
-    """
-    name = shorten(str(path))
-    try:
-        vertices, faces = read_triangles(path)
-    except UNREADABLE as error:
-        what = f"{name}, which cannot be read: {error}"
-        raise InvalidValue("file", what, "a mesh: STL, Collada, OBJ or PLY") from error
-    hull = hull_of(vertices * scale)
-    volume, open_edges = _measure(vertices * scale, faces)
-    excess = np.nan if open_edges else hull.volume / max(volume, 1e-300) - 1.0
-    if may_be_larger:
-        return hull, excess
-    way_out = "hull = true takes the convex hull all the same"
-    if open_edges:
-        what = f"{name}, whose surface is not closed: {open_edges} edges have no second triangle"
-        raise InvalidValue("file", what, f"the surface of a volume, all triangles facing outwards; {way_out}")
-    if abs(excess) > _MAX_EXCESS:
-        volumes = f"{hull.volume:.3g} and {volume:.3g} m^3"
-        what = f"{name}, which is not convex: its hull has {100 * excess:.3g} % more volume ({volumes})"
-        raise InvalidValue("file", what, f"a convex body; cut it into convex parts, or {way_out}")
-    return hull, excess
-
-
-def _measure(vertices: Array, faces: Indices) -> tuple[float, int]:
-    """Volume that triangles enclose [m^3], and how many edges have no second triangle the other way round."""
-    corners, faces = weld(vertices, faces)
-    return float(enclosed(corners, faces).mass), count_open_edges(faces)
+def box_of(hull: Hull) -> tuple[pin.SE3, Array] | None:
+    """Where a hull is a box, that box: its middle and axes, and its sides [m]."""
+    if len(hull.vertices) != 8:
+        return None
+    across = np.abs(hull.normals @ hull.normals.T)
+    first = hull.normals[0]
+    second = hull.normals[int(across[0].argmin())]
+    axes = np.column_stack([first, second, np.cross(first, second)])
+    along = hull.vertices @ axes
+    low, high = along.min(axis=0), along.max(axis=0)
+    corners = np.minimum(along - low, high - along)
+    if corners.max() > _FLAT * float((high - low).max()) or across[0].min() > _FLAT:
+        return None
+    return pin.SE3(axes, axes @ (0.5 * (low + high))), high - low
 
 
 @lru_cache(maxsize=64)

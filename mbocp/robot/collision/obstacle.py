@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -14,7 +15,8 @@ from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
-from mbocp.robot.collision.hull import Hull
+from mbocp.robot.collision.compound import Compound
+from mbocp.robot.collision.hull import Hull, box_of
 
 # Keys of a shape's sizes, and how many lengths each has.
 SIZES: dict[str, dict[str, int]] = {
@@ -40,7 +42,8 @@ class Obstacle:
     ----------
     name : str
     shape : {"sphere", "capsule", "box", "cylinder", "halfspace", "mesh"}
-        Capsules and cylinders are along z; a halfspace fills what is below z = 0; a mesh is a convex hull.
+        Capsules and cylinders are along z; a halfspace fills what is below z = 0; a mesh is a convex hull, or
+        a compound of some.
     sizes : array_like
         In the order of `SIZES`: radius; radius and length (of a capsule without its ends); sides x, y, z
         [m]; of a halfspace and of a mesh nothing.
@@ -59,6 +62,8 @@ class Obstacle:
         nothing compiles anew.
     hull : Hull, optional
         Of a mesh.
+    compound : Compound, optional
+        Of a mesh that is not convex, in the place of its hull.
     excess : float
         By how much its volume is larger than that of the file that it comes from, as a part of that; NaN
         where the file's surface is not closed.
@@ -79,6 +84,7 @@ class Obstacle:
     smoothing: float = SMOOTHING
     movable: bool = False
     hull: Hull | None = None
+    compound: Compound | None = None
     excess: float = 0.0
 
     def __post_init__(self) -> None:
@@ -88,9 +94,10 @@ class Obstacle:
             raise InvalidValue(f"{key}: shape", show(self.shape), expected)
         if self.shape not in SHAPES:
             raise InvalidValue.of_choice(f"{key}: shape", self.shape, SHAPES, "")
-        if (self.hull is not None) != (self.shape == MESH):
-            expected = "corners of a mesh, and of no other shape"
-            raise InvalidValue(f"{key}: hull", "none" if self.hull is None else "a hull", expected)
+        bodies = sum(body is not None for body in (self.hull, self.compound))
+        if bodies != (self.shape == MESH):
+            expected = "a hull or a compound of a mesh, and of no other shape"
+            raise InvalidValue(f"{key}: hull and compound", f"{bodies} of them", expected)
         self._take("sizes", sum(SIZES.get(self.shape, {}).values()), "m")
         if np.any(np.asarray(self.sizes) <= 0.0):
             raise InvalidValue(f"{key}: sizes", np.asarray(self.sizes).tolist(), "lengths above 0 [m]")
@@ -117,13 +124,31 @@ class Obstacle:
     @property
     def geometry(self) -> coal.CollisionGeometry:
         """The shape, as coal has it."""
-        if self.hull is not None:
-            return self.hull.shape
+        body = self.hull or self.compound
+        if body is not None:
+            return body.shape
         sizes = [float(size) for size in self.sizes]
         if self.shape == "halfspace":
             return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
         made = {"sphere": coal.Sphere, "capsule": coal.Capsule, "box": coal.Box, "cylinder": coal.Cylinder}
         return made[self.shape](*sizes)
+
+    @cached_property
+    def pieces(self) -> tuple[Obstacle, ...]:
+        """Convex obstacles that stand for it where solvers see it; what is a box is one."""
+        if self.compound is None:
+            return (self,)
+        return tuple(self._piece(number, part) for number, part in enumerate(self.compound.parts))
+
+    def _piece(self, number: int, part: Hull) -> Obstacle:
+        found, same = box_of(part), replace(self, name=f"{self.name}[{number}]", compound=None, hull=part)
+        if found is None:
+            return same
+        place, sizes = self.placement * found[0], found[1]
+        turned = pin.Quaternion(place.rotation).coeffs()
+        return replace(
+            same, shape="box", sizes=sizes, position=place.translation, orientation=turned, hull=None
+        )
 
     @property
     def table(self) -> dict[str, Any]:
@@ -132,6 +157,9 @@ class Obstacle:
         at = 0
         if self.hull is not None:
             found["vertices"] = np.asarray(self.hull.vertices)
+        if self.compound is not None:
+            found["vertices"], found["faces"] = np.asarray(self.compound.vertices), self.compound.faces
+            found["parts"] = [np.asarray(part.vertices).tolist() for part in self.compound.parts]
         for key, count in SIZES.get(self.shape, {}).items():
             values = np.asarray(self.sizes)[at : at + count].tolist()
             found[key] = values[0] if count == 1 else values

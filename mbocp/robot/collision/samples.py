@@ -63,7 +63,7 @@ def surface_points(shape: pin.GeometryObject, count: int, start: int = 0) -> Arr
     elif isinstance(geometry, coal.Capsule):
         points = _capsule(geometry.radius, geometry.halfLength, count, start)
     else:
-        points = _mesh(*triangles_of(geometry), count, start)
+        points = points_on(*triangles_of(geometry), count, start)
     placed: Array = points @ shape.placement.rotation.T + shape.placement.translation
     return placed
 
@@ -110,7 +110,8 @@ def _circle(radius: float, count: int) -> Array:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)], axis=1)
 
 
-def _mesh(vertices: Array, faces: Indices, count: int, start: int) -> Array:
+def points_on(vertices: Array, faces: Indices, count: int, start: int = 0) -> Array:
+    """Corners of triangles and points on them, about as many of either as are asked for, shape (M, 3) [m]."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     u = sequence(count, start)

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
-import io
-import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, partial
-from pathlib import Path
-from typing import Any
+from functools import partial
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.exceptions import CompilationError
-from mbocp.programme.cache import find_entry, unseal, write_entry
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
-from mbocp.robot.collision.geometry import triangles_of
+from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import box_around, surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere
@@ -29,10 +22,8 @@ _TOLERANCE = 0.03  # of the robot's size: how far fitted spheres may stick out
 _MOST = 8  # spheres of a link
 _CHECKED = 8000  # points of a link that are looked at once more
 _OTHER = 1_000_003  # where the sequence of these points starts
+_TOLD_GAP = 1e-3  # [m]
 _SLACK = 1.005  # of radii, for what lies between the points
-_SOURCES = ("fitting", "geometry", "samples", "solid", "spheres")  # modules that say what is fitted
-
-Arrays = Mapping[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +66,13 @@ class LinkSpheres:
     def __post_init__(self) -> None:
         object.__setattr__(self, "centers", frozen_array(self.centers, shape=(None, 3), name="centers"))
         object.__setattr__(self, "radii", frozen_array(self.radii, shape=(len(self.centers),), name="radii"))
+
+    @property
+    def words(self) -> str:
+        """What given spheres leave of a link, in a sentence; empty where that is next to nothing."""
+        if self.origin != "given" or not self.gap > _TOLD_GAP:
+            return ""
+        return f"the given spheres leave {100.0 * self.gap:.2g} cm of {self.link} uncovered"
 
 
 def link_spheres(
@@ -195,66 +193,3 @@ def _size(model: pin.Model, geometry: pin.GeometryModel, q: Array) -> float:
     for shape, place in zip(geometry.geometryObjects, drawn.oMg, strict=True):
         corners += [place.act(corner) for corner in box_around(shape.geometry)]
     return float(np.linalg.norm(np.ptp(np.array(corners), axis=0)))
-
-
-def kept(shapes: Sequence[pin.GeometryObject], numbers: Sequence[Array], fit: Callable[[], Arrays]) -> Arrays:
-    """Return what `fit` gives for shapes and numbers, from the folder where it is there.
-
-    Parameters
-    ----------
-    shapes : sequence of pinocchio.GeometryObject
-    numbers : sequence of ndarray
-        All else that it depends on.
-    fit : callable
-        () -> arrays by name.
-    """
-    name = f"{_digest(shapes, numbers)}.fit"
-    try:
-        file = find_entry(name)
-        content = None if file is None else unseal(file)
-    except CompilationError:  # there is no folder at all
-        return fit()
-    before = None if content is None else _read(content)
-    if before is not None:
-        return before
-    found, body = fit(), io.BytesIO()
-    arrays: dict[str, Any] = dict(found)
-    np.savez(body, **arrays)
-    write_entry(name, body.getvalue())
-    return found
-
-
-def _read(content: bytes) -> dict[str, Array] | None:
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (ValueError, OSError, zipfile.BadZipFile):
-        return None
-
-
-def _digest(shapes: Sequence[pin.GeometryObject], numbers: Sequence[Array]) -> str:
-    digest = hashlib.sha256(_sources())
-    arrays = [array for shape in shapes for array in _numbers_of(shape)]
-    for array in (*arrays, *numbers):
-        digest.update(repr((array.shape, str(array.dtype))).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
-
-
-def _numbers_of(shape: pin.GeometryObject) -> list[Any]:
-    """What a shape is, and where."""
-    geometry = shape.geometry
-    kind = np.frombuffer(type(geometry).__name__.encode(), dtype=np.uint8)
-    if isinstance(geometry, coal.BVHModelBase):
-        sizes: list[Any] = list(triangles_of(geometry))
-    elif isinstance(geometry, coal.Box):
-        sizes = [np.asarray(geometry.halfSide)]
-    else:
-        sizes = [np.array([getattr(geometry, name, 0.0) for name in ("radius", "halfLength")])]
-    return [kind, *sizes, np.asarray(shape.placement.homogeneous)]
-
-
-@cache
-def _sources() -> bytes:
-    folder = Path(__file__).parent
-    return b"".join((folder / f"{name}.py").read_bytes() for name in _SOURCES)

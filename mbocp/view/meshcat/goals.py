@@ -9,9 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import MeshPart
+from mbocp.meshes.parts import Indices, MeshPart
 from mbocp.robot import LinkSpheres, Robot
-from mbocp.robot.collision.hull import Hull
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.samples import CORNERS, box_around
 from mbocp.view.marks import Marks
@@ -181,8 +180,8 @@ def obstacle_commands(
         material = mg.MeshPhongMaterial(color=colour_number(_OBSTACLE), transparent=True, opacity=opacity)
         if is_plate:
             drawn = mg.Box([_PLATE * size, _PLATE * size, 1e-3 * size])
-        elif obstacle.hull is not None:
-            drawn = MergedGeometry([_flat_sides(obstacle.hull)], [None])
+        elif (body := obstacle.hull or obstacle.compound) is not None:
+            drawn = MergedGeometry([_flat_sides(body.vertices, body.faces)], [None])
         else:
             drawn = load_primitive(pin.GeometryObject(obstacle.name, joint, placed, obstacle.geometry))
         path = f"{node(joint)}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
@@ -211,8 +210,10 @@ def sphere_commands(
             yield set_transform(path, np.eye(3), placement.act(np.array(center)))
 
 
-def _flat_sides(hull: Hull) -> MeshPart:
-    """A hull whose triangles have no corner in common, so that edges are seen."""
-    vertices = hull.vertices[hull.faces.ravel()]
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    return MeshPart(vertices, faces, np.repeat(hull.normals, 3, axis=0), None, None)
+def _flat_sides(vertices: Array, faces: Indices) -> MeshPart:
+    """Triangles that have no corner in common, so that edges are seen."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    numbers = np.arange(faces.size).reshape(-1, 3)
+    return MeshPart(corners.reshape(-1, 3), numbers, np.repeat(normals, 3, axis=0), None, None)

@@ -88,7 +88,7 @@ def test_spheres_of_the_urdf_are_taken_as_they_are(tmp_path):
     assert found.origin == "urdf"
     assert found.radii.tolist() == [0.07, 0.02]
     np.testing.assert_allclose(found.centers, [[0.1, 0.2, 0.3]] * 2)
-    assert (found.uncovered, found.gap, found.sticks_out) == (0.0, 0.0, 0.0)
+    assert (found.uncovered, found.gap, found.sticks_out, found.words) == (0.0, 0.0, 0.0, "")
 
 
 def test_given_spheres_take_the_place_of_shapes(tmp_path):
@@ -97,6 +97,7 @@ def test_given_spheres_take_the_place_of_shapes(tmp_path):
     assert found.origin == "given"
     assert found.radii.tolist() == [0.1]
     assert 0.3 < found.uncovered < 0.8  # the ends of a cylinder of half a metre
+    assert found.words == f"the given spheres leave {100 * found.gap:.2g} cm of {found.link} uncovered"
     assert found.gap == pytest.approx(np.hypot(0.25, 0.06) - 0.1, abs=1e-3)
 
 
