@@ -1,9 +1,9 @@
 """Time and memory over the degrees of freedom, beside Crocoddyl: python -m benchmarks.joints.
 
-From rest to a small move of all motors, 50 steps of semi-implicit Euler, least effort. Every row is a process
-of its own, and its peer another: once with an empty cache and no compiler, then with what that has left there.
-Processor times, the least of many. Crocoddyl has another step and another Hessian (Gauss-Newton's), and
-functions that need not be built.
+From rest to a small move of all motors, 50 steps of semi-implicit Euler, least effort. Every row is a
+process of its own, and its peer another: once with an empty cache and no compiler, then with what that has
+left there. Processor times, the least of many. Crocoddyl has another step and another Hessian
+(Gauss-Newton's), and functions that need not be built.
 """
 
 from __future__ import annotations
