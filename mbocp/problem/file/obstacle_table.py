@@ -16,6 +16,7 @@ from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
+from mbocp.problem.file.motion_table import MotionTable, read_motion
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
@@ -85,6 +86,9 @@ class ObstacleTable(Table):
     ] = None
     orientation: Quaternion = None
     frame: Annotated[str | None, Key("frame of the robot that carries it", "", '`"world"`')] = None
+    motion: Annotated[MotionTable | None, Key("how it [moves](obstacles.md#moving-obstacles)", "", "not")] = (
+        None
+    )
     margin: Annotated[Finite, Key("least distance", "m")] = 0.0
     smoothing: Annotated[Positive, Key("length over which edges are rounded in the equations", "m")] = (
         SMOOTHING
@@ -102,6 +106,14 @@ class SelfCollisionTable(Table):
     """How links keep away from each other."""
 
     margin: Annotated[Finite, Key("least distance of links from each other", "m")] = 0.0
+    of_parts: Annotated[
+        Finite | None,
+        Key(
+            "least distance of links of different [parts](robots.md#several-robots-in-one-world)",
+            "m",
+            "`margin`",
+        ),
+    ] = None
     disabled: Annotated[list[list[str]], Key("pairs of links that need not", "", "none", "list of pairs")] = (
         Field(default_factory=list)
     )
@@ -139,7 +151,7 @@ def self_collision_from(
         if len(pair) != 2:
             raise ProblemError(f"self_collision.disabled: got {show(pair)}, expected pairs of links")
     pairs = tuple((pair[0], pair[1]) for pair in self_collision_table.disabled)
-    return SelfCollision(self_collision_table.margin, pairs, srdf)
+    return SelfCollision(self_collision_table.margin, self_collision_table.of_parts, pairs, srdf)
 
 
 def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | None:
@@ -147,7 +159,8 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
     if not isinstance(own, SelfCollision):
         return None
     srdf = {} if own.srdf is None else {"srdf": str(own.srdf.resolve())}
-    return {"margin": own.margin, "disabled": [list(pair) for pair in own.disabled], **srdf}
+    parts = {} if own.of_parts is None else {"of_parts": own.of_parts}
+    return {"margin": own.margin, **parts, "disabled": [list(pair) for pair in own.disabled], **srdf}
 
 
 def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
@@ -157,6 +170,7 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
         hull, excess = _hull(table, folder)
+        motion = None if table.motion is None else read_motion(table.motion, table.position, folder)
     with locate(key):
         return Obstacle(
             name=name,
@@ -170,6 +184,7 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
             movable=table.movable,
             hull=hull,
             excess=excess,
+            motion=motion,
         )
 
 

@@ -26,16 +26,16 @@ _BETWEEN = 4  # configurations of a step
 _MISSED = 0.01  # [m] from what is missing, what is taken, too
 
 
-def near_pairs(clearance: Clearance, qs: Array) -> tuple[int, ...]:
-    """Pairs that come near along some configurations, the nearest first."""
+def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
+    """Pairs that come near along some configurations at their times, the nearest first."""
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(qs, near) - clearance.margins).min(axis=0)
+    least = (clearance.pair_values(qs, near, ts) - clearance.margins).min(axis=0)
     order = np.argsort(least, kind="stable")
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST))
     return tuple(order[:count].tolist())
 
 
-def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
+def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
     """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
     clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
@@ -43,8 +43,9 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     first = np.repeat(np.arange(len(qs) - 1), _BETWEEN)
     shares = np.tile(np.arange(_BETWEEN) / _BETWEEN, len(qs) - 1)
     sampled = np.vstack([between(problem.robot, qs[first], qs[first + 1], shares), qs[-1:]])
+    times = np.append((1.0 - shares) * ts[first] + shares * ts[first + 1], ts[-1])
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(sampled, near) - clearance.margins).min(axis=0)
+    least = (clearance.pair_values(sampled, near, times) - clearance.margins).min(axis=0)
     least[list(rows.chosen)] = np.inf
     if least.min() >= 0.0:
         return ()
