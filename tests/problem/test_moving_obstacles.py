@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.terms import Point
 from mbocp.view.meshcat.goals import obstacle_tracks
 
-BELT = Path(__file__).parents[2] / "examples" / "arms" / "past_a_belt.toml"
+ARMS = Path(__file__).parents[2] / "examples" / "arms"
+BELT, CELL = ARMS / "past_a_belt.toml", ARMS / "two_arms_cell.toml"
 TIMES, POSITIONS = [0.23, 0.56, 1.31], [[0.7, -0.8, 0.3], [0.6, 0.0, 0.2], [0.5, 0.8, 0.6]]
 TURNS = [[0.0, 0.0, 0.0], [0.4, 0.2, 1.5], [-0.3, 0.9, 3.0]]
 TABLE = {"times": TIMES, "positions": POSITIONS, "orientations": TURNS}
@@ -254,3 +256,75 @@ def test_poses_are_those_of_long_motions_too() -> None:
     assert motion.poses(np.array([1e4]))[0, :3] == pytest.approx([0.0, 4999.0, 0.0], abs=1e-9)
     assert motion.distance_from(np.array([0.3, 2.0, 0.0])) == pytest.approx(0.3, abs=1e-9)
     assert motion.distance_from(np.array([0.0, -3.0, 0.0])) == pytest.approx(2.0, abs=1e-9)
+
+
+def test_a_result_is_a_robot_that_moves(tmp_path: Path) -> None:
+    """Spheres are where the links of its robot are at its nodes, also when it is read back from a text."""
+    arm = Problem.create("ur5", 1.0, 3, goal={"q": [0.5] * 6, "v": 0}, integrator={"scheme": "se1"})
+    other = mbocp.solve(arm)
+    other.save(tmp_path / "other.h5")
+    (tmp_path / "p.toml").write_text(
+        'robot = "ur5"\nhorizon = { duration = 1.0, steps = 4 }\ngoal = { v = 0 }\n'
+        '[[obstacle]]\nname = "other"\nresult = "other.h5"\nposition = [0, 3, 0]\nrpy = [0, 0, 1.0]\n'
+    )
+    problem = load_problem(tmp_path / "p.toml")
+    assert len(problem.clearance.movers) == len(arm.robot.collision_spheres)
+    again = parse_problem(problem_to_toml(problem))
+    assert len(again.clearance.movers) == len(problem.clearance.movers)
+    base = pin.SE3(pin.utils.rotate("z", 1.0), np.array([0.0, 3.0, 0.0]))
+    for read in (problem, again):
+        spheres = {sphere.name: sphere for sphere in read.obstacle}
+        for link in arm.robot.collision_spheres:
+            for t, q in zip(other.t, other.qs, strict=True):
+                placed = spheres[f"other/{link.link}[0]"].placements(np.array([t]))[0]
+                center = (base * arm.robot.frame_placement(link.link, q)).act(link.centers[0])
+                assert placed.translation == pytest.approx(center, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ('result = "nowhere.h5"', "no such file"),
+        ('result = "p.toml"', "is not a result file"),
+        ('result = "p.toml"\nshape = "box"', "shape: with a result there are"),
+        ('name = "box"', "shape: required"),
+    ],
+)
+def test_what_is_no_robot_that_moves_is_refused(tmp_path: Path, keys: str, told: str) -> None:
+    text = 'robot = "ur5"\nhorizon = { duration = 1.0, steps = 4 }\ngoal = { v = 0 }\n[[obstacle]]\n'
+    (tmp_path / "p.toml").write_text(text + keys)
+    with pytest.raises(MbocpError, match=rf"(?s)obstacle.*{told}"):
+        load_problem(tmp_path / "p.toml")
+
+
+def test_robots_of_a_cell_have_a_distance_of_their_own() -> None:
+    clearance = load_problem(CELL).clearance
+    names = [pair.split(" and ") for pair in clearance.links_of_pairs]
+    is_both = np.array([a.split("/")[0] != b.split("/")[0] for a, b in names])
+    assert (clearance.margins[is_both] == 0.02).all()
+    assert (clearance.margins[~is_both] == 0.0).all()
+    assert is_both.any()
+    assert not is_both.all()
+
+
+@pytest.mark.slow
+def test_two_arms_of_a_cell_visit_one_fixture() -> None:
+    """They keep 2 cm apart at every millisecond, by coal alone."""
+    problem = load_problem(CELL)
+    found = mbocp.solve(problem)
+    assert found.converged, found.advice
+    geometry, model = pin.GeometryModel(problem.robot.collision_model), problem.robot.model
+    sides = [
+        [k for k, g in enumerate(geometry.geometryObjects) if g.name.startswith(s)] for s in ("left", "right")
+    ]
+    for one, other in product(*sides):
+        geometry.addCollisionPair(pin.CollisionPair(one, other))
+    data, placed = model.createData(), pin.GeometryData(geometry)
+    for request in placed.collisionRequests:
+        request.security_margin = 0.0199
+    for t in np.append(np.arange(0.0, found.t[-1], 1e-3), found.t[-1]):
+        q = np.array([np.interp(t, found.t, column) for column in found.qs.T])
+        assert not pin.computeCollisions(model, data, geometry, placed, q, True), t
+    both = np.append(problem.via[0].goal.q[:6], problem.via[1].goal.q[6:])
+    assert pin.computeCollisions(model, data, geometry, placed, both, True)  # both cannot be there at once
+    assert found.t[-1] < 1.3  # one arm alone takes 1.025 s

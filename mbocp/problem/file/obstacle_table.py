@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,11 +18,13 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import MotionTable, read_motion
+from mbocp.problem.file.moving_robot import spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.hull import Hull, hull_of, hull_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
+_OF_RESULTS = {"name", "result", "position", "rpy", "orientation", "margin"}
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
@@ -36,7 +39,19 @@ class ObstacleTable(Table):
             "shape and number",
         ),
     ] = None
-    shape: Annotated[str, choice(SHAPES), Key("a [mesh](obstacles.md#meshes) is a convex hull")]
+    shape: Annotated[
+        str | None,
+        choice(SHAPES),
+        Key("a [mesh](obstacles.md#meshes) is a convex hull", "", "required without `result`"),
+    ] = None
+    result: Annotated[
+        str | None,
+        Key(
+            "in place of a shape a [robot that moves](obstacles.md#robots-in-one-cell) as this result says; "
+            "`position` and `rpy` are those of its world",
+            takes="path",
+        ),
+    ] = None
     radius: Annotated[
         Positive | None,
         Key(
@@ -130,7 +145,8 @@ def obstacles_from(
     ProblemError, InvalidValue
         If a key does not fit the shape, or a value cannot be right.
     """
-    return tuple(_obstacle(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
+    found = (_obstacles(table, i, folder or Path()) for i, table in enumerate(obstacle_table))
+    return tuple(chain(*found))
 
 
 def obstacle_tables(obstacles: Sequence[Obstacle]) -> list[dict[str, Any]]:
@@ -163,8 +179,23 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
     return {"margin": own.margin, **parts, "disabled": [list(pair) for pair in own.disabled], **srdf}
 
 
-def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
+def _obstacles(table: ObstacleTable, index: int, folder: Path) -> tuple[Obstacle, ...]:
+    """One of a shape, many of a robot."""
     key = f"obstacle.{index}"
+    if table.result is None:
+        return (_obstacle(table, key, index, folder),)
+    others = sorted(table.model_fields_set - _OF_RESULTS)
+    if others:
+        raise ProblemError(f"{key}.{others[0]}: with a result there are {', '.join(sorted(_OF_RESULTS))}")
+    base = pin.XYZQUATToSE3(np.array([*(table.position or [0.0] * 3), *_orientation(table, key)]))
+    path = folder / path_of(table.result)
+    with locate(key):
+        return spheres_of_result(path, base, table.name or f"robot {index + 1}", table.margin)
+
+
+def _obstacle(table: ObstacleTable, key: str, index: int, folder: Path) -> Obstacle:
+    if table.shape is None:
+        raise ProblemError(f"{key}.shape: required: {' or '.join(SHAPES)}; or a result")
     sizes = _sizes(table, key) if table.shape in SHAPES else []
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
@@ -190,7 +221,7 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
 
 def _sizes(table: ObstacleTable, key: str) -> list[float]:
     """Lengths of the shape, in the order of `SIZES`."""
-    wanted = SIZES.get(table.shape, {})
+    wanted = SIZES.get(table.shape or "", {})
     given = [name for name in _LENGTHS if getattr(table, name) is not None]
     for name in given:
         if name not in wanted:

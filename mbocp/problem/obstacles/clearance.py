@@ -138,7 +138,7 @@ class Clearance(BoundedTerm):
     @cached_property
     def movers(self) -> tuple[ObstacleMotion, ...]:
         """Motions of obstacles by the time, each once."""
-        return tuple({id(o.motion): o.motion for o in self.obstacles if o.motion is not None}.values())
+        return tuple({o.motion.key: o.motion for o in self.obstacles if o.motion is not None}.values())
 
     @cached_property
     def scene(self) -> pin.Model:
@@ -164,7 +164,7 @@ class Clearance(BoundedTerm):
         """Frame of the scene that carries an obstacle."""
         if obstacle.motion is None:
             return self.robot.frame_id(obstacle.frame)
-        number = next(k for k, motion in enumerate(self.movers) if motion is obstacle.motion)
+        number = [motion.key for motion in self.movers].index(obstacle.motion.key)
         return int(self.scene.nframes) - len(self.movers) + number
 
     def placement_of(self, obstacle: Obstacle) -> pin.SE3:

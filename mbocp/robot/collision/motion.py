@@ -109,6 +109,13 @@ class ObstacleMotion:
         """Whether shapes that it carries are placed in the world, where they are when it begins."""
         return "velocity" in self.table
 
+    @property
+    def key(self) -> bytes:
+        """The same for motions that are the same."""
+        return np.hstack(
+            [self.times, self.lengths, *map(np.ravel, (self.positions, self.orientations, self.turning))]
+        ).tobytes()
+
     def poses(self, ts: Array) -> Array:
         """Positions and quaternions xyzw at some times, shape (n, 7)."""
         ts = np.asarray(ts, dtype=np.float64)
