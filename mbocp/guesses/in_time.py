@@ -143,7 +143,8 @@ class _Search:
         k = int(cost.argmin())
         if not np.isfinite(cost[k]) or cost[k] == 0.0:
             return None
-        place = tree.places[k] + min(1.0, _STEP / ahead[k]) * steps[k]
+        is_near = ahead[k] <= _STEP
+        place = wanted if is_near else tree.places[k] + _STEP / ahead[k] * steps[k]
         if not self._is_free(tree.places[k], place):
             return None
         tree.places.append(place)

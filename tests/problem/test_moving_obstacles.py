@@ -258,6 +258,17 @@ def test_poses_are_those_of_long_motions_too() -> None:
     assert motion.distance_from(np.array([0.0, -3.0, 0.0])) == pytest.approx(2.0, abs=1e-9)
 
 
+def test_motions_that_begin_alike_are_told_apart() -> None:
+    box = {"shape": "box", "size": [0.1, 0.1, 0.1], "position": [0.6, -1.5, 0.2], "movable": True}
+    motions = [{"velocity": [0, speed, 0]} for speed in (0.5, 0.5, 0.8)]
+    obstacles = [{**box, "name": str(k), "motion": motion} for k, motion in enumerate(motions)]
+    clearance = Problem.create("ur5", 1.0, 4, goal={"v": 0}, obstacle=obstacles).clearance
+    assert len(clearance.movers) == 2
+    assert [clearance.frame_of(one) for one in clearance.obstacles] == [
+        k + clearance.scene.nframes for k in (-2, -2, -1)
+    ]
+
+
 def test_a_result_is_a_robot_that_moves(tmp_path: Path) -> None:
     """Spheres are where the links of its robot are at its nodes, also when it is read back from a text."""
     arm = Problem.create("ur5", 1.0, 3, goal={"q": [0.5] * 6, "v": 0}, integrator={"scheme": "se1"})

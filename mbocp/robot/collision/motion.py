@@ -112,9 +112,8 @@ class ObstacleMotion:
     @property
     def key(self) -> bytes:
         """The same for motions that are the same."""
-        return np.hstack(
-            [self.times, self.lengths, *map(np.ravel, (self.positions, self.orientations, self.turning))]
-        ).tobytes()
+        steady = self.positions, self.orientations, self.velocities, self.turning
+        return np.column_stack([self.times, self.lengths, *steady]).tobytes()
 
     def poses(self, ts: Array) -> Array:
         """Positions and quaternions xyzw at some times, shape (n, 7)."""
