@@ -12,8 +12,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.formulation.trajectory import times_of
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm
@@ -31,6 +33,7 @@ from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
 from mbocp.solution.reading import Attempt
+from mbocp.solution.rest import Rest
 from mbocp.solvers import Phase, Status
 
 _ROUNDS = 8  # of solving again with rows that were missing, and larger margins
@@ -148,8 +151,9 @@ def _may_be_on_the_wrong_side(problem: Problem) -> bool:
 
 def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | None:
     """The problem with a guess that these random numbers lead to; None where there is none."""
-    way = around(problem, seed)
-    if way is None:
+    clearance = problem.clearance
+    way = None if clearance is None or clearance.movers else around(problem, seed)
+    if way is None:  # configurations alone do not say a way by the time
         return None
     corners = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))[1:-1]
     return replace(problem, guess=Guess(kind="way", q=corners), solver=solver)
@@ -163,8 +167,13 @@ def _near(job: Job) -> Job:
     carried, clearance = start.iterate, problem.clearance
     is_known = carried is not None and clearance is not None and carried.room.size == clearance.num_pairs
     if carried is None or not is_known:
-        return replace(job, problem=near_the_way(problem, start.qs))
-    return replace(job, problem=with_room(problem, carried.room, start.qs))
+        return replace(job, problem=near_the_way(problem, _times(start), start.qs))
+    return replace(job, problem=with_room(problem, carried.room, _times(start), start.qs))
+
+
+def _times(start: Solution | Rest) -> Array:
+    """Times of the motion that a warm start says, from where it begins [s]."""
+    return start.t if isinstance(start, Solution) else start.solution.t - start.at
 
 
 def _may_be_rough(near: Problem) -> bool:
@@ -184,10 +193,11 @@ def _find_rows(near: Job, before: list[Attempt]) -> Job:
         if not before[-1].is_converged or near.is_late:
             break
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
-        missing = missing_pairs(near.problem, motion.qs)
+        t = times_of(near.problem, motion.dts)
+        missing = missing_pairs(near.problem, t, motion.qs)
         rows = rows_of(near.problem)
         if not missing or rows is None or rows.chosen is None:
-            return replace(near, problem=with_first_reserve(near.problem, motion.qs))
+            return replace(near, problem=with_first_reserve(near.problem, t, motion.qs))
         near = replace(near, problem=with_pairs(near.problem, {*rows.chosen, *missing}))
     return near
 

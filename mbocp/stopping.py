@@ -100,6 +100,8 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     """The problem of a stop."""
     if problem.phase:
         raise ProblemError("stop: motions with phases stop where their contacts allow it; solve that problem")
+    if problem.clearance is not None and problem.clearance.movers:
+        raise ProblemError("stop: obstacle.motion counts the time from another start; solve that problem")
     longest, force = _estimate(problem, begin)
     has_jerks = bool(problem.widest_limits.finite("j").any())
     tables = written_tables(problem)

@@ -28,13 +28,14 @@ _PLACES = {
         formulation/sources formulation/found_numbers formulation/step_lengths formulation/steps
         formulation/turning problem/between_nodes problem/causes problem/clear_goal problem/default_cost
         problem/effort_rms problem/frame_goals problem/goal_sets problem/impulse_bounds
-        problem/mesh_obstacles problem/compound_obstacles problem/scenes problem/pair_clearances
-        problem/place_causes problem/file/gait problem/file/ground problem/via programme/c_files
-        programme/keys programme/later receding/estimator receding/horizon robot/large_robots
-        robot/loops/undriven ros sensitivity menus cli/menu cli/excite solvers/equations solvers/homotopy
-        solvers/limits solvers/time_limit solvers/units terms/acceleration terms/braking terms/contact
-        terms/distances terms/effort_about_gravity terms/end_acceleration terms/energy identification
-        terms/hulls terms/kept terms/motor terms/whole_path view/replay
+        problem/mesh_obstacles problem/moving_obstacles problem/compound_obstacles problem/scenes
+        problem/pair_clearances problem/place_causes problem/file/gait problem/file/ground problem/via
+        programme/c_files programme/keys programme/later receding/estimator receding/horizon
+        robot/large_robots robot/loops/undriven ros sensitivity menus cli/menu cli/excite
+        solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
+        terms/acceleration terms/braking terms/contact terms/distances terms/effort_about_gravity
+        terms/end_acceleration terms/energy identification terms/hulls terms/kept terms/motor
+        terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

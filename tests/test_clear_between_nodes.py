@@ -120,8 +120,8 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
 
     expected = mbocp.solve(problem)
     monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
-    monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, qs: ())
-    monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, qs: problem)
+    monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, ts, qs: ())
+    monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, ts, qs: problem)
     monkeypatch.setattr("mbocp.clearing.missing_pairs", missing)
     solution = mbocp.solve(problem)
     assert solution.converged

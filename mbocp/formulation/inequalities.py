@@ -64,7 +64,8 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
     names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
     progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))
-    return [one.values_in_motion(problem.robot, states, lams, progress) for one in problem.path]
+    ts = np.cumsum(motion.dts)
+    return [one.values_in_motion(problem.robot, ts, states, lams, progress) for one in problem.path]
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:

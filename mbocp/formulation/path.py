@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp.formulation.features.accelerations import driven_acceleration
+from mbocp.formulation.features.clock import CLOCK
+from mbocp.formulation.features.step_lengths import STEP_SHARE
 from mbocp.formulation.layout import Block
 from mbocp.formulation.parameters import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
@@ -36,8 +38,8 @@ def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
         hessian += found[2]
     given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
     for k, term in clearances.items():
-        numbers = _numbers(given, k, term)
-        h, dh, upper = _of_clearance(at, term).call([x, of_term[k], *numbers])
+        numbers, unit = _numbers(given, k, term), _unit_of_time(given, term)
+        h, dh, upper = _of_clearance(at, term).call([x, of_term[k], unit, *numbers])
         rows[k] = (h, dh)
         hessian += upper
     outputs = [ca.vertcat(*(h for h, _ in rows.values())), ca.vertcat(*(dh for _, dh in rows.values()))]
@@ -59,8 +61,9 @@ def build_path_values(at: StepSymbols, signature: FunctionSignature) -> ca.Funct
         rows |= dict(zip(others, ca.vertsplit(written(x, u, theta), ends), strict=True))
     given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
     for k, term in clearances.items():
-        numbers = _numbers(given, k, term)
-        (rows[k],) = term.values(_place_of(at)).call([x[at.space.layout.z], *numbers])
+        numbers, where = _numbers(given, k, term), _seen(at, term)
+        place = _in_seconds(x[where], _unit_of_time(given, term), term)
+        (rows[k],) = term.values(_place_of(at)).call([place, *numbers])
     return ca.Function("path_values", [x, u, theta], [ca.vertcat(*rows.values())])
 
 
@@ -77,23 +80,48 @@ def _numbers(given: Mapping[str, ca.MX], k: int, term: ClearanceTerm) -> list[ca
 
 
 def _place_of(at: StepSymbols) -> Point:
-    """A configuration of symbols, at rest."""
+    """A configuration of symbols, at rest, at some time."""
     z = at.space.layout.z
-    return Point(at.mechanics, ca.SX.sym("q", z.stop - z.start), ca.SX.zeros(at.mechanics.nv))
+    q = ca.SX.sym("q", z.stop - z.start)
+    return Point(at.mechanics, q, ca.SX.zeros(at.mechanics.nv), moment=ca.SX.sym("t"))
+
+
+def _seen(at: StepSymbols, term: ClearanceTerm) -> list[int]:
+    """Places in a state of what a clearance looks at: the configuration, and the time last."""
+    layout = at.space.layout
+    found = list(range(layout.z.start, layout.z.stop))
+    if term.movers:
+        found.append(layout.states[CLOCK if CLOCK in layout.states else "t"].start)
+    return found
+
+
+def _unit_of_time(given: Mapping[str, ca.MX], term: ClearanceTerm) -> ca.MX:
+    """What the time of a state is multiplied by [s]: where lengths are free it counts in the guessed one."""
+    is_in_shares = term.movers > 0 and STEP_SHARE in given
+    return given["dt"] / given[STEP_SHARE] if is_in_shares else ca.MX(1.0)
+
+
+def _in_seconds(place: ca.MX, unit: ca.MX, term: ClearanceTerm) -> ca.MX:
+    """What a clearance looks at, with the time in seconds."""
+    return ca.vertcat(place[:-1], unit * place[-1]) if term.movers else place
 
 
 def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     """The function of a clearance, of the whole state."""
     z, nx = at.space.layout.z, at.x1.numel()
-    of_q = term.function(_place_of(at))
-    x, m = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows)
+    of_q, where = term.function(_place_of(at)), _seen(at, term)
+    x, m, unit = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows), ca.MX.sym("unit")
     sizes = [*term.sizes.values(), *([count] if (count := at.mechanics.symbols.numel()) else [])]
     numbers = [ca.MX.sym("numbers", size) for size in sizes]
-    h, dh, upper = of_q.call([x[z], m, *numbers])
-    before, after = z.start, nx - z.stop
-    slopes = ca.horzcat(ca.MX(term.rows, before), dh, ca.MX(term.rows, after))
-    curvature = ca.diagcat(ca.MX(before, before), upper, ca.MX(after, after))
-    return ca.Function("of_state", [x, m, *numbers], [h, slopes, curvature])
+    h, dh, upper = of_q.call([_in_seconds(x[where], unit, term), m, *numbers])
+    slopes, curvature = ca.MX(term.rows, nx), ca.MX(nx, nx)
+    nz = z.stop - z.start
+    slopes[:, z], curvature[z, z] = dh[:, :nz], upper[:nz, :nz]
+    if term.movers:  # the time, which comes after
+        t = where[-1]
+        slopes[:, t], curvature[t, t] = unit * dh[:, nz], unit**2 * upper[nz, nz]
+        curvature[z, t] = unit * upper[:nz, nz]
+    return ca.Function("of_state", [x, m, unit, *numbers], [h, slopes, curvature])
 
 
 def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.Function:

@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.guesses.in_time import blend, way_in_time
 from mbocp.guesses.ways import Way, given_way, position_limits, straight, through
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.clearance import Clearance
@@ -32,51 +33,55 @@ _AROUND = 0.5  # [rad, m] from the line, beside what it is long
 _RESERVES = (0.03, 0.01, 0.0)  # [m] beyond the margins, the first with which a way is found ...
 _QUICK = 3000  # ... in so many configurations, but for the last
 _NEAR = 1e-3  # [m] beyond a reserve: how near does not matter there
-_FOUND: WeakKeyDictionary[Clearance, dict[tuple[bytes, bytes, int], Way | None]] = WeakKeyDictionary()
+_FOUND: WeakKeyDictionary[Clearance, dict[tuple[bytes, float, int], Way | None]] = WeakKeyDictionary()
 _PLACES, _ROUNDS = 60, 60  # of a way whose corners are rounded
 
 
-def near_the_way(problem: Problem, qs: Array | None = None) -> Problem:
+def near_the_way(problem: Problem, ts: Array | None = None, qs: Array | None = None) -> Problem:
     """The problem with rows for what comes near the line, or the way around; itself where pairs are few.
 
     Parameters
     ----------
-    qs : ndarray, shape (n, nq), optional
-        Configurations of a motion that takes the place of the way.
+    ts, qs : ndarray, shapes (n,) and (n, nq), optional
+        Times [s] and configurations of a motion that takes the place of the way.
     """
     clearance, robot = problem.clearance, problem.robot
     if clearance is None or clearance.num_pairs < MANY or problem.goals or robot.nc:
         return problem
-    if qs is not None and qs.shape[1:] == (robot.nq,):
-        return with_pairs(problem, near_pairs(clearance, qs))
-    shares = np.linspace(0.0, 1.0, problem.num_steps + 1)
-    shares, q_start = shares**3 * (10 - 15 * shares + 6 * shares**2), np.asarray(problem.q_start)
+    if qs is not None and ts is not None and qs.shape[1:] == (robot.nq,):
+        return with_pairs(problem, near_pairs(clearance, ts, qs))
+    shares, q_start = np.linspace(0.0, 1.0, problem.num_steps + 1), np.asarray(problem.q_start)
+    ts, shares = problem.duration * shares, blend(shares)
     stops = [np.asarray(point.via.goal.q) for point in problem.timeline.waypoints]
     corners = [*stops, np.asarray(problem.goal.q)]
     found = (given_way(problem) or around(problem) or through(robot, corners))(q_start, shares)
-    return with_first_reserve(with_pairs(problem, near_pairs(clearance, found)), found)
+    return with_first_reserve(with_pairs(problem, near_pairs(clearance, ts, found)), ts, found)
 
 
 def around(problem: Problem, seed: int = 0) -> Way | None:
     """A way from start to goal that keeps all clearances; None where the line does, or none is found.
 
-    Other seeds have other ways, even where the line is clear.
+    Other seeds have other ways, even where the line is clear. Where obstacles move, it is a way by the time.
     """
     clearance = problem.clearance
     if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.timeline.waypoints:
         return None
-    ends = (np.asarray(problem.q_start).tobytes(), np.asarray(problem.goal.q).tobytes(), seed)
+    ends = np.append(problem.q_start, problem.goal.q)
+    key = (ends.tobytes(), problem.duration if clearance.movers else 0.0, seed)
     known = _FOUND.setdefault(clearance, {})
-    if ends not in known:
-        known[ends] = _around(problem, clearance, seed)
-    return known[ends]
+    if key not in known:
+        known[key] = _around(problem, clearance, seed)
+    return known[key]
 
 
 def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     ends = np.array([problem.q_start, problem.goal.q])
     if not seed and _is_free(problem, clearance, ends):
         return None
-    at_ends, ranges = float(clearance.least(ends).min()), _ranges(problem)
+    ranges = _ranges(problem)
+    if clearance.movers:
+        return way_in_time(problem, ranges[:2], seed)
+    at_ends = float(clearance.least(ends).min())
     *larger, least = dict.fromkeys(min(wanted, at_ends) for wanted in _RESERVES)
     quick, wider = replace(_SIZE, most=_QUICK), np.vstack([ranges[:2], _WIDER * ranges[2]])
     searches = [*((reserve, ranges, quick) for reserve in larger), (least, ranges, _SIZE)]
@@ -94,6 +99,8 @@ def has_no_way(problem: Problem) -> bool:
     clearance = problem.clearance
     if clearance is None or problem.timeline.waypoints or problem.goals or problem.robot.nc:
         return False
+    if clearance.movers:  # with another duration there may be one
+        return False
     return around(problem) is None and not _is_free(
         problem, clearance, np.array([problem.q_start, problem.goal.q])
     )
@@ -103,7 +110,8 @@ def _is_free(problem: Problem, clearance: Clearance, ends: Array) -> bool:
     """Whether the line keeps all margins."""
     length = float(np.linalg.norm(problem.robot.difference(*ends)))
     shares = np.linspace(0.0, 1.0, 2 + int(length / _SIZE.resolution))
-    return bool(clearance.least(straight(problem)(ends[0], shares), _NEAR).min() >= 0.0)
+    ts = problem.duration * shares
+    return bool(clearance.least(straight(problem)(ends[0], blend(shares)), _NEAR, ts).min() >= 0.0)
 
 
 def _ranges(problem: Problem) -> Array:

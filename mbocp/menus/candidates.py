@@ -27,7 +27,6 @@ from mbocp.menus.places import box_around, tool_of
 from mbocp.problem import Guess, Problem
 from mbocp.programme.carried import Carried
 from mbocp.robot.joints import joint_kind, velocity_slice
-from mbocp.robot.kinematics import WORLD
 
 _RESTARTS = 100  # of the search for configurations at the goal: an arm of six joints has eight
 _AROUND, _SWINGS = 4, 3  # ways around obstacles; joints that go first or last
@@ -137,7 +136,7 @@ def _sides(problem: Problem) -> Iterator[tuple[str, Way]]:
     robot, tool = problem.robot, tool_of(problem)
     middle = middle_of_line(problem)
     for obstacle in problem.obstacle:
-        if obstacle.frame != WORLD or obstacle.shape == "halfspace":
+        if not obstacle.stands:
             continue
         centre, half = box_around(obstacle)
         start, end = (robot.frame_placement(tool, q).translation for q in (problem.q_start, problem.goal.q))

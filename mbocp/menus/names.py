@@ -19,7 +19,6 @@ from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.joints import joint_kind, velocity_slice
-from mbocp.robot.kinematics import WORLD
 from mbocp.robot.nodes import steps_between
 from mbocp.solution import Solution
 
@@ -70,7 +69,7 @@ def _traits(problem: Problem, solutions: Sequence[Solution]) -> Iterator[Trait]:
     if problem.goals:
         yield lambda solution: f"to goal {1 + (solution.goal_place or 0)}"
     for obstacle in problem.obstacle:
-        if obstacle.frame == WORLD and obstacle.shape != "halfspace":
+        if obstacle.stands:
             yield _Side(problem, obstacle)
     arm = _arm_of(problem)
     if arm is not None and problem.goal.poses:

@@ -215,7 +215,12 @@ class ContactBounds(BoundedTerm):
         return hits, *self.bounds_of_impulses(is_inner=is_inner)
 
     def values_in_motion(
-        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+        self,
+        robot: Robot,
+        ts: Array,
+        states: tuple[Array, Array, Array],
+        lams: Array,
+        progress: Mapping[str, Array],
     ) -> Array:
         """Those of the forces."""
         return self.values_of(lams)

@@ -151,7 +151,12 @@ class PathConstraint(BoundedTerm):
         return super().values_along(robot, qs, vs, us)
 
     def values_in_motion(
-        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+        self,
+        robot: Robot,
+        ts: Array,
+        states: tuple[Array, Array, Array],
+        lams: Array,
+        progress: Mapping[str, Array],
     ) -> Array:
         """Values with the progress along a path that the motion has."""
         if self.follows:
@@ -233,20 +238,20 @@ def check_path(
             _check_ends_of_path(constraint, robot, q_start, goal, has_end)
         elif constraint.is_known_before:  # controls and forces are not
             if constraint.span.has_start:
-                _refuse_outside(constraint, constraint.values(robot, q_start, v_start), "start")
+                _refuse_outside(constraint, constraint.values(robot, q_start, v_start, 0.0), "start")
             if has_end:
-                _check_at_goal(constraint, robot, goal)
+                _check_at_goal(constraint, robot, goal, None if num_lengths else num_steps * dt)
 
 
-def _check_at_goal(constraint: BoundedTerm, robot: Robot, goal: Goal) -> None:
-    """Refuse a constraint that an exact goal violates, if it says enough to tell."""
+def _check_at_goal(constraint: BoundedTerm, robot: Robot, goal: Goal, at: float | None) -> None:
+    """Refuse a constraint that an exact goal violates, if it says enough to tell; `at` is its time [s]."""
     has_v = goal.rate_active.all()
     if not (goal.is_exact and goal.q_active.all() and (has_v or not constraint.term.has_velocity)):
         return
     v = np.zeros(robot.nv)
     if constraint.term.has_velocity:
         v = goal.value if goal.rate == "v" else robot.velocity_from_momentum(goal.q, goal.value)
-    _refuse_outside(constraint, constraint.values(robot, goal.q, v), "goal")
+    _refuse_outside(constraint, constraint.values(robot, goal.q, v, at), "goal")
 
 
 def _check_ends_of_path(

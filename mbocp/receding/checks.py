@@ -75,5 +75,10 @@ def check_functions(formulation: Formulation) -> None:
         )
     if signature.uses_time:
         raise ProblemError("receding horizon: cost: a term depends on the time itself; write it without t")
+    clearance = formulation.problem.clearance
+    if clearance is not None and clearance.movers:
+        raise ProblemError(
+            "receding horizon: obstacle.motion: its horizons begin at other times; leave it out"
+        )
     if "progress" in formulation.layout.states:
         raise ProblemError("receding horizon: path: frames follow paths; give goals that move in their place")

@@ -84,7 +84,7 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
-        problem = with_room(problem, carried.room, solution.qs)
+        problem = with_room(problem, carried.room, solution.t, solution.qs)
     formulation, _ = formulate_with_independent_ends(problem, math.inf)
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")

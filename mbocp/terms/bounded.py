@@ -111,8 +111,8 @@ class BoundedTerm:
         """Derivatives of the expression in the values."""
         return np.ones_like(values)
 
-    def values(self, robot: Robot, q: Array, v: Array) -> Array:
-        """Values at one state, controls zero, shape (rows,)."""
+    def values(self, robot: Robot, q: Array, v: Array, at: float | None = None) -> Array:
+        """Values at one state, controls zero, at a time [s] if that is known, shape (rows,)."""
         found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
         return found
 
@@ -123,13 +123,20 @@ class BoundedTerm:
         return self.value(np.asarray(function(qs.T, vs.T, us.T)).T)
 
     def values_in_motion(
-        self, robot: Robot, states: tuple[Array, Array, Array], lams: Array, progress: Mapping[str, Array]
+        self,
+        robot: Robot,
+        ts: Array,
+        states: tuple[Array, Array, Array],
+        lams: Array,
+        progress: Mapping[str, Array],
     ) -> Array:
         """Values at the nodes 1..N of a motion, shape (N, rows).
 
         Parameters
         ----------
         robot : Robot
+        ts : ndarray, shape (N,)
+            [s].
         states : (ndarray, ndarray, ndarray)
             Configurations, velocities and controls.
         lams : ndarray, shape (N, rows)

@@ -2,8 +2,9 @@
 
 The rows are one function of numbers, called in a loop: for each row a sphere, by the place that carries
 it and its centre, and a core (see `mbocp.terms.distances`), by its placement. Places are frames of the robot;
-how these are placed, and how their placements change, is computed once for all rows. So functions depend on
-how many rows there are, and not on what these are about; numbers of rows are rounded up, and rows that are
+how these are placed, and how their placements change, is computed once for all rows. Further places move by
+the time, which then follows q: each in pieces, of which the one at that time is chosen. So functions depend
+on how many rows there are, and not on what these are about; numbers of rows are rounded up, and rows that are
 not needed are about things that are far away. Rows about hulls (see `mbocp.terms.hulls`) name theirs in a
 table of hulls.
 """
@@ -11,11 +12,13 @@ table of hulls.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.robot.collision.motion import PIECE, placement_of_piece
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure
 from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
@@ -136,14 +139,24 @@ class ClearanceTerm(Structure):
         Rows whose shapes are at any place; they follow.
     hull_slots : HullSlots
         Rows about hulls at any place follow these.
+    movers, pieces : int
+        Places that move by the time, which follow the frames, and the pieces of each motion.
     """
 
     frames: tuple[int, ...]
     still: int
     moving: int
     hull_slots: HullSlots = HullSlots()
+    movers: int = 0
+    pieces: int = 0
 
     kind = "clearance"
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        found = super().signature
+        return found if self.movers else {k: v for k, v in found.items() if k not in ("movers", "pieces")}
 
     @property
     def rows(self) -> int:
@@ -154,10 +167,11 @@ class ClearanceTerm(Structure):
     def sizes(self) -> dict[str, int]:
         """Size of each parameter."""
         found = {"still": (1 + _NUMBERS) * self.still, "moving": (2 + _NUMBERS) * self.moving}
-        return found | self.hull_slots.sizes
+        motions = {"motions": PIECE * self.pieces * self.movers} if self.movers else {}
+        return found | self.hull_slots.sizes | motions
 
     def numbers(self, rows: list[ClearanceRow]) -> dict[str, Array]:
-        """Value of each parameter."""
+        """Value of each parameter but for the motions."""
         until = self.still + self.moving
         still, moving, of_hulls = rows[: self.still], rows[self.still : until], rows[until:]
         return {
@@ -172,15 +186,19 @@ class ClearanceTerm(Structure):
         Parameters
         ----------
         at : Point
-            Its q are plain symbols. The symbols of its mechanics are the last input, where there are any.
+            Its q are plain symbols, and so is its time, which follows q. The symbols of its mechanics are the
+            last input, where there are any.
         """
-        nq = at.q.numel()
+        symbols = self._coordinates(at)
+        nq = symbols.numel()
         q, m = ca.MX.sym("q", nq), ca.MX.sym("m", self.rows)
         given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
-        places, bend = _places(at, self.frames)
         numbers_of_robot = _numbers_of(at)
-        placed = places(q, *numbers_of_robot)
-        num_places = len(self.frames) + 1
+        known = [*self._pieces_at(q, given), *numbers_of_robot]
+        columns, inputs = self._columns(at)
+        places, bend = _places(symbols, columns, inputs)
+        placed = places(q, *known)
+        num_places = len(columns)
         h: list[ca.MX] = []
         dh: list[ca.MX] = []
         hessian, weights = ca.MX.zeros(nq * (nq + 1) // 2), ca.MX.zeros(_PLACE, num_places)
@@ -195,23 +213,51 @@ class ClearanceTerm(Structure):
             hessian += ca.repsum(found[2], 1, count)
             for which, share in zip(chosen, found[3:], strict=True):  # added up by place
                 weights += add_chosen_columns(num_places, which, share)
-        upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights, *numbers_of_robot)
+        upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights, *known)
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
         return ca.Function("clearance", [q, m, *given.values(), *numbers_of_robot], outputs)
 
     def values(self, at: Point) -> ca.Function:
         """(q, still, moving) -> h, as in `function`."""
-        numbers_of_robot = _numbers_of(at)
-        q = ca.MX.sym("q", at.q.numel())
+        numbers_of_robot, symbols = _numbers_of(at), self._coordinates(at)
+        q = ca.MX.sym("q", symbols.numel())
         given = {name: ca.MX.sym(name, size) for name, size in self.sizes.items()}
-        columns = ca.densify(ca.horzcat(*_columns(at, self.frames)))
-        placed = ca.Function("placed", [at.q, *_symbols_of(at)], [columns])(q, *numbers_of_robot)
+        columns, inputs = self._columns(at)
+        place = ca.Function("placed", [symbols, *inputs], [ca.densify(ca.horzcat(*columns))])
+        placed = place(q, *self._pieces_at(q, given), *numbers_of_robot)
         h = [ca.MX(0, 1)]
         for group in self._groups:
             chosen, numbers = group.take(given)
             row = _distance(group.carriers, group.measure).map(group.count)
             h.append(row(*(choose_columns(placed, which) for which in chosen), numbers).T)
         return ca.Function("clearances", [q, *given.values(), *numbers_of_robot], [ca.vertcat(*h)])
+
+    def _coordinates(self, at: Point) -> ca.SX:
+        """Symbols of the configuration, and of the time where something moves by it."""
+        return ca.vertcat(at.q, at.time) if self.movers else at.q
+
+    def _columns(self, at: Point) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Axes and origin of each place, the world first, and the symbols of numbers that they depend on."""
+        columns, inputs = _columns(at, self.frames), _symbols_of(at)
+        if not self.movers:
+            return columns, inputs
+        pieces = ca.SX.sym("pieces", PIECE, self.movers)
+        return [*columns, *(placement_of_piece(at.time, piece) for piece in ca.horzsplit(pieces))], [
+            pieces,
+            *inputs,
+        ]
+
+    def _pieces_at(self, q: ca.MX, given: dict[str, ca.MX]) -> list[ca.MX]:
+        """The piece of each motion at the time that follows the configuration."""
+        if not self.movers:
+            return []
+        t, table = ca.SX.sym("t"), ca.SX.sym("motions", PIECE, self.pieces * self.movers)
+        begins = ca.reshape(table[0, :], self.pieces, self.movers)
+        first = self.pieces * ca.DM(range(self.movers)).T
+        number = first + ca.sum1(begins[1:, :] <= t)
+        which = ca.Function("pieces_at", [t, table], [ca.densify(number)])
+        motions = ca.reshape(given["motions"], PIECE, self.pieces * self.movers)
+        return [choose_columns(motions, which(q[-1], motions))]
 
     @property
     def _groups(self) -> list[_Group]:
@@ -274,24 +320,20 @@ def _numbers_of(at: Point) -> list[ca.MX]:
     return [ca.MX.sym("numbers", symbols.numel()) for symbols in _symbols_of(at)]
 
 
-def _places(at: Point, frames: tuple[int, ...]) -> tuple[ca.Function, ca.Function]:
+def _places(symbols: ca.SX, columns: list[ca.SX], inputs: list[ca.SX]) -> tuple[ca.Function, ca.Function]:
     """Placements with their derivatives, a column for each place; and what their curvature adds.
 
     q -> (placement, its Jacobian by columns); (q, weights) -> upper Hessian of the weighted placements.
     """
-    columns = _columns(at, frames)
-    with_slopes = [ca.vertcat(c, ca.vec(ca.densify(ca.jacobian(c, at.q)))) for c in columns]
+    with_slopes = [ca.vertcat(c, ca.vec(ca.densify(ca.jacobian(c, symbols)))) for c in columns]
     weights = ca.SX.sym("weights", _PLACE, len(columns))
-    hessian, _ = ca.hessian(ca.dot(weights, ca.horzcat(*columns)), at.q)
-    upper = ca.densify(hessian)[ca.Sparsity.upper(at.q.numel())]
-    symbols = _symbols_of(at)
+    hessian, _ = ca.hessian(ca.dot(weights, ca.horzcat(*columns)), symbols)
+    sparsity = ca.Sparsity.upper(symbols.numel())
+    upper = ca.SX(sparsity, ca.densify(hessian)[sparsity].nz[:])
+    placed = ca.densify(ca.horzcat(*with_slopes))
     return (
-        ca.Function("places", [at.q, *symbols], ca.cse([ca.densify(ca.horzcat(*with_slopes))])),
-        ca.Function(
-            "bend",
-            [at.q, weights, *symbols],
-            ca.cse([ca.SX(ca.Sparsity.upper(at.q.numel()), upper.nz[:])]),
-        ),
+        ca.Function("places", [symbols, *inputs], ca.cse([placed])),
+        ca.Function("bend", [symbols, weights, *inputs], ca.cse([upper])),
     )
 
 

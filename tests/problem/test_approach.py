@@ -77,9 +77,9 @@ def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
     found = nearest_approach(clearance, t, qs)
     beyond = all_distances(clearance, t, qs)
     assert found.distance - found.margin == pytest.approx(beyond.min(), abs=2e-6)
-    sampled = poses_between(clearance.robot, t, qs)[1]
+    times, sampled = poses_between(clearance.robot, t, qs)
     along = (beyond + pairs_of(clearance)[1]).min(axis=1)
-    assert clearances_along(clearance, sampled) == pytest.approx(along, abs=2e-6)
+    assert clearances_along(clearance, times, sampled) == pytest.approx(along, abs=2e-6)
 
 
 @settings(max_examples=8, deadline=None)

@@ -25,6 +25,7 @@ from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Label
+from mbocp.terms import ClearanceTerm
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -66,6 +67,11 @@ class Asked:
     def uses_time(self) -> bool:
         """Whether the cost depends on the time itself."""
         return any(term.uses_time for term in self.cost)
+
+    @property
+    def has_movers(self) -> bool:
+        """Whether obstacles move by the time."""
+        return any(isinstance(term, ClearanceTerm) and term.movers > 0 for term in self.path)
 
 
 class Feature(ABC):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mbocp.formulation.features.clock import Clock
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.found_numbers import FoundNumbers
@@ -34,6 +35,7 @@ _KINDS: tuple[type[Feature], ...] = (
     Heat,
     Reactions,
     MovedStart,
+    Clock,
     StepLengths,
     Switches,
 )

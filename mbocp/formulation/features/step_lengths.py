@@ -9,7 +9,8 @@ So all steps of a phase are as long as each other, and the programme stays one o
 know. Where e is 0 nothing depends on the control w. Half its square is added to the cost there, which is zero
 at the optimum. Bounds keep the length of every phase positive, at its first step: the others repeat it.
 
-Where there are several phases the state has a clock, too, the time in units of the guessed duration,
+Where there are several phases, or obstacles move, the state has a clock, too, the time in units of the
+guessed duration,
 
 .. math:: \theta_{k+1} = \theta_k + (h_k + e_k w_k) / N, \qquad \theta_0 = 0,
 
@@ -37,7 +38,7 @@ from mbocp.problem import Problem
 from mbocp.robot import Label
 
 _BEGINS_PHASE = "begins_phase"  # the stage parameter e
-_STEP_SHARE = "step_share"  # the parameter 1/N
+STEP_SHARE = "step_share"  # the parameter 1/N
 _STRETCH, _SPACING = "stretch", "spacing"  # given length, and way between middles, by the mean length
 
 
@@ -48,7 +49,7 @@ class StepLengths(Feature):
     Attributes
     ----------
     has_clock : bool
-        Whether states hold the time, too, as they do where there are several lengths.
+        Whether states hold the time, too, as they do where there are several lengths or obstacles move.
     has_jerks : bool
         Whether something looks at the length of the step before.
     """
@@ -61,7 +62,8 @@ class StepLengths(Feature):
         """Return it where lengths are free."""
         if not problem.timeline.has_free_lengths:
             return None
-        return cls(problem.timeline.has_free_times, "jerk" in asked.remembers)
+        has_clock = problem.timeline.has_free_times or asked.has_movers
+        return cls(has_clock, "jerk" in asked.remembers)
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """Length, and time."""
@@ -75,7 +77,7 @@ class StepLengths(Feature):
     @property
     def parameters(self) -> Mapping[str, int]:
         """The share of a step in the duration."""
-        return {_STEP_SHARE: 1} if self.has_clock else {}
+        return {STEP_SHARE: 1} if self.has_clock else {}
 
     @property
     def stage_parameters(self) -> Mapping[str, int]:
@@ -99,7 +101,7 @@ class StepLengths(Feature):
         if not self.has_clock:
             moment = None if at.moment is None else stretched * at.moment
             return replace(at, dt=length, spacing=length, moment=moment)
-        moment = self._before(at, "t") * dt / at.given[_STEP_SHARE] + at.tau * length
+        moment = self._before(at, "t") * dt / at.given[STEP_SHARE] + at.tau * length
         # From the middle of the step before to the middle of this one; the length of the first step itself.
         between = at.has_before * (h0 + stretched) / 2.0 + (1.0 - at.has_before) * stretched
         return replace(at, dt=length, spacing=between * dt, moment=moment)
@@ -116,7 +118,7 @@ class StepLengths(Feature):
         length, places = self._stretch(at), at.space.layout.states
         rows = [length - at.at1[places["h"]]]
         if self.has_clock:
-            passed = (1 - at.is_impact) * at.given[_STEP_SHARE] * length
+            passed = (1 - at.is_impact) * at.given[STEP_SHARE] * length
             rows.append(self._before(at, "t") + passed - at.at1[places["t"]])
         return rows
 
@@ -126,7 +128,7 @@ class StepLengths(Feature):
 
     def numbers(self, problem: Problem) -> Mapping[str, Array]:
         """1/N."""
-        return {_STEP_SHARE: np.array([1.0 / problem.timeline.num_timed_steps])}
+        return {STEP_SHARE: np.array([1.0 / problem.timeline.num_timed_steps])}
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Which steps begin a phase."""
@@ -145,6 +147,8 @@ class StepLengths(Feature):
             (shortest, longest), end = timeline.sides_of(phase), timeline.end_of(phase)
             begins, ends, guessed = phase.first, phase.last - 1, phase.steps * problem.dt
             lengths[0][begins], lengths[1][begins] = shortest / guessed, longest / guessed
+            if not timeline.has_free_times:  # one phase: its length is bounded already
+                continue
             if end.earliest > 0.0:
                 times[0][ends] = end.earliest / problem.duration
             times[1][ends] = end.latest / problem.duration

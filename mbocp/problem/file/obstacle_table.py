@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +18,8 @@ from mbocp._text import shorten, show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
+from mbocp.problem.file.motion_table import MotionTable, read_motion
+from mbocp.problem.file.moving_robot import spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.compound import CONCAVITY, Compound
 from mbocp.robot.collision.geometry import triangles_of
@@ -30,6 +32,7 @@ from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 SCENE = "scene"  # not one shape, but all of a file
 _OF_FILES = ("scale", "hull", "concavity")
 _WRITTEN = ("vertices", "faces", "parts")
+_OF_RESULTS = {"name", "result", "position", "rpy", "orientation", "margin"}
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
 
@@ -45,12 +48,22 @@ class ObstacleTable(Table):
         ),
     ] = None
     shape: Annotated[
-        str,
+        str | None,
         choice((*SHAPES, SCENE)),
         Key(
-            "a [mesh](obstacles.md#meshes) need not be convex; a [scene](obstacles.md#scenes) has many shapes"
+            "a [mesh](obstacles.md#meshes), convex or not; a [scene](obstacles.md#scenes) has many shapes",
+            "",
+            "required without `result`",
         ),
-    ]
+    ] = None
+    result: Annotated[
+        str | None,
+        Key(
+            "in place of a shape a [robot that moves](obstacles.md#robots-in-one-cell) as this result says; "
+            "`position` and `rpy` are those of its world",
+            takes="path",
+        ),
+    ] = None
     radius: Annotated[
         Positive | None,
         Key(
@@ -107,6 +120,9 @@ class ObstacleTable(Table):
     ] = None
     orientation: Quaternion = None
     frame: Annotated[str | None, Key("frame that carries it", "", '`"world"`')] = None
+    motion: Annotated[MotionTable | None, Key("how it [moves](obstacles.md#moving-obstacles)", "", "not")] = (
+        None
+    )
     margin: Annotated[Finite, Key("least distance", "m")] = 0.0
     smoothing: Annotated[Positive, Key("length over which edges are rounded", "m")] = SMOOTHING
     movable: Annotated[
@@ -119,6 +135,14 @@ class SelfCollisionTable(Table):
     """How links keep away from each other."""
 
     margin: Annotated[Finite, Key("least distance of links", "m")] = 0.0
+    of_parts: Annotated[
+        Finite | None,
+        Key(
+            "least distance of links of different [parts](robots.md#several-robots-in-one-world)",
+            "m",
+            "`margin`",
+        ),
+    ] = None
     disabled: Annotated[list[list[str]], Key("pairs of links that need not", "", "none", "list of pairs")] = (
         Field(default_factory=list)
     )
@@ -137,10 +161,7 @@ def obstacles_from(
     """
     found: list[Obstacle] = []
     for index, table in enumerate(obstacle_table):
-        if table.shape == SCENE:
-            found += _of_scene(table, f"obstacle.{index}", folder or Path())
-        else:
-            found.append(_obstacle(table, index, folder or Path()))
+        found += _obstacles(table, index, folder or Path())
     return tuple(found)
 
 
@@ -157,7 +178,7 @@ def self_collision_from(
         if len(pair) != 2:
             raise ProblemError(f"self_collision.disabled: got {show(pair)}, expected pairs of links")
     pairs = tuple((pair[0], pair[1]) for pair in self_collision_table.disabled)
-    return SelfCollision(self_collision_table.margin, pairs, srdf)
+    return SelfCollision(self_collision_table.margin, self_collision_table.of_parts, pairs, srdf)
 
 
 def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | None:
@@ -165,7 +186,8 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
     if not isinstance(own, SelfCollision):
         return None
     srdf = {} if own.srdf is None else {"srdf": str(own.srdf.resolve())}
-    return {"margin": own.margin, "disabled": [list(pair) for pair in own.disabled], **srdf}
+    parts = {} if own.of_parts is None else {"of_parts": own.of_parts}
+    return {"margin": own.margin, **parts, "disabled": [list(pair) for pair in own.disabled], **srdf}
 
 
 def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle]:
@@ -228,13 +250,31 @@ def _kind(shape: coal.CollisionGeometry) -> tuple[str, list[float]]:
     return kind, [float(shape.radius), 2.0 * float(shape.halfLength)]
 
 
-def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
+def _obstacles(table: ObstacleTable, index: int, folder: Path) -> Iterable[Obstacle]:
+    """One of a shape, many of a scene or a robot."""
     key = f"obstacle.{index}"
+    if table.result is None:
+        return (
+            _of_scene(table, key, folder) if table.shape == SCENE else [_obstacle(table, key, index, folder)]
+        )
+    others = sorted(table.model_fields_set - _OF_RESULTS)
+    if others:
+        raise ProblemError(f"{key}.{others[0]}: with a result there are {', '.join(sorted(_OF_RESULTS))}")
+    base = pin.XYZQUATToSE3(np.array([*(table.position or [0.0] * 3), *_orientation(table, key)]))
+    path = folder / path_of(table.result)
+    with locate(key):
+        return spheres_of_result(path, base, table.name or f"robot {index + 1}", table.margin)
+
+
+def _obstacle(table: ObstacleTable, key: str, index: int, folder: Path) -> Obstacle:
+    if table.shape is None:
+        raise ProblemError(f"{key}.shape: required: {' or '.join((*SHAPES, SCENE))}; or a result")
     sizes = _sizes(table, key) if table.shape in SHAPES else []
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
         body, excess = _body(table, folder)
+        motion = None if table.motion is None else read_motion(table.motion, table.position, folder)
     with locate(key):
         return Obstacle(
             name=name,
@@ -249,12 +289,13 @@ def _obstacle(table: ObstacleTable, index: int, folder: Path) -> Obstacle:
             hull=body if isinstance(body, Hull) else None,
             compound=body if isinstance(body, Compound) else None,
             excess=excess,
+            motion=motion,
         )
 
 
 def _sizes(table: ObstacleTable, key: str) -> list[float]:
     """Lengths of the shape, in the order of `SIZES`."""
-    wanted = SIZES.get(table.shape, {})
+    wanted = SIZES.get(table.shape or "", {})
     given = [name for name in _LENGTHS if getattr(table, name) is not None]
     for name in given:
         if name not in wanted:

@@ -95,7 +95,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     return search.nearest(-tolerance, is_any=True) is None
 
 
-def clearances_along(clearance: Clearance, qs: Array) -> Array:
+def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:
     """Smallest distance of all pairs that are kept apart, at each configuration, shape (n,) [m].
 
     Infinite without pairs, negative where shapes are in each other.
@@ -103,12 +103,12 @@ def clearances_along(clearance: Clearance, qs: Array) -> Array:
     Parameters
     ----------
     clearance : Clearance
-    qs : ndarray, shape (n, nq)
+    t, qs : ndarray, shapes (n,) and (n, nq)
     """
     pairs = _pairs(clearance)
     shapes = ShapeDistances(clearance, list(pairs))
     found = np.full(len(qs), np.inf)
-    for n, q in enumerate(qs):
+    for n, q in enumerate(clearance.placed(qs, t)):
         shapes.place(q)
         found[n] = min((shapes.of(k) for k in range(len(pairs))), default=np.inf)
     return found
@@ -121,7 +121,8 @@ class _Search:
     Attributes
     ----------
     clearance : Clearance
-    times, qs : ndarray, shapes (n,) and (n, nq)
+    times, places : ndarray, shapes (n,) and (n, any)
+        Configurations of the scene, see `Clearance.placed`.
     pairs : list of (int, int, bool)
         A link, and an obstacle or another link.
     bounds : ndarray, shape (n, pairs)
@@ -132,7 +133,7 @@ class _Search:
 
     clearance: Clearance
     times: Array
-    qs: Array
+    places: Array
     pairs: list[LinkPair]
     bounds: Array
     margins: Array
@@ -143,7 +144,8 @@ class _Search:
     def of(cls, clearance: Clearance, t: Array, qs: Array, near: float) -> _Search:
         """Of a motion. Pairs farther than `near` [m] may be taken for any that are."""
         times, sampled = poses_between(clearance.robot, t, qs)
-        return cls(clearance, times, sampled, *_bounds(clearance, sampled, near))
+        placed = clearance.placed(sampled, times)
+        return cls(clearance, times, placed, *_bounds(clearance, times, sampled, near))
 
     def nearest(self, most: float = np.inf, *, is_any: bool = False) -> Approach | None:
         """The smallest distance beyond its margin below `most` [m]; with `is_any` the first that is found."""
@@ -153,7 +155,7 @@ class _Search:
             n, k = divmod(int(self.bounds.argmin()), len(self.pairs))
             if self.bounds[n, k] >= most:
                 return best
-            shapes.place(self.qs[n])
+            shapes.place(self.places[n])
             distance = shapes.of(k)
             if distance - self.margins[k] < most:
                 most = distance - float(self.margins[k])
@@ -169,7 +171,7 @@ class _Search:
         """Raise bounds of a pair around a pose in which its distance is known."""
         if not self._looked_at.size:  # from now on they become fewer
             self._looked_at = np.union1d(np.flatnonzero((self.bounds < most).any(axis=1)), [n])
-            self._joints = self.clearance.joint_placements(self.qs[self._looked_at])
+            self._joints = self.clearance.joint_placements(self.places[self._looked_at])
         others = np.flatnonzero(self.bounds[:, k] < most)
         here, there = np.searchsorted(self._looked_at, n), np.searchsorted(self._looked_at, others)
         moved = shapes.displacements(k, self._joints[here], self._joints[there])
@@ -188,10 +190,12 @@ def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]
     return times, between(robot, qs[step], qs[step + 1], shares)
 
 
-def _bounds(clearance: Clearance, qs: Array, near: float) -> tuple[list[LinkPair], Array, Array]:
+def _bounds(
+    clearance: Clearance, times: Array, qs: Array, near: float
+) -> tuple[list[LinkPair], Array, Array]:
     """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
     gaps, columns = _gaps(clearance), _pairs(clearance)
-    values = clearance.pair_values(qs, near) - clearance.margins
+    values = clearance.pair_values(qs, near, times) - clearance.margins
     pairs, order = list(columns), [row for rows in columns.values() for row in rows]
     first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
     left = [_uncovered(obstacle) for obstacle in clearance.obstacles]

@@ -10,10 +10,12 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
+from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
@@ -22,9 +24,13 @@ from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
 
 _TOLD = 20  # obstacles of which the summary speaks each
-_OF_ALL_PAIRS = ("pieces", "owners", "_frames", "_planes", "_hulls", "_every", "_pair_clearances", "margins")
+_OF_ALL_PAIRS = (
+    *("pieces", "owners", "movers", "scene", "_frames", "_planes", "_hulls", "_every", "margins"),
+    *("_pair_clearances", "_still", "_still_clearances"),
+)
 _IDLE = Label("nothing", "m")  # a row that is not needed
 _AWAY = 10.0  # [m]: its value
+_NOWHERE = -1e3  # [m] along z: where what moves is at no time
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
 _HULL_SLOTS = 16  # the same, of hulls
 _TOLD_EXCESS = 1e-3  # of a file's volume
@@ -39,6 +45,8 @@ class SelfCollision:
     ----------
     margin : float
         Least distance of their spheres [m].
+    of_parts : float, optional
+        The same of links of different parts of the robot [m]; by default `margin`.
     disabled : tuple of (str, str)
         Pairs of links that need not.
     srdf : Path, optional
@@ -46,6 +54,7 @@ class SelfCollision:
     """
 
     margin: float = 0.0
+    of_parts: float | None = None
     disabled: tuple[tuple[str, str], ...] = ()
     srdf: Path | None = None
 
@@ -65,8 +74,8 @@ class Clearance(BoundedTerm):
     pairs : tuple of (int, int)
         Sphere, by its place in `spheres`, and piece, by its place in `pieces`.
     sphere_pairs : tuple of (int, int)
-    self_margin : float
-        Least distance of spheres from each other [m].
+    own : SelfCollision
+        What spheres keep from each other.
     left_out : mapping of str to mapping of str to int
         How many spheres of an obstacle, by its name, are left out for which reason.
     self_pairs : SelfPairs, optional
@@ -81,7 +90,7 @@ class Clearance(BoundedTerm):
     spheres: tuple[tuple[int, int], ...]
     pairs: tuple[tuple[int, int], ...]
     sphere_pairs: tuple[tuple[int, int], ...] = ()
-    self_margin: float = 0.0
+    own: SelfCollision = SelfCollision()
     left_out: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     self_pairs: SelfPairs | None = None
     chosen: tuple[int, ...] | None = None
@@ -132,12 +141,48 @@ class Clearance(BoundedTerm):
 
     @cached_property
     def _frames(self) -> tuple[int, ...]:
-        """Frames that carry spheres, whether these take part or not, or obstacles."""
-        carriers = {self.robot.frame_id(o.frame) for o in self.obstacles if self._is_carried(o)}
+        """Frames that carry spheres, whether these take part or not, or obstacles; those that move last."""
+        carriers = {self.frame_of(o) for o in self.obstacles if self._is_carried(o)}
         return tuple(sorted({link.frame for link in self._links} | carriers))
 
+    @cached_property
+    def movers(self) -> tuple[ObstacleMotion, ...]:
+        """Motions of obstacles by the time, each once."""
+        return tuple({o.motion.key: o.motion for o in self.obstacles if o.motion is not None}.values())
+
+    @cached_property
+    def scene(self) -> pin.Model:
+        """The robot's model, with a free joint for each of these motions."""
+        if not self.movers:
+            return self.robot.model
+        model = pin.Model(self.robot.model)
+        for number in range(len(self.movers)):
+            name, at = f"motion {number} of obstacles", pin.SE3.Identity()
+            joint = model.addJoint(0, pin.JointModelFreeFlyer(), at, name)
+            model.addFrame(pin.Frame(name, joint, 0, at, pin.FrameType.OP_FRAME))
+        return model
+
+    def placed(self, qs: Array, ts: Array | None = None) -> Array:
+        """Configurations of the scene at some times; at no time what moves is far away."""
+        qs = np.asarray(qs, dtype=np.float64)
+        if not self.movers:
+            return qs
+        nowhere = np.tile([0.0, 0.0, _NOWHERE, 0.0, 0.0, 0.0, 1.0], (len(qs), 1))
+        return np.hstack([qs, *(nowhere if ts is None else motion.poses(ts) for motion in self.movers)])
+
+    def frame_of(self, obstacle: Obstacle) -> int:
+        """Frame of the scene that carries an obstacle."""
+        if obstacle.motion is None:
+            return self.robot.frame_id(obstacle.frame)
+        number = [motion.key for motion in self.movers].index(obstacle.motion.key)
+        return int(self.scene.nframes) - len(self.movers) + number
+
+    def placement_of(self, obstacle: Obstacle) -> pin.SE3:
+        """Of its shape on the joint of that frame."""
+        return self.scene.frames[self.frame_of(obstacle)].placement * obstacle.offset
+
     def _is_carried(self, obstacle: Obstacle) -> bool:
-        return int(self.robot.model.frames[self.robot.frame_id(obstacle.frame)].parentJoint) > 0
+        return int(self.scene.frames[self.frame_of(obstacle)].parentJoint) > 0
 
     @cached_property
     def _every(self) -> tuple[tuple[ClearanceRow, ...], Array]:
@@ -148,12 +193,9 @@ class Clearance(BoundedTerm):
         shapes: list[tuple[int, Array, Array, Core | HullCore]] = []
         for number, obstacle in enumerate(self.pieces):
             core, middle = self._core(number)
-            at, other = obstacle.placement, 0
-            frame = self.robot.frame_id(obstacle.frame)
+            at, other = self.placement_of(obstacle), 0
             if self._is_carried(obstacle):
-                other = place[frame]
-            else:
-                at = self.robot.model.frames[frame].placement * at
+                at, other = obstacle.offset, place[self.frame_of(obstacle)]
             shapes.append((other, at.act(middle), at.rotation, core))
         rows, radii = [], []
         for a, k in self.pairs:
@@ -200,35 +242,58 @@ class Clearance(BoundedTerm):
 
     @cached_property
     def _pair_clearances(self) -> PairClearances:
-        return PairClearances.of(self.robot.model, self._frames, *self._every)
+        return PairClearances.of(self.scene, self._frames, *self._every)
 
     @cached_property
     def margins(self) -> Array:
         """Least clearance of each pair, shape (num_pairs,) [m]."""
         of_obstacles = [self.pieces[k].margin for _, k in self.pairs]
-        return np.array([*of_obstacles, *[self.self_margin] * len(self.sphere_pairs)], dtype=np.float64)
+        return np.array([*of_obstacles, *map(self._own_margin, self.sphere_pairs)], dtype=np.float64)
 
-    def pair_values(self, qs: Array, near: float = np.inf) -> Array:
-        """Clearance of each pair at each configuration, shape (n, num_pairs) [m].
+    def _own_margin(self, pair: tuple[int, int]) -> float:
+        """What two spheres keep from each other [m]."""
+        names = [self._links[self.spheres[k][0]].link for k in pair]
+        parts = [next((p.name for p in self.robot.parts if n.startswith(p.prefix)), "") for n in names]
+        if self.own.of_parts is None or parts[0] == parts[1]:
+            return self.own.margin
+        return self.own.of_parts
+
+    def pair_values(self, qs: Array, near: float = np.inf, ts: Array | None = None) -> Array:
+        """Clearance of each pair at each configuration, and at its time, shape (n, num_pairs) [m].
 
         What is larger than `near`, which takes most of the time, may be any number between `near` and it.
         """
-        return self._pair_clearances.values(np.asarray(qs), near)
+        return self._pair_clearances.values(self.placed(qs, ts), near)
 
-    def joint_placements(self, qs: Array) -> Array:
-        """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
-        return self._pair_clearances.joint_placements(np.asarray(qs))
+    def joint_placements(self, places: Array) -> Array:
+        """Rotation and origin of each joint of the scene, shape (n, njoints, 3, 4) [m]."""
+        return self._pair_clearances.joint_placements(places)
 
-    def least(self, qs: Array, most: float = np.inf) -> Array:
+    def least(self, qs: Array, most: float = np.inf, ts: Array | None = None) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
-        return self._pair_clearances.least(np.asarray(qs), self.margins, most)
+        return self._pair_clearances.least(self.placed(qs, ts), self.margins, most)
 
     def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
         """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.
 
-        See `PairClearances.way`.
+        What moves by the time does not count. See `PairClearances.way`.
         """
-        return self._pair_clearances.way(ends, self.margins, ranges, reserve, seed, size)
+        return self._still_clearances.way(ends, self.margins[self._still], ranges, reserve, seed, size)
+
+    @cached_property
+    def _still(self) -> IntArray:
+        """Pairs about things that do not move by the time."""
+        moves = [self.pieces[k].motion is not None for _, k in self.pairs]
+        return np.flatnonzero(~np.array([*moves, *[False] * len(self.sphere_pairs)], dtype=np.bool_))
+
+    @cached_property
+    def _still_clearances(self) -> PairClearances:
+        if not self.movers:
+            return self._pair_clearances
+        rows, radii = self._every
+        frames = self._frames[: len(self._frames) - len(self.movers)]
+        still = [rows[k] for k in self._still]
+        return PairClearances.of(self.robot.model, frames, still, radii[self._still])
 
     @cached_property
     def _groups(self) -> tuple[tuple[int, ...], ...]:
@@ -269,7 +334,15 @@ class Clearance(BoundedTerm):
         """Its structure, with its function."""
         still, moving, of_hulls = map(len, self._groups)
         slots = HullSlots.of(list(self._hulls.values()) if of_hulls else [], of_hulls)
-        return ClearanceTerm(self._frames, still, moving, slots)
+        count = len(self.movers)
+        frames = self._frames[: len(self._frames) - count]
+        return ClearanceTerm(frames, still, moving, slots, count, self._pieces)
+
+    @property
+    def _pieces(self) -> int:
+        """Room for the pieces of each motion: 1, 2, 4, 8, ... of them."""
+        most = max((len(motion.times) for motion in self.movers), default=0)
+        return 1 << (most - 1).bit_length() if most else 0
 
     @cached_property
     def labels(self) -> tuple[Label, ...]:
@@ -304,14 +377,39 @@ class Clearance(BoundedTerm):
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
-        return self.term.numbers([ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order])
+        rows = [ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order]
+        if not self.movers:
+            return self.term.numbers(rows)
+        motions = np.hstack([motion.numbers(self._pieces) for motion in self.movers])
+        return self.term.numbers(rows) | {"motions": motions.ravel(order="F")}
 
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see."""
+    def values(self, robot: Robot, q: Array, v: Array, at: float | None = None) -> Array:
+        """Clearances at one state, shape (rows,) [m]."""
+        found: Array = self.values_along(
+            robot, q[None], v[None], v[None], None if at is None else np.array([at])
+        )[0]
+        return found
+
+    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array, ts: Array | None = None) -> Array:
+        """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see.
+
+        Without times what moves by them is far away.
+        """
         order = np.array(self._order, dtype=np.int64)
         found = np.full((len(qs), self.rows), _AWAY)
-        found[:, order >= 0] = self.pair_values(qs)[:, order[order >= 0]]
+        found[:, order >= 0] = self.pair_values(qs, ts=ts)[:, order[order >= 0]]
         return found
+
+    def values_in_motion(
+        self,
+        robot: Robot,
+        ts: Array,
+        states: tuple[Array, Array, Array],
+        lams: Array,
+        progress: Mapping[str, Array],
+    ) -> Array:
+        """Clearances at the nodes, at their times."""
+        return self.values_along(robot, *states, ts)
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""

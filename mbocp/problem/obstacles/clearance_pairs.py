@@ -20,6 +20,7 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import LinkSpheres, Robot
+from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
 from mbocp.robot.kinematics import reach
@@ -27,6 +28,7 @@ from mbocp.robot.loading.readers.urdf_xml import disabled_by
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
+_FIXED = "that nothing moves out of its way"
 _Sphere = tuple[int, int]  # link, and number of the sphere on it
 _Ball = tuple[Array, float]  # centre [m] and radius [m]
 _ASTRAY = 20.0  # times the reach: no room is as large
@@ -55,7 +57,7 @@ def clearance_of(
     reasons, rest = {}, iter(apart)
     for obstacle in obstacles:
         told = reasons[obstacle.name] = _common([next(rest) for _ in obstacle.pieces])
-        if _FAR in told.values() and all(told.values()):
+        if obstacle.motion is None and _FAR in told.values() and all(told.values()):
             _warn_if_astray(robot, obstacle, [*balls.values()])
     found = _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
@@ -67,7 +69,7 @@ def clearance_of(
         spheres=tuple(used),
         pairs=tuple((place[sphere], k) for sphere, k in kept),
         sphere_pairs=tuple((place[a], place[b]) for a, b in between),
-        self_margin=0.0 if own is None else own.margin,
+        own=own or SelfCollision(),
         left_out={name: dict(Counter(filter(None, told.values()))) for name, told in reasons.items()},
         self_pairs=found,
     )
@@ -95,6 +97,11 @@ def _check_names(obstacles: Sequence[Obstacle]) -> None:
 
 def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
     """Why each sphere never meets a piece of an obstacle; empty where it may."""
+    if piece.motion is not None:
+        return {
+            sphere: _never_met(robot.collision_spheres[sphere[0]].joint, piece, piece.motion, ball)
+            for sphere, ball in balls.items()
+        }
     frame = robot.model.frames[robot.frame_id(piece.frame)]
     carrier, placed = int(frame.parentJoint), frame.placement * piece.placement
     return {
@@ -131,6 +138,17 @@ def _never_meet(
     if obstacle.margin >= 0.0 and np.linalg.norm(at - placed.translation) < radius:
         return ""
     return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
+
+
+def _never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ball) -> str:
+    """Why an obstacle never meets a sphere on its way; empty if it may."""
+    if joint == 0:
+        return _FIXED
+    (at, radius), shape = ball, obstacle.geometry
+    shape.computeLocalAABB()
+    size = np.linalg.norm(obstacle.offset.act(np.array(shape.aabb_center))) + shape.aabb_radius
+    is_known = np.isfinite(size) and np.isfinite(radius) and not obstacle.movable
+    return _FAR if is_known and motion.distance_from(at) > size + radius + obstacle.margin else ""
 
 
 def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) -> None:

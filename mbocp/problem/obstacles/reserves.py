@@ -33,22 +33,22 @@ _BETWEEN = 4  # configurations of a step
 _MISSED = 0.01  # [m] from what is missing, what is taken, too
 
 
-def with_first_reserve(problem: Problem, qs: Array) -> Problem:
+def with_first_reserve(problem: Problem, ts: Array, qs: Array) -> Problem:
     """The problem with room for the corners that steps as long as those of a way cut off.
 
     Only where spheres are the shapes of their links: others are larger than these, which is room enough.
 
     Parameters
     ----------
-    qs : ndarray, shape (n, nq)
-        Configurations of a way, one for each node.
+    ts, qs : ndarray, shapes (n,) and (n, nq)
+        Times [s] and configurations of a way, one for each node.
     """
     rows = rows_of(problem)
     if rows is None or not _is_exact(rows):
         return problem
     middles = between(problem.robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
-    values = rows.pair_values(qs)
-    cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles)
+    values = rows.pair_values(qs, ts=ts)
+    cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles, ts=(ts[:-1] + ts[1:]) / 2.0)
     wanted = _CLOSER * np.maximum(cut.max(axis=0), 0.0) + _RESERVE
     return _with(problem, rows, rows.chosen, np.minimum(wanted, _FIRST))
 
@@ -65,7 +65,7 @@ def room_of(problem: Problem) -> Array:
     return found
 
 
-def with_room(problem: Problem, room: Array, qs: Array) -> Problem:
+def with_room(problem: Problem, room: Array, ts: Array, qs: Array) -> Problem:
     """The problem with rows and room as `room_of` has them, and rows for what a motion touches beside."""
     rows = rows_of(problem)
     if rows is None:
@@ -73,7 +73,7 @@ def with_room(problem: Problem, room: Array, qs: Array) -> Problem:
     has_all = bool((room >= 0.0).all())
     chosen = None if has_all else tuple(np.flatnonzero(room >= 0.0).tolist())
     found = _with(problem, rows, chosen, np.maximum(room, 0.0))
-    missing = missing_pairs(found, qs)
+    missing = missing_pairs(found, ts, qs)
     return with_pairs(found, {*(chosen or ()), *missing}) if missing else found
 
 
@@ -101,7 +101,7 @@ def with_rows_and_room(
     rows = rows_of(problem)
     if rows is None or not np.isfinite(qs).all():
         return None
-    missing, reserve, chosen = set(missing_pairs(problem, qs)), rows.reserves, rows.chosen
+    missing, reserve, chosen = set(missing_pairs(problem, t, qs)), rows.reserves, rows.chosen
     if lacks > 0.0:
         more = _lacking(rows, t, qs, lacks, touching)
         missing |= set(np.flatnonzero(more).tolist())
@@ -117,8 +117,8 @@ def with_rows_and_room(
 def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, touching: str) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
     near = float(rows.margins.max(initial=0.0)) + _MOST
-    sampled = poses_between(rows.robot, t, qs)[1]
-    least = rows.pair_values(sampled, near).min(axis=0) - rows.margins
+    times, sampled = poses_between(rows.robot, t, qs)
+    least = rows.pair_values(sampled, near, times).min(axis=0) - rows.margins
     meant = np.array([words == touching for words in rows.links_of_pairs])
     near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
     more = np.where(near, lacks + _RESERVE, 0.0)
@@ -149,23 +149,24 @@ def _is_exact(rows: Clearance) -> bool:
 
 def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, reserve: Array) -> Problem:
     """The problem with these rows and room, but for what the goal has not; it is not checked again."""
-    room = rows.pair_values(np.asarray(problem.goal.q)[None])[0] - rows.margins
+    at_end = None if problem.timeline.has_free_lengths else np.array([problem.duration])
+    room = rows.pair_values(np.asarray(problem.goal.q)[None], ts=at_end)[0] - rows.margins
     if problem.goal.q_active.all():
         reserve = np.minimum(reserve, np.maximum(room - _RESERVE, 0.0))
     larger = rows.of_pairs(chosen, reserve)
     return replace(problem, path=tuple(larger if c is rows else c for c in problem.path))
 
 
-def near_pairs(clearance: Clearance, qs: Array) -> tuple[int, ...]:
-    """Pairs that come near along some configurations, the nearest first."""
+def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
+    """Pairs that come near along some configurations at their times, the nearest first."""
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(qs, near) - clearance.margins).min(axis=0)
+    least = (clearance.pair_values(qs, near, ts) - clearance.margins).min(axis=0)
     order = np.argsort(least, kind="stable")
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST_PAIRS))
     return tuple(order[:count].tolist())
 
 
-def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
+def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
     """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
     clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
@@ -173,8 +174,9 @@ def missing_pairs(problem: Problem, qs: Array) -> tuple[int, ...]:
     first = np.repeat(np.arange(len(qs) - 1), _BETWEEN)
     shares = np.tile(np.arange(_BETWEEN) / _BETWEEN, len(qs) - 1)
     sampled = np.vstack([between(problem.robot, qs[first], qs[first + 1], shares), qs[-1:]])
+    times = np.append((1.0 - shares) * ts[first] + shares * ts[first + 1], ts[-1])
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(sampled, near) - clearance.margins).min(axis=0)
+    least = (clearance.pair_values(sampled, near, times) - clearance.margins).min(axis=0)
     least[list(rows.chosen)] = np.inf
     if least.min() >= 0.0:
         return ()

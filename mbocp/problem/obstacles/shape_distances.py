@@ -31,7 +31,7 @@ class ShapeDistances:
 
     def __init__(self, clearance: Clearance, pairs: list[LinkPair]) -> None:
         self._clearance, self._pairs = clearance, pairs
-        self._model = clearance.robot.model
+        self._model = clearance.scene
         self._data = working_data(self._model)
         self._geometry = pin.GeometryModel()
         first = [0]  # of the shapes of each pair
@@ -54,7 +54,7 @@ class ShapeDistances:
         return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
 
     def place(self, q: Array) -> None:
-        """Take a configuration, shape (nq,)."""
+        """Take a configuration of the scene, see `Clearance.placed`."""
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
 
     def of(self, pair: int) -> float:
@@ -130,5 +130,5 @@ def _link(clearance: Clearance, number: int) -> list[Shape]:
 
 def _obstacle(clearance: Clearance, number: int) -> list[Shape]:
     obstacle = clearance.obstacles[number]
-    frame = clearance.robot.model.frames[clearance.robot.frame_id(obstacle.frame)]
-    return [(int(frame.parentJoint), frame.placement * obstacle.placement, obstacle.geometry)]
+    joint = int(clearance.scene.frames[clearance.frame_of(obstacle)].parentJoint)
+    return [(joint, clearance.placement_of(obstacle), obstacle.geometry)]

@@ -17,6 +17,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
 from mbocp.robot.collision.compound import Compound
 from mbocp.robot.collision.hull import Hull, box_of
+from mbocp.robot.collision.motion import ObstacleMotion
 
 # Keys of a shape's sizes, and how many lengths each has.
 SIZES: dict[str, dict[str, int]] = {
@@ -64,6 +65,8 @@ class Obstacle:
         Of a mesh.
     compound : Compound, optional
         Of a mesh that is not convex, in the place of its hull.
+    motion : ObstacleMotion, optional
+        Of a frame in the world that carries it.
     excess : float
         By how much its volume is larger than that of the file that it comes from, as a part of that; NaN
         where the file's surface is not closed.
@@ -86,6 +89,7 @@ class Obstacle:
     hull: Hull | None = None
     compound: Compound | None = None
     excess: float = 0.0
+    motion: ObstacleMotion | None = None
 
     def __post_init__(self) -> None:
         key = f"obstacle {self.name!r}"
@@ -115,11 +119,30 @@ class Obstacle:
             object.__setattr__(self, name, float(value))
         if not isinstance(self.movable, bool | np.bool_):
             raise InvalidValue(f"{key}: movable", show(self.movable), "true or false")
+        self._check_carrier(key)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is always at the same place of the world, and has an end."""
+        return self.frame == kinematics.WORLD and self.motion is None and self.shape != "halfspace"
 
     @property
     def placement(self) -> pin.SE3:
         """Of the shape in its frame."""
         return pin.SE3(pin.Quaternion(np.array(self.orientation)).matrix(), np.array(self.position))
+
+    @property
+    def offset(self) -> pin.SE3:
+        """Placement on what carries it: its frame, or the frame of its motion."""
+        if self.motion is None or not self.motion.is_steady:
+            return self.placement
+        return pin.SE3(np.eye(3), -self.motion.positions[0]) * self.placement
+
+    def placements(self, ts: Array) -> list[pin.SE3]:
+        """In the world at some times, or in its frame where it has no motion."""
+        if self.motion is None:
+            return [self.placement] * len(ts)
+        return [pin.XYZQUATToSE3(pose) * self.offset for pose in self.motion.poses(ts)]
 
     @property
     def geometry(self) -> coal.CollisionGeometry:
@@ -165,10 +188,16 @@ class Obstacle:
             found[key] = values[0] if count == 1 else values
             at += count
         found |= {"position": np.asarray(self.position), "orientation": np.asarray(self.orientation)}
+        if self.motion is not None:
+            found["motion"] = dict(self.motion.table)
         if self.frame != kinematics.WORLD:
             found["frame"] = self.frame
         found |= {"margin": self.margin, "smoothing": self.smoothing}
         return found | ({"movable": True} if self.movable else {})
+
+    def _check_carrier(self, key: str) -> None:
+        if self.motion is not None and self.frame != kinematics.WORLD:
+            raise InvalidValue(f"{key}: frame", show(self.frame), "no frame: its motion is one in the world")
 
     def _take(self, name: str, count: int, unit: str) -> None:
         array = np.asarray(getattr(self, name), dtype=np.float64)

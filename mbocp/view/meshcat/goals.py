@@ -14,7 +14,7 @@ from mbocp.robot import LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.samples import CORNERS, box_around
 from mbocp.view.marks import Marks
-from mbocp.view.meshcat.commands import Command, colour_number, set_object, set_transform, shape_object
+from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform, shape_object
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import load_primitive, mg
 from mbocp.view.meshcat.visuals import MergedGeometry
@@ -150,6 +150,8 @@ def obstacle_points(robot: Robot, obstacles: Sequence[Obstacle]) -> list[Array]:
     """Corners of the boxes around obstacles that stand in the world, each of shape (3,) [m]."""
     found: list[Array] = []
     for obstacle in obstacles:
+        if obstacle.motion is not None:  # it may come from far away
+            continue
         frame = robot.model.frames[robot.frame_id(obstacle.frame)]
         if obstacle.shape == "halfspace" or frame.parentJoint:
             continue
@@ -174,7 +176,7 @@ def obstacle_commands(
     """
     for number, obstacle in enumerate(obstacles):
         frame = robot.model.frames[robot.frame_id(obstacle.frame)]
-        joint, placed = int(frame.parentJoint), frame.placement * obstacle.placement
+        joint, placed = int(frame.parentJoint), frame.placement * obstacle.placements(np.zeros(1))[0]
         is_plate = obstacle.shape == "halfspace"
         opacity = _OPACITY if is_plate else _SOLID
         material = mg.MeshPhongMaterial(color=colour_number(_OBSTACLE), transparent=True, opacity=opacity)
@@ -184,9 +186,23 @@ def obstacle_commands(
             drawn = MergedGeometry([_flat_sides(body.vertices, body.faces)], [None])
         else:
             drawn = load_primitive(pin.GeometryObject(obstacle.name, joint, placed, obstacle.geometry))
-        path = f"{node(joint)}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
+        path = _obstacle_node(node(joint), number, obstacle)
         yield set_object(path, shape_object(drawn, material))
         yield set_transform(path, placed.rotation, placed.translation)
+
+
+def _obstacle_node(carrier: str, number: int, obstacle: Obstacle) -> str:
+    return f"{carrier}/obstacles/{number}_{obstacle.name.replace('/', '|')}"
+
+
+def obstacle_tracks(obstacles: Sequence[Obstacle], times: Array, world: str) -> Iterator[Track]:
+    """The motions of obstacles that move by the time, in the node of the world."""
+    for number, obstacle in enumerate(obstacles):
+        if obstacle.motion is not None:
+            path = _obstacle_node(world, number, obstacle)
+            poses = np.array([pin.SE3ToXYZQUAT(placed) for placed in obstacle.placements(times)])
+            yield Track(path, "position", times, poses[:, :3])
+            yield Track(path, "quaternion", times, poses[:, 3:])
 
 
 def sphere_commands(

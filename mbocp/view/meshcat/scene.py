@@ -39,6 +39,7 @@ from mbocp.view.meshcat.goals import (
     mark_commands,
     mark_points,
     obstacle_commands,
+    obstacle_tracks,
     sphere_commands,
 )
 from mbocp.view.meshcat.shapes import path_tube
@@ -173,6 +174,7 @@ def build_scene(
         *arrows.commands,
     ]
     tracks = [*joint_tracks(motion, node), *tracks_along, *arrows.tracks, *other_tracks(others, WORLD)]
+    tracks += obstacle_tracks(drawn_marks.obstacles, motion.times, node(0))
     duration = max([motion.duration, *(other.motion.duration for other in others)])
     timed = [Track(track.path, track.name, track.times / speed, track.values) for track in tracks]
     animation = set_animation(timed, duration / speed + HOLD) if timed else None

@@ -289,7 +289,7 @@ def clearance_panels(solution: Solution, problem: Problem) -> list[LinePanel]:
     if problem.clearance is None:
         return []
     columns = [Column("nearest pair of those that are checked", "m")]
-    distances = clearances_along(problem.clearance, solution.qs)[:, None]
+    distances = clearances_along(problem.clearance, solution.t, solution.qs)[:, None]
     return line_panels("Clearance", "$d$", columns, solution.t, distances)
 
 

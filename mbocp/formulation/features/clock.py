@@ -1,0 +1,55 @@
+"""The time as part of the state, where obstacles move by it and lengths of steps are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from mbocp._arrays import Array
+from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.layout import Block
+from mbocp.formulation.motion import Motion
+from mbocp.formulation.steps import StepSymbols
+from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
+
+CLOCK = "time"  # [s]
+
+
+@dataclass(frozen=True)
+class Clock(Feature):
+    """Path constraints see states alone, so these hold the time; free lengths have a clock of their own."""
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Clock | None:
+        """Return it where something moves by the time."""
+        return cls() if asked.has_movers and not problem.timeline.has_free_lengths else None
+
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """The time."""
+        return (Block(CLOCK, 1, is_remembered=False),)
+
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """That it is there."""
+        return {"tells_time": True}
+
+    def own_rows(self, at: StepSymbols) -> Sequence[ca.SX]:
+        """The time before, and the length of the step."""
+        place = at.space.layout.states[CLOCK]
+        return [at.at0[place] + (1 - at.is_impact) * at.dt - at.at1[place]]
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """What it says."""
+        return ("time",)
+
+    def states_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
+        """Times of the nodes."""
+        lengths = np.where(problem.timeline.is_impact, 0.0, motion.dts)
+        return {CLOCK: np.append(0.0, np.cumsum(lengths))[:, None]}
