@@ -75,6 +75,17 @@ class NaturalSpace:
         found: Array = np.asarray(_maps(self.mechanics).velocity.map(len(zs))(zs.T, ws.T)).T
         return found
 
+    def slopes(self, zs: Array, ws: Array) -> Array:
+        """Derivatives of joint configurations, in their tangent space, and velocities, (k, 2 nv, 2 nz)."""
+        maps, joints = _maps(self.mechanics), self.mechanics.joint_space
+        read = np.asarray(maps.configuration.map(len(zs))(zs.T)).T
+        in_z, of_velocity = (
+            found.reshape(len(found), len(zs), -1).transpose(1, 0, 2)
+            for found in map(np.asarray, maps.slopes.map(len(zs))(zs.T, ws.T))
+        )
+        of_configuration = joints.slopes_of_configurations(read) @ in_z
+        return np.hstack([np.dstack([of_configuration, np.zeros_like(of_configuration)]), of_velocity])
+
     def rates(self, qs: Array, vs: Array) -> Array:
         """Rates of the natural coordinates, shape (k, nz), at joint configurations and velocities."""
         tree = self.mechanics.tree
@@ -133,8 +144,11 @@ class _Maps:
         n, nv = mechanics.nq, mechanics.robot.nv
         z, w, v = ca.SX.sym("z", n), ca.SX.sym("w", n), ca.SX.sym("v", nv)
         dual = ca.SX.sym("dual", 2 * n)
-        self.configuration = ca.Function("configuration", [z], [ca.densify(mechanics.joint_coordinates(z))])
-        self.velocity = ca.Function("velocity", [z, w], [ca.densify(mechanics.joint_velocity(z, w))])
+        configuration, velocity = mechanics.joint_coordinates(z), mechanics.joint_velocity(z, w)
+        self.configuration = ca.Function("configuration", [z], [ca.densify(configuration)])
+        self.velocity = ca.Function("velocity", [z, w], [ca.densify(velocity)])
+        slopes = [ca.jacobian(configuration, z), ca.jacobian(velocity, ca.vertcat(z, w))]
+        self.slopes = ca.Function("slopes", [z, w], [ca.densify(slope) for slope in slopes])
         J = mechanics.joint_motions(z)
         along = dual[:n] + ca.gradient(ca.dot(dual[n:], J @ v), z)
         costate = ca.vertcat(J.T @ along, J.T @ dual[n:])
