@@ -168,6 +168,28 @@ def test_adjoints_are_what_derivatives_add_up_to(make):
         assert found[word] == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("path", "changes"),
+    [
+        ("loops/polish.toml", {}),  # conditions of the end are chosen where the motion ends
+        ("design/five_bar_lengths.toml", {"integrator.scheme": "midpoint"}),  # and with the first lengths
+    ],
+)
+def test_the_optimum_is_that_of_the_solve(path, changes, tmp_path):
+    problem = mbocp.load_problem(EXAMPLES / path, changes)
+    solution = solved(problem)
+    solution.save(tmp_path / "result.npz")
+    for one in (solution, mbocp.Solution.load(tmp_path / "result.npz")):
+        derivatives = mbocp.sensitivities(one, ["cost.effort"])
+        iterate = derivatives._found.kkt.optimum.iterate
+        us = derivatives.formulation.motion_of(iterate).us
+        assert np.abs(us - one.us).max() <= 1e-8 * np.abs(one.us).max()
+    share, cost = 1e-4, problem.cost
+    dearer = replace(problem, cost=cost.with_weights({"effort": (1.0 + share) * cost.effort}))
+    slope = (mbocp.solve(dearer, warm_start=solution).cost - solution.cost) / share
+    assert slope == pytest.approx(derivatives.cost["cost.effort"] @ cost.effort, rel=1e-3)
+
+
 def test_numbers_are_those_of_a_problem_formulated_anew():
     """What is known of parameters directly is what formulating moved problems says."""
     problem = arm_within_limits()
