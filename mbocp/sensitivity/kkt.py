@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp.exceptions import SingularSystem
+from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.solvers.newton_method.held import factorise_held, hold
@@ -110,8 +110,8 @@ class Kkt:
     _native: KernelProgramme  # with K's factors
 
     @classmethod
-    def near(cls, optimum: Optimum, *, most_steps: int, still: float, far: float) -> Kkt | None:
-        """The system where it holds, found by Newton's method, or None where that does not stay near.
+    def near(cls, optimum: Optimum, *, most_steps: int, still: float, far: float) -> Kkt:
+        """The system where it holds, found by Newton's method.
 
         Parameters
         ----------
@@ -124,6 +124,8 @@ class Kkt:
         ------
         SingularSystem
             If K has no inverse.
+        SolverError
+            If Newton's method does not stay near; the message has the length of its last step.
         """
         programme, held = optimum.programme, optimum.held
         native = hold(programme, optimum.iterate, optimum.ws, held, optimum.sides)
@@ -134,7 +136,7 @@ class Kkt:
             native.solve()
             before, length = length, max(_relative(native.dx, native.x), _relative(native.du, native.u))
             if not length <= before:
-                return None
+                break
             if length <= still:
                 ws = np.zeros_like(optimum.ws)
                 ws[held] = native.z_upper if held.any() else 0.0
@@ -142,7 +144,10 @@ class Kkt:
                 return cls(found, _of_start(found), native)
             native.move(1.0)
             native.accept(1.0)
-        return None
+        raise SolverError(
+            "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
+            f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
+        )
 
     def solve(self, right: Parts) -> Parts:
         """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
@@ -241,6 +246,6 @@ def call(
 
 def _singular() -> SingularSystem:
     return SingularSystem(
-        "sensitivities: the optimality conditions have no unique derivative: the solution is not the only "
-        "optimum near, or some of its conditions or active limits follow from others"
+        "sensitivities: the optimality conditions have no unique derivative: the solution is no minimum, or "
+        "not the only one near"
     )

@@ -127,7 +127,7 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
-        kkt = _polished(optimum)
+        kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
         optimum = _corrected(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))
@@ -194,20 +194,3 @@ def _values(optimum: Optimum) -> Array:
         given = [at.xs[1:], at.us, programme.theta]
         path = call(programme.functions, "path_values", N, given)[0].dense(nh)
     return np.hstack([at.xs[1:], at.us, path])
-
-
-def _polished(optimum: Optimum) -> Kkt:
-    """The conditions where they hold.
-
-    Raises
-    ------
-    SolverError
-        If there is no such point near.
-    """
-    kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
-    if kkt is None:
-        raise SolverError(
-            "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
-            "active there; solve to a smaller tolerance"
-        )
-    return kkt

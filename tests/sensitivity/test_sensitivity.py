@@ -244,6 +244,11 @@ def test_what_has_no_derivatives_is_refused():
         mbocp.sensitivities(mbocp.solve(problem.with_(solver={"max_iterations": 1})), ["start.q"])
     with pytest.raises(InvalidValue, match=r"solution\.iterate"):
         mbocp.sensitivities(replace(solution, iterate=None), ["start.q"])
+    carried = solution.iterate
+    aside = replace(carried.iterate, us=carried.iterate.us + 50.0)
+    far = mbocp.sensitivities(replace(solution, iterate=replace(carried, iterate=aside)), ["start.q"])
+    with pytest.raises(SolverError, match=r"\(a Newton step is \d\.\de[-+]\d\d of the motion\)"):
+        far.of("us", "start.q")
     derivatives = mbocp.sensitivities(solution, ["start.q", "robot.payload.crate.mass"])
     with pytest.raises(InvalidValue, match="one of cost, dts, t, qs"):
         derivatives.of("velocity", "start.q")
