@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -225,23 +226,29 @@ def call(
     SingularSystem
         If an output is not finite.
     """
-    function = functions.function(name)
-    sizes = [function.size1_in(i) for i in range(function.n_in())]
-    blocks = [
-        value.reshape(-1, size) if size else np.zeros((1, 0))
+    sizes, patterns = _shapes(functions, name)
+    given = [
+        value.ravel() if value.size == count * size else np.tile(value.ravel(), count)
         for value, size in zip(inputs, sizes, strict=True)
     ]
-    given = [np.broadcast_to(block, (count, block.shape[1])).ravel() for block in blocks]
     try:
         found = functions.stage_function(name).evaluate(given, count, True)
     except RuntimeError as error:  # the kernel: a function has failed
         raise SingularSystem("sensitivities: functions of the problem are not finite there") from error
-    outputs = []
-    for k, values in enumerate(found):
-        rows, columns = function.sparsity_out(k).get_triplet()
-        pattern = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-        outputs.append(Nonzeros(*pattern, values.reshape(count, -1)))
-    return tuple(outputs)
+    return tuple(
+        Nonzeros(*pattern, values.reshape(count, -1)) for pattern, values in zip(patterns, found, strict=True)
+    )
+
+
+@lru_cache(maxsize=32)
+def _shapes(functions: CompiledFunctions, name: str) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
+    """Sizes of the inputs of a function, and rows and columns of the numbers of its outputs."""
+    function = functions.function(name)
+    triplets = [function.sparsity_out(k).get_triplet() for k in range(function.n_out())]
+    patterns = [
+        (np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)) for rows, columns in triplets
+    ]
+    return [function.size1_in(k) for k in range(function.n_in())], patterns
 
 
 def _singular() -> SingularSystem:
