@@ -172,15 +172,9 @@ def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
 
 
 def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0) -> Optimum:
-    """The iterate of a solver with its active limits, as far as its multipliers tell.
-
-    Raises
-    ------
-    SolverError
-        If the kernel keeps no such limits.
-    """
-    if why := why_limits_cannot_be_kept(programme):
-        raise SolverError(f"sensitivities: the kernel {why}, and has no derivatives of such an optimum")
+    """The iterate of a solver with its active limits, as far as its multipliers tell."""
+    if why_limits_cannot_be_kept(programme):  # while it eliminates bodies one by one, and not all at once
+        programme = replace(programme, kind=replace(programme.kind, groups=()))
     ws, held, sides = active_limits(programme, iterate, stiffness)
     return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))
 

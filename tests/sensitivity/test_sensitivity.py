@@ -23,7 +23,7 @@ QUANTITIES = ("cost", "qs", "vs", "us", "t", "lams", "mus", "lam_us", "lam_vs")
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 
 
-def example(path, **changes):
+def example(path, /, **changes):
     return mbocp.load_problem(EXAMPLES / path).with_(solver={"tolerance": 1e-12}, **changes)
 
 
@@ -65,6 +65,18 @@ def phases_with_holds():
     return example("arms/throw_into_bucket.toml")
 
 
+def bodies_within_a_speed():
+    """Bodies that the kernel eliminates one by one where nothing limits them."""
+    return example(
+        "loops/four_bar.toml",
+        steps=40,
+        coordinates="natural",
+        integrator={"scheme": "se1"},
+        goal={"q": {"crank": 2.2}, "v": 0},
+        path=[{"kind": "speed", "frame": "coupler_point", "max": 0.3}],
+    )
+
+
 def feet_in_contact():
     """Conditions of its contacts follow from others."""
     return example("legged/solo12_jump.toml")
@@ -99,6 +111,9 @@ CASES = [
     (explicit_steps, "start.q", 3, 1e-4),
     (explicit_steps, "cost.potential", 0, 1e-4),
     (phases_with_holds, "start.q", 1, 1e-4),
+    pytest.param(
+        bodies_within_a_speed, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="bodies_within_a_speed"
+    ),
     pytest.param(feet_in_contact, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="feet_in_contact-start.q"),
 ]
 
