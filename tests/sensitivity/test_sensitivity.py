@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
+from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.sensitivity import DegenerateLimitWarning
 from mbocp.sensitivity.kkt import Parts
 from mbocp.sensitivity.numbers import change_along
@@ -222,6 +224,19 @@ def test_numbers_are_those_of_a_problem_formulated_anew():
                 parameter.word,
                 name,
             )
+
+
+def test_end_conditions_that_are_left_out_shift_no_other_number():
+    path = EXAMPLES / "so3/unicycle_pendulum.toml"
+    problem = mbocp.load_problem(path, {"limits.velocity": {"pendulum": 9.0}})
+    formulation, left_out = formulate_with_independent_ends(problem, math.inf)
+    assert "rate of pendulum.wz" in left_out
+    (limit,) = parameters_of(formulation, ["limits.velocity.upper"])
+    spins = [label.name for label in problem.robot.speed_labels].index("pendulum.wz")
+    moved = limit.change().upper[limit.names.index("pendulum.wz")]
+    expected = np.zeros_like(moved)
+    expected[:, formulation.layout.nz + spins] = 1.0
+    assert np.allclose(moved, expected)
 
 
 @pytest.mark.parametrize("make", [arm_within_limits, arm_in_least_time, loop, loop_of_bodies, quaternion])
