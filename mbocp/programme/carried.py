@@ -32,9 +32,9 @@ class Carried:
     q_end : ndarray, shape (nq,)
         Configuration at which conditions of the end were chosen; empty: that of the goal.
     q_start : ndarray, shape (nq,)
-        Configuration from which a start that is found with the robot moves; empty: that of the problem.
+        Start that a solve of a robot that is found began with; empty: that of the problem.
     first : ndarray, shape (parameters,)
-        Values of what is found of the robot with which all was made that does not move with them.
+        Of what is found of the robot the values that a solve began with, and chose its conditions by.
     """
 
     iterate: Iterate
