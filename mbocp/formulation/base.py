@@ -21,7 +21,7 @@ from mbocp._arrays import Array
 from mbocp.formulation.build import build_programme
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import Space
@@ -154,6 +154,10 @@ class Formulation(ABC):
     @abstractmethod
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
+
+    @abstractmethod
+    def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
+        """How configurations and velocities of its motion move with an iterate."""
 
     @abstractmethod
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:

@@ -52,11 +52,7 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
         As `formulate` does.
     """
     whole = formulate(problem, deadline=deadline)
-    if not whole.end_rows_may_depend or problem.goal.redundant == "keep":
-        return whole, ""
-    projections = whole.end_rows.of_joints
-    dependent = dependent_end_rows(whole.programme, projections)
-    rows = tuple(row for row in dependent if row < len(projections))  # conditions of one's own stay
+    rows = implied_end_rows(whole)
     if not rows:
         return whole, ""
     from mbocp.formulation.fewer_ends import without_end_rows
@@ -64,6 +60,21 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
     names = ", ".join(whole.programme.describe_row(-1, row) for row in rows)
     fewer = without_end_rows(whole, rows, deadline=deadline)
     return fewer, f"; left out, since the dynamics imply it: {names}"
+
+
+def implied_end_rows(whole: Formulation) -> tuple[int, ...]:
+    """Rows of the joints' end condition that the dynamics meet by themselves, and that may be left out.
+
+    Raises
+    ------
+    OverdeterminedGoal
+        If no control acts upon one that is not met.
+    """
+    if not whole.end_rows_may_depend or whole.problem.goal.redundant == "keep":
+        return ()
+    projections = whole.end_rows.of_joints
+    dependent = dependent_end_rows(whole.programme, projections)
+    return tuple(row for row in dependent if row < len(projections))  # conditions of one's own stay
 
 
 def with_compiled_functions(formulation: Formulation) -> Formulation:

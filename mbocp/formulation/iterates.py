@@ -23,9 +23,16 @@ _SAME_MOTION = 1e-3  # of the largest number: rotations that left their group co
 def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     """An iterate with all that says where it fits."""
     carried = Carried.of(iterate, formulation.programme)
-    problem, meaning = formulation.problem, _meaning(formulation)
-    room = frozen_array(room_of(problem))
-    return replace(carried, meaning=meaning, room=room, limits_within=problem.limits_within)
+    problem, nothing = formulation.problem, np.zeros(0)
+    return replace(
+        carried,
+        meaning=_meaning(formulation),
+        room=frozen_array(room_of(problem)),
+        limits_within=problem.limits_within,
+        q_end=problem.goal.q if problem.goal.q_is_reached or problem.parameter else nothing,
+        q_start=problem.q_start if problem.parameter else nothing,
+        first=frozen_array([one.start for one in problem.parameter]),
+    )
 
 
 def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:

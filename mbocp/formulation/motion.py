@@ -55,3 +55,19 @@ class Motion:
             return self.us
         found: Array = np.einsum("pk,nku->npu", control_powers(self.shares), self.values)
         return found.reshape(len(self.us), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSlopes:
+    """Derivatives of the configurations, in their tangent space, and velocities of a motion.
+
+    Attributes
+    ----------
+    in_states : ndarray, shape (N + 1, 2 nv, ndx)
+        Of each node in its state, along the state's tangent.
+    in_us : ndarray, shape (N + 1, 2 nv, nu)
+        In the controls of the step after it, of the last node in those of the step before.
+    """
+
+    in_states: Array
+    in_us: Array

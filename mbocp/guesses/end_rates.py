@@ -59,7 +59,7 @@ def with_rates_at_end(
 def _with_end_at(formulation: Formulation, q: Array) -> Formulation:
     """The same problem, its conditions of the end chosen at another configuration."""
     problem = formulation.problem
-    return formulate(problem.with_(goal=replace(problem.goal, q=q, q_is_reached=True)))
+    return formulate(replace(problem, goal=replace(problem.goal, q=q, q_is_reached=True)))
 
 
 def _fit(carried: Carried, formulation: Formulation) -> Carried:

@@ -157,10 +157,28 @@ class ConfigurationSpace:
 
     def tangents(self, zs: Array) -> Array:
         """Derivatives of coordinates z along the tangent directions, shape (n, nz, nv) from (n, nz)."""
-        z, v = ca.SX.sym("z", self.nz), ca.SX.sym("v", self.nv)
-        rates = ca.Function("tangents", [z], [ca.densify(ca.jacobian(self.rate(z, v), v))]).map(len(zs))
-        found: Array = np.asarray(rates(zs.T)).reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
-        return found
+        found = np.asarray(_tangents(self).map(len(zs))(zs.T))
+        by_node: Array = found.reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
+        return by_node
+
+    def slopes_of_configurations(self, zs: Array) -> Array:
+        """Derivatives of `configurations` in coordinates z, in the tangent space, shape (n, nv, nz)."""
+        if self.is_vector:
+            return np.broadcast_to(np.eye(self.nv), (len(zs), self.nv, self.nz))
+        nearest = self.coordinates(self.configurations(zs))
+        slopes = np.asarray(np.linalg.pinv(self.tangents(nearest)), dtype=np.float64)
+        for part in (part for part in self.parts if not part.group.is_vector):
+            turns = 1 if isinstance(part.group, (Circle, Plane)) else 3
+            at = slice(part.at_v.stop - turns, part.at_v.stop)
+            if part.at_matrix < 0:
+                norms = np.linalg.norm(zs[:, part.at_z.stop - turns - 1 : part.at_z.stop], axis=1)
+                slopes[:, at] /= norms[:, None, None]
+            else:  # of the polar decomposition Z = R S, which turns by (tr(S) - S)^-1 of what turns R
+                at_matrix = slice(part.at_matrix, part.at_matrix + 9)
+                S = _matrices(nearest[:, at_matrix]).transpose(0, 2, 1) @ _matrices(zs[:, at_matrix])
+                traces = np.trace(S, axis1=1, axis2=2)[:, None, None]
+                slopes[:, at] = 2.0 * np.linalg.solve(traces * np.eye(3) - S, slopes[:, at])
+        return slopes
 
     def affine(self, C: Array, moved: Array) -> tuple[Array, Array]:
         """Return the matrix and vector of the map of coordinates z that is C q + moved of configurations.
@@ -189,6 +207,12 @@ class ConfigurationSpace:
     def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
         pieces = [piece(part) for part in self.parts]
         return ca.vertcat(*pieces) if pieces else ca.SX.zeros(0, 1)
+
+
+@lru_cache(maxsize=64)
+def _tangents(space: ConfigurationSpace) -> ca.Function:
+    z, v = ca.SX.sym("z", space.nz), ca.SX.sym("v", space.nv)
+    return ca.Function("tangents", [z], [ca.densify(ca.jacobian(space.rate(z, v), v))])
 
 
 @lru_cache(maxsize=64)
@@ -235,9 +259,13 @@ def _with_matrices(qs: Array) -> Array:
     return np.hstack([qs[:, :-4], np.array(rotations).reshape(-1, 9)])
 
 
+def _matrices(columns: Array) -> Array:
+    found: Array = columns.reshape(-1, 3, 3).transpose(0, 2, 1)
+    return found
+
+
 def _with_quaternions(zs: Array) -> Array:
-    matrices = zs[:, -9:].reshape(-1, 3, 3).transpose(0, 2, 1)
-    left, _, right = np.linalg.svd(matrices)
+    left, _, right = np.linalg.svd(_matrices(zs[:, -9:]))
     turns = left @ right
     turns[np.linalg.det(turns) < 0] *= -1.0  # a mirror image has no nearest rotation; any will do
     quaternions = np.array([pin.Quaternion(R).coeffs() for R in turns]).reshape(-1, 4)

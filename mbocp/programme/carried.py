@@ -29,6 +29,12 @@ class Carried:
         Of each pair of things that keep apart what its row keeps beyond the margin [m]; -1: it has no row.
     limits_within : str
         Letters of the limits that hold within steps, too.
+    q_end : ndarray, shape (nq,)
+        Configuration at which conditions of the end were chosen; empty: that of the goal.
+    q_start : ndarray, shape (nq,)
+        Start that a solve of a robot that is found began with; empty: that of the problem.
+    first : ndarray, shape (parameters,)
+        Of what is found of the robot the values that a solve began with, and chose its conditions by.
     """
 
     iterate: Iterate
@@ -36,6 +42,9 @@ class Carried:
     meaning: str = ""
     room: Array = field(default_factory=lambda: np.zeros(0))
     limits_within: str = ""
+    q_end: Array = field(default_factory=lambda: np.zeros(0))
+    q_start: Array = field(default_factory=lambda: np.zeros(0))
+    first: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(cls, iterate: Iterate, programme: StagewiseProgramme) -> Carried:

@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp.exceptions import SingularSystem
+from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.solvers.newton_method.held import factorise_held, hold
@@ -110,8 +111,8 @@ class Kkt:
     _native: KernelProgramme  # with K's factors
 
     @classmethod
-    def near(cls, optimum: Optimum, *, most_steps: int, still: float, far: float) -> Kkt | None:
-        """The system where it holds, found by Newton's method, or None where that does not stay near.
+    def near(cls, optimum: Optimum, *, most_steps: int, still: float, far: float) -> Kkt:
+        """The system where it holds, found by Newton's method.
 
         Parameters
         ----------
@@ -124,6 +125,8 @@ class Kkt:
         ------
         SingularSystem
             If K has no inverse.
+        SolverError
+            If Newton's method does not stay near; the message has the length of its last step.
         """
         programme, held = optimum.programme, optimum.held
         native = hold(programme, optimum.iterate, optimum.ws, held, optimum.sides)
@@ -134,7 +137,7 @@ class Kkt:
             native.solve()
             before, length = length, max(_relative(native.dx, native.x), _relative(native.du, native.u))
             if not length <= before:
-                return None
+                break
             if length <= still:
                 ws = np.zeros_like(optimum.ws)
                 ws[held] = native.z_upper if held.any() else 0.0
@@ -142,7 +145,10 @@ class Kkt:
                 return cls(found, _of_start(found), native)
             native.move(1.0)
             native.accept(1.0)
-        return None
+        raise SolverError(
+            "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
+            f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
+        )
 
     def solve(self, right: Parts) -> Parts:
         """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
@@ -220,27 +226,33 @@ def call(
     SingularSystem
         If an output is not finite.
     """
-    function = functions.function(name)
-    sizes = [function.size1_in(i) for i in range(function.n_in())]
-    blocks = [
-        value.reshape(-1, size) if size else np.zeros((1, 0))
+    sizes, patterns = _shapes(functions, name)
+    given = [
+        value.ravel() if value.size == count * size else np.tile(value.ravel(), count)
         for value, size in zip(inputs, sizes, strict=True)
     ]
-    given = [np.broadcast_to(block, (count, block.shape[1])).ravel() for block in blocks]
     try:
         found = functions.stage_function(name).evaluate(given, count, True)
     except RuntimeError as error:  # the kernel: a function has failed
         raise SingularSystem("sensitivities: functions of the problem are not finite there") from error
-    outputs = []
-    for k, values in enumerate(found):
-        rows, columns = function.sparsity_out(k).get_triplet()
-        pattern = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-        outputs.append(Nonzeros(*pattern, values.reshape(count, -1)))
-    return tuple(outputs)
+    return tuple(
+        Nonzeros(*pattern, values.reshape(count, -1)) for pattern, values in zip(patterns, found, strict=True)
+    )
+
+
+@lru_cache(maxsize=32)
+def _shapes(functions: CompiledFunctions, name: str) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
+    """Sizes of the inputs of a function, and rows and columns of the numbers of its outputs."""
+    function = functions.function(name)
+    triplets = [function.sparsity_out(k).get_triplet() for k in range(function.n_out())]
+    patterns = [
+        (np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)) for rows, columns in triplets
+    ]
+    return [function.size1_in(k) for k in range(function.n_in())], patterns
 
 
 def _singular() -> SingularSystem:
     return SingularSystem(
-        "sensitivities: the optimality conditions have no unique derivative: the solution is not the only "
-        "optimum near, or some of its conditions or active limits follow from others"
+        "sensitivities: the optimality conditions have no unique derivative: the solution is no minimum, or "
+        "not the only one near"
     )

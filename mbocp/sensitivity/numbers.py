@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
+from mbocp.formulation.formulate import implied_end_rows
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -80,9 +81,10 @@ def change_along(formulation: Formulation, problem_at: Callable[[float], Problem
         Returns the problem after a move of some size.
     """
     programme = formulation.programme
+    without = implied_end_rows(formulate(formulation.problem)) if formulation.end_rows_may_depend else ()
 
     def numbers(size: float) -> Array:
-        moved = _numbers(formulate(problem_at(size)), formulation)
+        moved = _numbers(formulate(problem_at(size), without), formulation)
         return np.concatenate([moved[f.name].ravel() for f in fields(Change)])
 
     flat, first, found = fourth_order(numbers), 0, {}

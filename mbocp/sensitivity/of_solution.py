@@ -195,8 +195,7 @@ class Sensitivities:
         SingularSystem
             If the optimum is not the only one near.
         """
-        kkt, formulation = self._found.kkt, self.formulation
-        motion = formulation.motion_of(self.iterate)
+        kkt, motion = self._found.kkt, self._reader.motion
         shapes = {
             "cost": (),
             "qs": motion.vs.shape,
@@ -210,7 +209,7 @@ class Sensitivities:
         given = {name: _fitting(name, bar, shapes[name]) for name, bar in bars.items()}
         of_cost = given.pop("cost", np.zeros(()))
         xs, us, stretch = self._reader.pull_back(given)
-        zeros = Parts.zeros(formulation.programme, 1)
+        zeros = Parts.zeros(self.formulation.programme, 1)
         adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
         found = self._functions.pull(kkt, adjoint)
         found.start[:] += xs[0]

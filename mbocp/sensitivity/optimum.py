@@ -12,8 +12,10 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.carried import Carried
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held import active_limits
@@ -80,7 +82,7 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = replace(solution.problem, limits_within=carried.limits_within)
+    problem = _as_solved(solution.problem, carried)
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
@@ -89,6 +91,19 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")
     return formulation, carried.into(formulation.programme)
+
+
+def _as_solved(problem: Problem, carried: Carried) -> Problem:
+    """A solution's problem with what its solve had chosen."""
+    problem = replace(problem, limits_within=carried.limits_within)
+    if carried.q_end.size:
+        is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
+        problem = replace(problem, goal=replace(problem.goal, q=carried.q_end, q_is_reached=is_reached))
+    if carried.first.size:
+        names = [one.name for one in problem.parameter]
+        problem = problem.with_found(dict(zip(names, carried.first.tolist(), strict=True)))
+        problem = replace(problem, q_start=carried.q_start)
+    return problem
 
 
 def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
@@ -112,7 +127,7 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
-        kkt = _polished(optimum)
+        kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
         optimum = _corrected(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))
@@ -157,15 +172,9 @@ def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
 
 
 def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0) -> Optimum:
-    """The iterate of a solver with its active limits, as far as its multipliers tell.
-
-    Raises
-    ------
-    SolverError
-        If the kernel keeps no such limits.
-    """
-    if why := why_limits_cannot_be_kept(programme):
-        raise SolverError(f"sensitivities: the kernel {why}, and has no derivatives of such an optimum")
+    """The iterate of a solver with its active limits, as far as its multipliers tell."""
+    if why_limits_cannot_be_kept(programme):  # while it eliminates bodies one by one, and not all at once
+        programme = replace(programme, kind=replace(programme.kind, groups=()))
     ws, held, sides = active_limits(programme, iterate, stiffness)
     return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))
 
@@ -179,20 +188,3 @@ def _values(optimum: Optimum) -> Array:
         given = [at.xs[1:], at.us, programme.theta]
         path = call(programme.functions, "path_values", N, given)[0].dense(nh)
     return np.hstack([at.xs[1:], at.us, path])
-
-
-def _polished(optimum: Optimum) -> Kkt:
-    """The conditions where they hold.
-
-    Raises
-    ------
-    SolverError
-        If there is no such point near.
-    """
-    kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
-    if kkt is None:
-        raise SolverError(
-            "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
-            "active there; solve to a smaller tolerance"
-        )
-    return kkt

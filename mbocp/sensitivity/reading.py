@@ -9,15 +9,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.features.moved_start import MovedStart
+from mbocp.formulation.features.switches import steps_repeated
 from mbocp.formulation.inequalities import inequalities
+from mbocp.formulation.motion import NodeSlopes
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.robot.kinematics import momenta_of
 from mbocp.sensitivity.kkt import Optimum, Parts, call
 from mbocp.sensitivity.numbers import POINTS
 
-_COLOURS = 3  # of places that are moved at once: readings depend on those beside them alone
 _NUMBERS = ("theta", "rho", "rho_terminal")
 
 
@@ -75,10 +77,6 @@ class At:
         return cast(Formulation, replace(cast(Any, self.before), programme=programme))
 
 
-def _times(at: At) -> Array:
-    return np.append(0.0, np.cumsum(at.motion.dts))
-
-
 def _momenta(at: At) -> Array:
     found: Array = momenta_of(at.formulation.problem.robot.model, at.motion.qs, at.motion.vs)
     return found
@@ -93,21 +91,15 @@ def _of_limits(name: str) -> Callable[[At], Array]:
 
 
 _MULTIPLIERS = ("lam_us", "lam_qs", "lam_vs", "lam_path")
-READINGS: Mapping[str, Callable[[At], Array]] = {
-    "dts": lambda at: at.motion.dts,
-    "t": _times,
-    "qs": lambda at: at.motion.qs,
-    "vs": lambda at: at.motion.vs,
-    "us": lambda at: at.motion.us,
-    "u_values": lambda at: at.motion.values,
+OF_MOTION = ("dts", "qs", "vs", "us", "u_values")  # what states and controls say by themselves
+OF_MODEL = ("ps", "mus")  # what the robot's numbers say, too
+_DIFFERENCED: Mapping[str, Callable[[At], Array]] = {
     "ps": _momenta,
     "mus": lambda at: at.formulation.duals_of(at.iterate, at.motion).mus,
     "lams": lambda at: at.formulation.duals_of(at.iterate, at.motion).lams,
     "eta": lambda at: at.iterate.eta,
     **{name: _of_limits(name) for name in _MULTIPLIERS},
 }
-OF_MOTION = ("qs", "vs", "us", "u_values", "dts")  # what states and controls near say
-OF_MODEL = ("ps", "mus")  # what the robot's numbers say, too
 
 
 def readings_of(formulation: Formulation) -> Iterator[str]:
@@ -115,7 +107,7 @@ def readings_of(formulation: Formulation) -> Iterator[str]:
     has_loops = bool(formulation.problem.robot.nc)
     # Multipliers of explicit steps are no unknowns; rows of the end condition are any basis of a space.
     left_out = {"eta": has_loops, "lams": has_loops and not formulation.solves_for_lams}
-    yield from (name for name in READINGS if not left_out.get(name, False))
+    yield from (name for name in ("dts", "t", *OF_MOTION[1:], *_DIFFERENCED) if not left_out.get(name, False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,18 +116,6 @@ class Reader:
 
     formulation: Formulation
     optimum: Optimum
-
-    @cached_property
-    def _qs(self) -> Array:
-        return self._at(self._still, 0.0).motion.qs
-
-    @cached_property
-    def _still(self) -> Move:
-        """No move."""
-        programme = self.optimum.programme
-        step = Parts(*(part[0] for part in Parts.zeros(programme, 1)))
-        numbers = (np.zeros_like(getattr(programme, name)) for name in _NUMBERS)
-        return Move(np.zeros(programme.kind.ndx), step, *numbers)
 
     def _at(self, along: Move, size: float) -> At:
         """The optimum after so much of a move."""
@@ -166,22 +146,58 @@ class Reader:
 
     def along(self, move: Move, names: Collection[str]) -> dict[str, Array]:
         """Derivatives of readings along a move; of configurations in their tangent space."""
-        points = [(weight, self._at(move, at / move.largest)) for at, weight in POINTS]
-        return {
-            name: move.largest * np.sum([w * self._read(name, at) for w, at in points], axis=0)
-            for name in names
-        }
+        exact = self._of_motion(move)
+        rest = [name for name in names if name not in exact]
+        points = [(weight, self._at(move, at / move.largest)) for at, weight in POINTS] if rest else []
+        for name in rest:
+            exact[name] = move.largest * np.sum([w * _DIFFERENCED[name](at) for w, at in points], axis=0)
+        return {name: exact[name] for name in names}
 
-    def _read(self, name: str, at: At) -> Array:
-        """A reading; of configurations how far they are from those of the optimum."""
-        found = READINGS[name](at)
-        if name != "qs":
-            return found
-        robot = self.formulation.problem.robot
-        if robot.is_vector_space:
-            away: Array = found - self._qs
-            return away
-        return np.array([robot.difference(q, moved) for q, moved in zip(self._qs, found, strict=True)])
+    @cached_property
+    def motion(self) -> Motion:
+        """That of the optimum."""
+        return self.formulation.motion_of(self.optimum.iterate)
+
+    @cached_property
+    def _nodes(self) -> NodeSlopes:
+        """How configurations and velocities move with states and controls; a free start with these alone."""
+        return self.formulation.node_slopes(self.optimum.iterate, self.motion)
+
+    @cached_property
+    def _first(self) -> Array | None:
+        """How a free start moves with the first controls."""
+        features, us = self.formulation.pieces.signature.features, self.optimum.iterate.us
+        found = next((feature for feature in features if isinstance(feature, MovedStart)), None)
+        return None if found is None else found.slopes(self.formulation.problem, self.formulation.layout, us)
+
+    @cached_property
+    def _steps(self) -> IntArray:
+        """Whose controls each step has."""
+        return steps_repeated(self.formulation.problem.timeline.is_impact)
+
+    def _of_motion(self, move: Move) -> dict[str, Array]:
+        """Derivatives of what states and controls say by themselves, exact."""
+        formulation, nodes, at = self.formulation, self._nodes, self.formulation.layout
+        problem, nv = formulation.problem, formulation.problem.robot.nv
+        xs, us = np.vstack([move.start, move.step.xs]), move.step.us
+        # What is read of controls is linear in these.
+        still = Motion(np.zeros((len(xs), 0)), np.zeros((len(xs), 0)), us, np.zeros(len(us)))
+        read = formulation.pieces.signature.control_values.read(problem, at, xs, us, still)
+        states = np.einsum("nij,nj->ni", nodes.in_states, xs)
+        states += np.einsum("nij,nj->ni", nodes.in_us, np.vstack([read.us, read.us[-1:]]))
+        if self._first is not None:
+            states[0] = self._first @ us[0]
+        dts = move.stretch * self.motion.dts
+        if "h" in at.rows:
+            dts = problem.dt * np.where(problem.timeline.is_impact, 0.0, xs[1:, at.rows["h"]][:, 0])
+        return {
+            "qs": states[:, :nv],
+            "vs": states[:, nv:],
+            "us": read.us[self._steps],
+            "u_values": read.values,
+            "dts": dts,
+            "t": np.append(0.0, np.cumsum(dts)),
+        }
 
     def pull_back(self, bars: Mapping[str, Array]) -> tuple[Array, Array, float]:
         """From derivatives of a scalar in readings of the motion to those in states and controls.
@@ -193,20 +209,23 @@ class Reader:
         stretch : float
             In the share by which all given lengths of steps grow.
         """
-        N, still = self.optimum.programme.num_steps, self._still
-        places = {"xs": np.arange(N + 1.0), "us": np.arange(N) + 0.5}  # in steps
-        found = {"xs": np.zeros((N + 1, len(still.start))), "us": np.zeros_like(still.step.us)}
-        for name, at in places.items():
-            for column in range(found[name].shape[1]):
-                for colour in range(min(_COLOURS, len(at))):
-                    unit = np.zeros_like(found[name])
-                    unit[colour::_COLOURS, column] = 1.0
-                    xs, us = (unit, still.step.us) if name == "xs" else (np.zeros_like(found["xs"]), unit)
-                    along = replace(still, start=xs[0], step=still.step._replace(xs=xs[1:], us=us))
-                    for reading, read in self.along(along, bars).items():
-                        shares = (bars[reading] * read).reshape(len(read), -1).sum(axis=1)
-                        read_at = np.arange(len(read)) + (0.0 if len(read) > N else 0.5)
-                        owners = np.abs(read_at[:, None] - at[colour::_COLOURS]).argmin(axis=1)
-                        np.add.at(found[name][:, column], colour + _COLOURS * owners, shares)
-        whole = self.along(replace(still, stretch=1.0), bars)
-        return found["xs"], found["us"], sum(float((bars[r] * whole[r]).sum()) for r in bars)
+        formulation, nodes, motion, at = self.formulation, self._nodes, self.motion, self.formulation.layout
+        problem = formulation.problem
+        of_states = np.hstack([bars.get(name, np.zeros_like(motion.vs)) for name in ("qs", "vs")])
+        values = bars.get("u_values", np.zeros_like(motion.values))
+        dts = bars.get("dts", np.zeros_like(motion.dts))
+        us = np.zeros_like(self.optimum.iterate.us)
+        if self._first is not None:
+            us[0] = self._first.T @ of_states[0]
+            of_states[0] = 0.0
+        xs = np.einsum("nij,ni->nj", nodes.in_states, of_states)
+        of_us = np.einsum("nij,ni->nj", nodes.in_us, of_states)
+        of_us[-2] += of_us[-1]
+        if "us" in bars:
+            np.add.at(of_us, self._steps, bars["us"])
+        control_values = formulation.pieces.signature.control_values
+        us[:, : at.num_own] += control_values.pull_back(of_us[:-1], values)
+        if "h" not in at.rows:
+            return xs, us, float(dts @ motion.dts)
+        xs[1:, at.rows["h"]] += problem.dt * np.where(problem.timeline.is_impact, 0.0, dts)[:, None]
+        return xs, us, 0.0

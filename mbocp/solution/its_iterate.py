@@ -16,9 +16,10 @@ from mbocp.storage.content import FileContent
 MEANING = "iterate_meaning"  # among the texts of a result file
 _PART = "iterate_"  # how names of its arrays begin
 _LETTERS = "vaj"  # of limits that may hold within steps; files of before tell fewer
-_STATES, _CONTROLS, _PATH, _GUARD, _ROOM, _WITHIN = (
-    f"{_PART}{name}" for name in ("lam_xs", "lam_us", "lam_path", "lam_guard", "room", "within")
+_STATES, _CONTROLS, _PATH, _GUARD, _WITHIN = (
+    f"{_PART}{name}" for name in ("lam_xs", "lam_us", "lam_path", "lam_guard", "within")
 )
+_CHOSEN = ("room", "q_end", "q_start", "first")  # what a solve chose, where it did
 
 
 def is_part(name: str) -> bool:
@@ -37,7 +38,7 @@ def arrays_of(carried: Carried | None, trajectories: Mapping[str, Array]) -> dic
     found = {f"{_PART}{name}": getattr(iterate, name) for name in ("xs", "ys", "us", "ms")}
     if bounds is not None:
         found |= {_STATES: bounds.xs, _CONTROLS: bounds.us, _PATH: bounds.path, _GUARD: bounds.guard}
-    found |= {_ROOM: carried.room} if carried.room.size else {}
+    found |= {f"{_PART}{name}": part for name in _CHOSEN if (part := getattr(carried, name)).size}
     held = [float(letter in carried.limits_within) for letter in _LETTERS]
     found |= {_WITHIN: np.array(held)} if any(held) else {}
     for name, array in _in_trajectories(trajectories).items():
@@ -110,9 +111,9 @@ def iterate_in(content: FileContent) -> Carried | None:
     bounds = BoundMultipliers(*(own[name] for name in limits)) if has_limits else None
     iterate = Iterate(**{name: own[name] for name in shapes}, eta=arrays["eta"], bounds=bounds)
     names = tuple(name for name, _ in content.columns.get(_PATH, ()))
-    room = frozen_array(own.get("room", np.zeros(0)))
+    chosen = {name: frozen_array(own[name]) for name in _CHOSEN if name in own}
     within = sorted(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)
-    return Carried(iterate, names, content.texts.get(MEANING, ""), room, "".join(within))
+    return Carried(iterate, names, content.texts.get(MEANING, ""), limits_within="".join(within), **chosen)
 
 
 def _width(own: Mapping[str, Array], name: str) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
@@ -145,9 +145,10 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     if clearance is None or approach is not None:
         now |= _told(approach)
     now["problem"] = asked
-    rest = partial(_rest, formulation, result.iterate, asked, t, motion.qs)
+    carried = partial(carried_of, attempt.formulation, result.iterate)
+    rest = partial(_rest, formulation, result.iterate, carried, asked, t, motion.qs)
     alone = measures_of(formulation, result.iterate, motion)
-    alone["iterate"] = partial(carried_of, formulation, result.iterate)
+    alone["iterate"] = carried
     alone["facts_kept"] = partial(facts_of, problem)
     return defer(Solution, now, rest, alone)
 
@@ -193,7 +194,14 @@ def judge(
     return status, advice, excess
 
 
-def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, qs: Array) -> dict[str, Any]:
+def _rest(
+    formulation: Formulation,
+    iterate: Iterate,
+    carried: Callable[[], Carried],
+    asked: Problem,
+    t: Array,
+    qs: Array,
+) -> dict[str, Any]:
     """Fields of a solution that nobody needs to solve the next problem.
 
     Of a motion that keeps clear of everything, the nearest approach is among them.
@@ -203,7 +211,7 @@ def _rest(formulation: Formulation, iterate: Iterate, asked: Problem, t: Array, 
     diagnostics = read_trajectory(formulation, iterate)
     return {
         **diagnostics.fields(),
-        "iterate": carried_of(formulation, iterate),
+        "iterate": carried(),
         **_told(None if asked.clearance is None else nearest_approach(asked.clearance, t, qs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),

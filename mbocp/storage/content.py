@@ -185,6 +185,9 @@ ITERATE: Mapping[str, Quantity] = MappingProxyType(  # of the solver's last iter
         ),
         "iterate_lam_guard": _part("lambda_g", "multiplier of what guards the end condition", "guard"),
         "iterate_room": _part("d", "what rows keep beyond margins [m]; -1: none", "pair"),
+        "iterate_q_end": _part("q_N", "where conditions of the end were chosen", "one"),
+        "iterate_q_start": _part("q_0", "start that a solve of a robot that is found began with", "one"),
+        "iterate_first": _part("rho", "first values of what is found of the robot", "one"),
         "iterate_within": _part("w", "1: limits of speeds hold within steps, too", "one"),
     }
 )

@@ -67,6 +67,16 @@ def test_equal_pinocchio_s_numbers(model: pin.Model, size: float) -> None:
         assert np.allclose(back, pin.difference(model, q, there), rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("rotations", ["quaternion", "dcm"])
+def test_slopes_of_configurations_hold_off_the_groups(model: pin.Model, rotations: str) -> None:
+    space, rng, step = ConfigurationSpace(model, rotations), np.random.default_rng(0), 1e-5
+    zs = space.coordinates(random_q(model, rng)[None])
+    zs += 0.1 * rng.standard_normal(zs.shape)
+    found, dz = space.slopes_of_configurations(zs)[0], rng.standard_normal(space.nz)
+    before, after = (space.configurations(zs + at * dz)[0] for at in (-step, step))
+    assert np.allclose(found @ dz, pin.difference(model, before, after) / (2 * step), atol=1e-8)
+
+
 def test_opposite_quaternions_are_the_same_attitude() -> None:
     model = model_of("free_flyer")
     _, difference = functions(model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
+from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.sensitivity import DegenerateLimitWarning
 from mbocp.sensitivity.kkt import Parts
 from mbocp.sensitivity.numbers import change_along
@@ -23,7 +25,7 @@ QUANTITIES = ("cost", "qs", "vs", "us", "t", "lams", "mus", "lam_us", "lam_vs")
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 
 
-def example(path, **changes):
+def example(path, /, **changes):
     return mbocp.load_problem(EXAMPLES / path).with_(solver={"tolerance": 1e-12}, **changes)
 
 
@@ -65,6 +67,18 @@ def phases_with_holds():
     return example("arms/throw_into_bucket.toml")
 
 
+def bodies_within_a_speed():
+    """Bodies that the kernel eliminates one by one where nothing limits them."""
+    return example(
+        "loops/four_bar.toml",
+        steps=40,
+        coordinates="natural",
+        integrator={"scheme": "se1"},
+        goal={"q": {"crank": 2.2}, "v": 0},
+        path=[{"kind": "speed", "frame": "coupler_point", "max": 0.3}],
+    )
+
+
 def feet_in_contact():
     """Conditions of its contacts follow from others."""
     return example("legged/solo12_jump.toml")
@@ -99,6 +113,9 @@ CASES = [
     (explicit_steps, "start.q", 3, 1e-4),
     (explicit_steps, "cost.potential", 0, 1e-4),
     (phases_with_holds, "start.q", 1, 1e-4),
+    pytest.param(
+        bodies_within_a_speed, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="bodies_within_a_speed"
+    ),
     pytest.param(feet_in_contact, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="feet_in_contact-start.q"),
 ]
 
@@ -168,6 +185,28 @@ def test_adjoints_are_what_derivatives_add_up_to(make):
         assert found[word] == pytest.approx(expected, rel=1e-7, abs=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("path", "changes"),
+    [
+        ("loops/polish.toml", {}),  # conditions of the end are chosen where the motion ends
+        ("design/five_bar_lengths.toml", {"integrator.scheme": "midpoint"}),  # and with the first lengths
+    ],
+)
+def test_the_optimum_is_that_of_the_solve(path, changes, tmp_path):
+    problem = mbocp.load_problem(EXAMPLES / path, changes)
+    solution = solved(problem)
+    solution.save(tmp_path / "result.npz")
+    for one in (solution, mbocp.Solution.load(tmp_path / "result.npz")):
+        derivatives = mbocp.sensitivities(one, ["cost.effort"])
+        iterate = derivatives._found.kkt.optimum.iterate
+        us = derivatives.formulation.motion_of(iterate).us
+        assert np.abs(us - one.us).max() <= 1e-8 * np.abs(one.us).max()
+    share, cost = 1e-4, problem.cost
+    dearer = replace(problem, cost=cost.with_weights({"effort": (1.0 + share) * cost.effort}))
+    slope = (mbocp.solve(dearer, warm_start=solution).cost - solution.cost) / share
+    assert slope == pytest.approx(derivatives.cost["cost.effort"] @ cost.effort, rel=1e-3)
+
+
 def test_numbers_are_those_of_a_problem_formulated_anew():
     """What is known of parameters directly is what formulating moved problems says."""
     problem = arm_within_limits()
@@ -185,6 +224,19 @@ def test_numbers_are_those_of_a_problem_formulated_anew():
                 parameter.word,
                 name,
             )
+
+
+def test_end_conditions_that_are_left_out_shift_no_other_number():
+    path = EXAMPLES / "so3/unicycle_pendulum.toml"
+    problem = mbocp.load_problem(path, {"limits.velocity": {"pendulum": 9.0}})
+    formulation, left_out = formulate_with_independent_ends(problem, math.inf)
+    assert "rate of pendulum.wz" in left_out
+    (limit,) = parameters_of(formulation, ["limits.velocity.upper"])
+    spins = [label.name for label in problem.robot.speed_labels].index("pendulum.wz")
+    moved = limit.change().upper[limit.names.index("pendulum.wz")]
+    expected = np.zeros_like(moved)
+    expected[:, formulation.layout.nz + spins] = 1.0
+    assert np.allclose(moved, expected)
 
 
 @pytest.mark.parametrize("make", [arm_within_limits, arm_in_least_time, loop, loop_of_bodies, quaternion])
@@ -222,6 +274,11 @@ def test_what_has_no_derivatives_is_refused():
         mbocp.sensitivities(mbocp.solve(problem.with_(solver={"max_iterations": 1})), ["start.q"])
     with pytest.raises(InvalidValue, match=r"solution\.iterate"):
         mbocp.sensitivities(replace(solution, iterate=None), ["start.q"])
+    carried = solution.iterate
+    aside = replace(carried.iterate, us=carried.iterate.us + 50.0)
+    far = mbocp.sensitivities(replace(solution, iterate=replace(carried, iterate=aside)), ["start.q"])
+    with pytest.raises(SolverError, match=r"\(a Newton step is \d\.\de[-+]\d\d of the motion\)"):
+        far.of("us", "start.q")
     derivatives = mbocp.sensitivities(solution, ["start.q", "robot.payload.crate.mass"])
     with pytest.raises(InvalidValue, match="one of cost, dts, t, qs"):
         derivatives.of("velocity", "start.q")

@@ -151,6 +151,16 @@ class ControlValues(Feature):
         means: Array = np.einsum("k,nku->nu", control_means(self.shares), values)
         return replace(motion, us=means, values=values, shares=self.shares)
 
+    def pull_back(self, us: Array, values: Array) -> Array:
+        """From derivatives of a scalar in what `read` returns to those in the values, shape (N, k nu)."""
+        if not self.shares:
+            return us
+        found: Array = np.array(values) + np.einsum("k,nu->nku", control_means(self.shares), us)
+        if self.is_continuous:
+            found[:-1, -1] += found[1:, 0]
+            found[1:, 0] = 0.0
+        return found.reshape(len(found), -1)
+
     def sum_up(self, multipliers: Array) -> Array:
         """Return multipliers of limits of the robot's controls, (N, nu), from those of all values."""
         if not self.shares:

@@ -22,6 +22,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
@@ -136,6 +137,17 @@ class MovedStart(Feature):
         qs[0] = robot.integrate(problem.q_start, move[: robot.nv])
         vs[0] = problem.v_start + move[robot.nv :]
         return replace(motion, qs=qs, vs=vs)
+
+    def slopes(self, problem: Problem, at: StateLayout, us: Array) -> Array:
+        """Derivatives of the start's configuration and velocity in the first controls, shape (2 nv, nu)."""
+        robot, where = problem.robot, at.controls["moves"]
+        move, along = np.zeros(2 * robot.nv), np.eye(2 * robot.nv)
+        move[list(self.directions)] = us[0, where]
+        turned = pin.dIntegrate(robot.model, problem.q_start, move[: robot.nv], pin.ArgumentPosition.ARG1)
+        along[: robot.nv, : robot.nv] = turned
+        found = np.zeros((2 * robot.nv, us.shape[1]))
+        found[:, where] = along[:, list(self.directions)]
+        return found
 
 
 def _free_directions(problem: Problem) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import Switched
@@ -111,9 +111,15 @@ def repeat_at_impacts(values: Array, is_impact: BoolArray) -> Array:
 
     It is the step before, or the first that takes time.
     """
+    found: Array = values[steps_repeated(is_impact)]
+    return found
+
+
+def steps_repeated(is_impact: BoolArray) -> IntArray:
+    """Whose values each step has, see `repeat_at_impacts`, shape (N,)."""
     steps = np.flatnonzero(~is_impact)
-    places = np.searchsorted(steps, np.arange(len(values)), side="right") - 1
-    found: Array = values[steps[np.maximum(places, 0)]]
+    places = np.searchsorted(steps, np.arange(len(is_impact)), side="right") - 1
+    found: IntArray = steps[np.maximum(places, 0)]
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
@@ -31,6 +32,7 @@ from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.programme import Iterate, zero_multipliers
+from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 
 if TYPE_CHECKING:
@@ -98,6 +100,20 @@ class ExplicitFormulation(JointFormulation):
         velocities: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
         return replace(motion, vs=velocities)
 
+    def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
+        """With drives velocities depend on configurations and controls, too."""
+        found, robot, at = super().node_slopes(iterate, motion), self.problem.robot, self.layout
+        if robot.drives:
+            us = np.vstack([motion.us, motion.us[-1:]])
+            given = (motion.qs.T, iterate.xs[:, at.s].T, us.T)
+            slopes = np.asarray(_velocity_slopes(robot).map(len(us))(*given))
+            rows = slopes.reshape(robot.nv, len(us), -1).transpose(1, 0, 2)
+            in_q, in_s, in_u = np.split(rows, [robot.nv, robot.nv + at.ns], axis=2)
+            found.in_states[:, robot.nv :] = in_q @ found.in_states[:, : robot.nv]
+            found.in_states[:, robot.nv :, at.ds] += in_s
+            found.in_us[:, robot.nv :] = in_u
+        return found
+
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """With drives the adjoints are duals of (q, v): there is no momentum that belongs to all of them."""
         problem, robot, at, dts = self.problem, self.problem.robot, self.layout, motion.dts[:, None]
@@ -148,3 +164,14 @@ class ExplicitFormulation(JointFormulation):
         found = np.zeros((len(speeds), robot.nv))
         found[:, free] = speeds[:, : len(free)]
         return found
+
+
+@lru_cache(maxsize=16)
+def _velocity_slopes(robot: Robot) -> ca.Function:
+    """(q, s, u) -> derivatives of the velocity, of q along the tangent, shape (nv, nv + ns + nu)."""
+    mechanics = ForwardMechanics(robot)
+    q, s, u = ca.SX.sym("q", robot.nq), ca.SX.sym("s", mechanics.ns), ca.SX.sym("u", robot.nu)
+    dq = ca.SX.sym("dq", robot.nv)
+    slopes = ca.jacobian(mechanics.velocity(mechanics.integrate(q, dq), s, u), ca.vertcat(dq, s, u))
+    at_zero = ca.Function("at_zero", [dq, q, s, u], [ca.densify(slopes)])
+    return ca.Function("velocity_slopes", [q, s, u], [at_zero(ca.SX.zeros(robot.nv), q, s, u)])

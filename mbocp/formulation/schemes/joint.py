@@ -15,7 +15,7 @@ from mbocp.formulation.build import check_size
 from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
@@ -60,6 +60,15 @@ class JointFormulation(Formulation):
         qs = self.space.configurations(zs) if at.is_flat or at.nz != self.problem.robot.nq else zs
         features = self.pieces.signature.features
         return read_motion(self.problem, features, at, (qs, xs[:, at.s]), xs, iterate.us)
+
+    def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
+        """States that are taken by their tangent say it by themselves."""
+        at, nv, zs = self.layout, self.problem.robot.nv, iterate.xs[:, self.layout.z]
+        in_states = np.zeros((len(zs), 2 * nv, at.ndx))
+        in_states[:, :nv, : at.nw] = self.space.slopes_of_configurations(zs) if at.is_flat else np.eye(nv)
+        if at.ns == nv:
+            in_states[:, nv:, at.ds] = np.eye(nv)
+        return NodeSlopes(in_states, np.zeros((len(zs), 2 * nv, self.problem.robot.nu)))
 
     def control_momenta(
         self, iterate: Iterate, motion: Motion, duals: Duals

@@ -23,7 +23,7 @@ from mbocp.formulation.features.switches import (
 )
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
@@ -134,6 +134,14 @@ class NaturalFormulation(Formulation):
         states = (self.space.configurations(zs), self.space.velocities(zs, ws))
         motion = read_motion(self.problem, features, at, states, xs, iterate.us)
         return replace(motion, us=repeat_at_impacts(motion.us, self.problem.timeline.is_impact))
+
+    def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
+        """Of the joints that bodies are read back to."""
+        at, nv = self.layout, self.problem.robot.nv
+        in_states = np.zeros((len(iterate.xs), 2 * nv, at.ndx))
+        of_bodies = self.space.slopes(iterate.xs[:, at.z], iterate.xs[:, at.s])
+        in_states[:, :, : at.nw + at.ns] = of_bodies
+        return NodeSlopes(in_states, np.zeros((len(in_states), 2 * nv, self.problem.robot.nu)))
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""

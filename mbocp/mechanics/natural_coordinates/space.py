@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -75,6 +75,17 @@ class NaturalSpace:
         found: Array = np.asarray(_maps(self.mechanics).velocity.map(len(zs))(zs.T, ws.T)).T
         return found
 
+    def slopes(self, zs: Array, ws: Array) -> Array:
+        """Derivatives of joint configurations, in their tangent space, and velocities, (k, 2 nv, 2 nz)."""
+        maps, joints = _maps(self.mechanics), self.mechanics.joint_space
+        read = np.asarray(maps.configuration.map(len(zs))(zs.T)).T
+        in_z, of_velocity = (
+            found.reshape(len(found), len(zs), -1).transpose(1, 0, 2)
+            for found in map(np.asarray, maps.slopes.map(len(zs))(zs.T, ws.T))
+        )
+        of_configuration = joints.slopes_of_configurations(read) @ in_z
+        return np.hstack([np.dstack([of_configuration, np.zeros_like(of_configuration)]), of_velocity])
+
     def rates(self, qs: Array, vs: Array) -> Array:
         """Rates of the natural coordinates, shape (k, nz), at joint configurations and velocities."""
         tree = self.mechanics.tree
@@ -139,6 +150,14 @@ class _Maps:
         along = dual[:n] + ca.gradient(ca.dot(dual[n:], J @ v), z)
         costate = ca.vertcat(J.T @ along, J.T @ dual[n:])
         self.costate = ca.Function("costate", [z, v, dual], [ca.densify(costate)])
+
+    @cached_property
+    def slopes(self) -> ca.Function:
+        """Derivatives of configurations in z, and of velocities in (z, w)."""
+        z, w = self.velocity.sx_in()
+        configuration, velocity = self.configuration(z), self.velocity(z, w)
+        slopes = [ca.jacobian(configuration, z), ca.jacobian(velocity, ca.vertcat(z, w))]
+        return ca.Function("slopes", [z, w], [ca.densify(slope) for slope in slopes])
 
 
 @lru_cache(maxsize=16)
