@@ -26,7 +26,7 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def solved(problem: Problem) -> Solution:
-    return mbocp.solve(problem, solver="monolithic", check=True)
+    return mbocp.solve(problem, check=True)
 
 
 def nodes(problem: Problem, name: str) -> slice:

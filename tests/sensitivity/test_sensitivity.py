@@ -120,6 +120,7 @@ CASES = [
 ]
 
 
+@pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")  # of feet in contact
 @pytest.mark.parametrize(("make", "word", "k", "step"), CASES)
 def test_agrees_with_differences_of_optima(make, word, k, step):
     problem = make()
@@ -130,6 +131,8 @@ def test_agrees_with_differences_of_optima(make, word, k, step):
         quantities -= {"mus"}
     if make is arm_in_least_time:  # of the rest a barrier leaves too much for differences to be so good
         quantities = {"cost", "t"}
+    if make is feet_in_contact:  # multipliers are some of many, and others in each solution
+        quantities &= {"cost", "t", "qs", "vs", "us"}
     again = [solved(moved(problem, word, k, at * step)) for at, _ in POINTS]
 
     def difference(read):
