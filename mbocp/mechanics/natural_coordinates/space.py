@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -144,15 +144,20 @@ class _Maps:
         n, nv = mechanics.nq, mechanics.robot.nv
         z, w, v = ca.SX.sym("z", n), ca.SX.sym("w", n), ca.SX.sym("v", nv)
         dual = ca.SX.sym("dual", 2 * n)
-        configuration, velocity = mechanics.joint_coordinates(z), mechanics.joint_velocity(z, w)
-        self.configuration = ca.Function("configuration", [z], [ca.densify(configuration)])
-        self.velocity = ca.Function("velocity", [z, w], [ca.densify(velocity)])
-        slopes = [ca.jacobian(configuration, z), ca.jacobian(velocity, ca.vertcat(z, w))]
-        self.slopes = ca.Function("slopes", [z, w], [ca.densify(slope) for slope in slopes])
+        self.configuration = ca.Function("configuration", [z], [ca.densify(mechanics.joint_coordinates(z))])
+        self.velocity = ca.Function("velocity", [z, w], [ca.densify(mechanics.joint_velocity(z, w))])
         J = mechanics.joint_motions(z)
         along = dual[:n] + ca.gradient(ca.dot(dual[n:], J @ v), z)
         costate = ca.vertcat(J.T @ along, J.T @ dual[n:])
         self.costate = ca.Function("costate", [z, v, dual], [ca.densify(costate)])
+
+    @cached_property
+    def slopes(self) -> ca.Function:
+        """Derivatives of configurations in z, and of velocities in (z, w)."""
+        z, w = self.velocity.sx_in()
+        configuration, velocity = self.configuration(z), self.velocity(z, w)
+        slopes = [ca.jacobian(configuration, z), ca.jacobian(velocity, ca.vertcat(z, w))]
+        return ca.Function("slopes", [z, w], [ca.densify(slope) for slope in slopes])
 
 
 @lru_cache(maxsize=16)
