@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp.formulation.features.accelerations import driven_acceleration
-from mbocp.formulation.features.clock import CLOCK
-from mbocp.formulation.features.step_lengths import STEP_SHARE
+from mbocp.formulation.features.clock import CLOCK, STEP_SHARE
 from mbocp.formulation.layout import Block
 from mbocp.formulation.parameters import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature

@@ -59,13 +59,14 @@ def _of_examples() -> tuple[Entry, ...]:
     paths = sorted((ROOT / "examples").rglob("*.toml"))
     paths = [path for path in paths if path.parent.name != "studies" and path.stem not in _NO_PROBLEMS]
     return tuple(
-        _entry(path.stem, "problem.toml", path.read_bytes(), **_robots_of(path.parent)) for path in paths
+        _entry(path.stem, "problem.toml", path.read_bytes(), **_companions_of(path.parent)) for path in paths
     )
 
 
-def _robots_of(folder: Path) -> dict[str, bytes]:
-    """Robots that the examples of a folder bring along, by path from there."""
-    files = (path for path in sorted((folder / "robots").rglob("*")) if path.is_file())
+def _companions_of(folder: Path) -> dict[str, bytes]:
+    """Robots, meshes and scenes that the examples of a folder bring along, by path from there."""
+    scenes = [path for path in sorted(folder.iterdir()) if path.suffix in (".obj", ".stl", ".urdf")]
+    files = (path for path in (*scenes, *sorted((folder / "robots").rglob("*"))) if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 

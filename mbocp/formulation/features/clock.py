@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
 
 CLOCK = "time"  # [s]
+STEP_SHARE = "step_share"  # the parameter 1/N, where lengths of steps are found
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.formulation.features.clock import STEP_SHARE
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.switches import filled_lengths
 from mbocp.formulation.layout import Block, StateLayout
@@ -38,7 +39,6 @@ from mbocp.problem import Problem
 from mbocp.robot import Label
 
 _BEGINS_PHASE = "begins_phase"  # the stage parameter e
-STEP_SHARE = "step_share"  # the parameter 1/N
 _STRETCH, _SPACING = "stretch", "spacing"  # given length, and way between middles, by the mean length
 
 
