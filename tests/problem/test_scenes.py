@@ -173,3 +173,20 @@ def test_an_arm_moves_in_a_cell() -> None:
     found = mbocp.solve(p, check=True)
     assert found.clearance >= 0.0
     assert Touching.of(p).first(found.t, found.qs) is None
+
+
+def test_a_scene_that_moves_is_carried_as_a_whole(tmp_path: Path) -> None:
+    (tmp_path / "cell.urdf").write_text(URDF)
+    scene = {"shape": "scene", "file": str(tmp_path / "cell.urdf"), "position": [1.5, 0.0, 0.0]}
+    moves = {**scene, "motion": {"velocity": [0.0, 0.2, 0.0]}}
+    still, moving = (
+        mbocp.Problem.create("ur5", 1.0, 10, goal={"v": 0.0}, obstacle=[table]).obstacle
+        for table in (scene, moves)
+    )
+    assert len(still) == len(moving) == 3
+    for one, other in zip(still, moving, strict=True):
+        (at,) = other.placements(np.array([0.5]))
+        np.testing.assert_allclose(
+            at.translation, one.placement.translation + np.array([0.0, 0.1, 0.0]), atol=1e-12
+        )
+        np.testing.assert_allclose(at.rotation, one.placement.rotation, atol=1e-12)

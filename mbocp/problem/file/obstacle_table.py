@@ -25,6 +25,7 @@ from mbocp.robot.collision.compound import CONCAVITY, Compound
 from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.mesh_file import body_of, body_of_file
+from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
 from mbocp.robot.collision.source import LinkShape
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
@@ -201,6 +202,7 @@ def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle
             raise ProblemError(f'shape = "{SCENE}" needs file')
         path = folder / path_of(table.file)
         shapes = read_scene(path)
+        motion = _motion(table, folder)
     turn = pin.Quaternion(np.array(_orientation(table, key))).normalized()
     base = pin.SE3(turn.matrix(), np.array(table.position or [0.0] * 3))
     counts = Counter(shape.link for shape in shapes)
@@ -211,20 +213,39 @@ def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle
         with locate(key), locate(f"obstacle {name!r}"):
             body, excess = _body_of_shape(shape, table, path)
             kind, sizes = _kind(shape.geometry) if body is None else (MESH, [])
-            yield Obstacle(
-                name=name,
-                shape=kind,
-                sizes=np.array(sizes),
-                position=at.translation,
-                orientation=pin.Quaternion(at.rotation).coeffs(),
-                frame=table.frame or "world",
-                margin=table.margin,
-                smoothing=table.smoothing,
-                movable=table.movable,
-                hull=body if isinstance(body, Hull) else None,
-                compound=body if isinstance(body, Compound) else None,
-                excess=excess,
-            )
+            place = at.translation, pin.Quaternion(at.rotation).coeffs()
+            yield _of_table(table, name, (kind, sizes), place, (body, excess), motion)
+
+
+def _of_table(
+    table: ObstacleTable,
+    name: str,
+    shape: tuple[str, list[float]],
+    place: tuple[Any, Any],
+    body: tuple[Hull | Compound | None, float],
+    motion: ObstacleMotion | None,
+) -> Obstacle:
+    """An obstacle with its lengths, its place, its body with the excess; all else is the table's."""
+    kind, sizes = shape
+    return Obstacle(
+        name=name,
+        shape=kind,
+        sizes=np.array(sizes),
+        position=np.array(place[0]),
+        orientation=np.array(place[1]),
+        frame=table.frame or "world",
+        margin=table.margin,
+        smoothing=table.smoothing,
+        movable=table.movable,
+        hull=body[0] if isinstance(body[0], Hull) else None,
+        compound=body[0] if isinstance(body[0], Compound) else None,
+        excess=body[1],
+        motion=motion,
+    )
+
+
+def _motion(table: ObstacleTable, folder: Path) -> ObstacleMotion | None:
+    return None if table.motion is None else read_motion(table.motion, table.position, folder)
 
 
 def _body_of_shape(
@@ -273,24 +294,10 @@ def _obstacle(table: ObstacleTable, key: str, index: int, folder: Path) -> Obsta
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
-        body, excess = _body(table, folder)
-        motion = None if table.motion is None else read_motion(table.motion, table.position, folder)
+        body, motion = _body(table, folder), _motion(table, folder)
+    place = table.position or [0.0] * 3, orientation
     with locate(key):
-        return Obstacle(
-            name=name,
-            shape=table.shape,
-            sizes=np.array(sizes),
-            position=np.array(table.position or [0.0] * 3),
-            orientation=np.array(orientation),
-            frame=table.frame or "world",
-            margin=table.margin,
-            smoothing=table.smoothing,
-            movable=table.movable,
-            hull=body if isinstance(body, Hull) else None,
-            compound=body if isinstance(body, Compound) else None,
-            excess=excess,
-            motion=motion,
-        )
+        return _of_table(table, name, (table.shape, sizes), place, body, motion)
 
 
 def _sizes(table: ObstacleTable, key: str) -> list[float]:
