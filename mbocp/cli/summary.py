@@ -28,7 +28,6 @@ _Rows = list[tuple[str, str | Text]]
 
 _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
-_NO_SYMMETRY = "no translation or rotation of the robot, or of one of several, leaves"
 _MAX_STARTS = 6
 _FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
 _STOPPED = ("interrupted", "time_limit")  # nothing speaks against the problem then
@@ -508,9 +507,7 @@ def _drift(solution: Solution) -> _Rows:
 def _quantities(solution: Solution) -> str | Text:
     """Control momenta, each with what it is on a line of its own."""
     if not solution.conserved:
-        if _is_bounded(solution):
-            return f"none: {_NO_SYMMETRY} equations, running cost and limits as they are, as far as is known"
-        return f"none: {_NO_SYMMETRY} equations and running cost as they are"
+        return "none: no translation or rotation is known to be a symmetry of this problem"
     text = Text()
     for quantity in solution.conserved:
         kept = f"{quantity.value:.9g}, drift {quantity.drift:.1e}, relative {quantity.relative_drift:.1e}"

@@ -93,6 +93,12 @@ class Menu(Sequence[Solution]):
     def __len__(self) -> int:
         return len(self.choices)
 
+    def __repr__(self) -> str:
+        rows = [
+            f"{place}  {choice.solution.cost:.6g}  {choice.name}" for place, choice in enumerate(self.choices)
+        ]
+        return "\n".join([f"<Menu of {self.problem.name}: {len(self)} from {self.tried} ways>", *rows])
+
     @overload
     def __getitem__(self, place: int) -> Solution: ...
     @overload

@@ -60,6 +60,12 @@ class Problem(ProblemData):
         """The problem of one of several goals by its place among `goals`; None: of the first in reach."""
         return dict(self.members_in_reach).get(place, self) if place is not None else self
 
+    def __repr__(self) -> str:
+        return (
+            f"<Problem {self.name}: {self.robot.name}, {self.timeline.duration:g} s in {self.num_steps} "
+            f"steps of {self.scheme}>"
+        )
+
     @classmethod
     def create(
         cls,

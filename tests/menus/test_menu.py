@@ -49,6 +49,7 @@ def test_a_menu_is_sorted_and_begins_with_the_best(ur5_problem, ur5_menu):
     assert ur5_menu[0].cost <= mbocp.solve(ur5_problem).cost * (1.0 + 1e-9)
     assert len(set(ur5_menu.names)) == len(ur5_menu)
     assert sum(choice.ways for choice in ur5_menu.choices) <= ur5_menu.tried == 24
+    assert repr(ur5_menu).splitlines()[1].split() == ["0", f"{costs[0]:.6g}", *ur5_menu.names[0].split()]
 
 
 def test_an_arm_of_six_joints_has_eight_branches_with_their_names(ur5_problem, ur5_menu):

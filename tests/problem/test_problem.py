@@ -97,6 +97,7 @@ def test_create_is_the_file(load: Loader) -> None:
         cost={"effort": 1.0},
     )
     same(created, load())
+    assert repr(created) == "<Problem problem: ur5, 1 s in 20 steps of gauss2>"
 
 
 def test_robot_path_is_relative_to_the_file(tmp_path: Path, ur5: Robot) -> None:

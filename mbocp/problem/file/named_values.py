@@ -281,6 +281,8 @@ def _by_joint(
         shorter = [slot.n_written for slot in slots]
         if len(written) != sum(shorter):
             hint = f"joints: {_names(slots)}"
+            if len(written) < sum(shorter):
+                hint += "; `lock` of the robot makes those rigid that are not to move"
             if shorter != sizes:
                 hint = f"or ({sum(shorter)},) with one angle for each continuous joint; {hint}"
             raise DimensionMismatch(key, len(written), sum(sizes), hint)

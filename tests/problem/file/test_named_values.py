@@ -50,6 +50,11 @@ def test_wrong_length_with_continuous_joints_names_both(kinova: Robot) -> None:
         configuration_from(kinova, [0.0] * 7, kinova.q0, "start.q")
 
 
+def test_a_list_of_too_few_numbers_asks_for_joints_to_lock(kinova: Robot) -> None:
+    with pytest.raises(DimensionMismatch, match=r"`lock` of the robot makes those rigid"):
+        configuration_from(kinova, [0.0] * 5, kinova.q0, "start.q")
+
+
 def test_free_flyer(hector: Robot) -> None:
     q, active = configuration_from(hector, {"root_joint": [1, 2, 3, 0, 0, 0, 1]}, hector.q0, "goal.q")
     np.testing.assert_array_equal(q, [1, 2, 3, 0, 0, 0, 1])
