@@ -7,12 +7,17 @@ import os
 from collections.abc import Callable
 
 import casadi as ca
+import hypothesis
 import pytest
 
 from mbocp.accuracy import flow
 from mbocp.formulation import build
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.receding import estimator_functions
+
+# A property that takes long on a busy machine is no counterexample.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 # Results must not depend on when a compiler is through; processes that tests start take it over.
 os.environ.setdefault("MBOCP_FUNCTIONS", "compiled")

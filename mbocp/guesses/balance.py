@@ -42,7 +42,9 @@ def balances(
     CompilationTimeout
         If the deadline, a time of `time.perf_counter`, passes.
     """
-    motion = _in_time(zip(qs, vs, accelerations, strict=True), deadline)
+    motion: Iterable[tuple[Array, Array, Array]] = zip(qs, vs, accelerations, strict=True)
+    if deadline < math.inf:
+        motion = _in_time(motion, deadline)
     if table is not None or robot.nc or robot.has_forces or robot.actuation.frame_actuators:
         rows = constraint_jacobians(robot, qs)
         if table is not None:

@@ -142,9 +142,14 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         return qs, vs
     if tau == 0.0:
         return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
+    # From rest: beginning with the start velocity they would swing about the line's. Their means are rates.
     vs = np.zeros((N + 1, robot.nv))
-    for n in range(N):  # from rest: beginning with the start velocity they would swing about the line's
-        vs[n + 1] = _after(problem, qs, steps, n) if is_impact[n] else 2 * steps[n] - vs[n]
+    firsts = [0, *(step + 1 for step in problem.timeline.impacts)]
+    for first, end in zip(firsts, [*firsts[1:], N + 1], strict=True):
+        if first:
+            vs[first] = _after(problem, qs, steps, first - 1)
+        signs = np.where(np.arange(end - 1 - first) % 2, -1.0, 1.0)[:, None]
+        vs[first + 1 : end] = signs * (2 * np.cumsum(signs * steps[first : end - 1], axis=0) - vs[first])
     vs[0] = v_start
     return qs, vs
 

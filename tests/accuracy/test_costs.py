@@ -16,7 +16,7 @@ SIZES = st.floats(1e-6, 1e-1)
 
 
 @given(SIZES, st.sampled_from([1, 2, 4]), st.sampled_from([-1.0, 1.0]), st.booleans())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_costs_of_the_expected_order(size: float, order: int, sign: float, is_smooth: bool) -> None:
     costs = 1.0 + sign * size * LEVELS**-order
     error = abs(costs[-1] - 1.0)
@@ -24,7 +24,7 @@ def test_costs_of_the_expected_order(size: float, order: int, sign: float, is_sm
 
 
 @given(SIZES, st.floats(1.05, 1.95))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_the_order_that_is_seen_counts_where_it_is_lower(size: float, order: float) -> None:
     costs = 1.0 + size * LEVELS**-order
     error = costs[-1] - 1.0
@@ -33,7 +33,7 @@ def test_the_order_that_is_seen_counts_where_it_is_lower(size: float, order: flo
 
 
 @given(SIZES, st.floats(0.6, 0.999))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_one_difference_that_vanishes_is_not_believed(size: float, share: float) -> None:
     """Errors of second order and of fourth, of different signs, such that the last costs hardly differ."""
     h = 1.0 / LEVELS[1:]
@@ -65,7 +65,7 @@ def test_what_is_not_known_and_what_is_round_off() -> None:
 
 
 @given(SIZES, st.floats(-200.0, 40.0), st.sampled_from([1, 2]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_errors_of_two_orders_do_not_cancel_in_both_differences(
     size: float, share: float, order: int
 ) -> None:
@@ -82,7 +82,7 @@ def test_errors_of_two_orders_do_not_cancel_in_both_differences(
 
 
 @given(SIZES, st.sampled_from([1, 2, 4]), st.floats(-0.5, 0.5))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_limit_is_as_near_as_it_says(size: float, order: int, share: float) -> None:
     """With a part of an order that is higher by two; far nearer than the last cost is."""
     h = 1.0 / LEVELS[1:]

@@ -19,7 +19,7 @@ def halve(dts: np.ndarray) -> np.ndarray:
 
 
 @given(LENGTHS, st.integers(0, 2**32 - 1), st.floats(1e-8, 1e-2), st.sampled_from([1, 2, 4, 6]))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_steps_fill_the_duration_and_change_little_at_once(
     dts: Array, seed: int, asked: float, order: int
 ) -> None:
@@ -37,7 +37,7 @@ def test_steps_fill_the_duration_and_change_little_at_once(
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2]))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_errors_of_the_next_steps_are_as_wanted(seed: int, q: int) -> None:
     """With densities that stay: D h^(q+1) of the cost, C h^(p+1) of single steps."""
     rng, p = np.random.default_rng(seed), 2 * q
@@ -84,7 +84,7 @@ def test_no_fewer_steps_would_do_for_the_cost() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 4]), st.floats(0.7, 0.95))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_steps_that_nobody_halves_are_as_few_as_the_cost_allows(seed: int, q: int, aim: float) -> None:
     """Their shares add up to what is wanted, to what whole numbers leave; equal steps need no fewer."""
     dts = np.full(400, 0.01)
@@ -101,7 +101,7 @@ def test_steps_that_nobody_halves_are_as_few_as_the_cost_allows(seed: int, q: in
 
 
 @given(LENGTHS, st.floats(-5.0, 5.0), st.floats(0.1, 3.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_shares_are_what_ramps_differ_from_their_means(dts: Array, rate: float, weight: float) -> None:
     """Half the weighted square of a ramp less its mean, over each step."""
     middles = np.cumsum(dts) - dts / 2.0

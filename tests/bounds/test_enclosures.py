@@ -44,7 +44,6 @@ def configuration(model: pin.Model, at: np.ndarray) -> np.ndarray:
     return q
 
 
-@settings(deadline=None)
 @given(low=ANGLES, width=st.floats(0.0, 7.0), share=st.floats(0.0, 1.0))
 def test_sines_are_enclosed(low, width, share):
     box, x = Box.of([low], [low + width]), low + share * width
@@ -56,7 +55,6 @@ def test_sines_are_enclosed(low, width, share):
         assert found.lower[0] >= ends[0] - 1e-3 - (width / 200.0) ** 2  # and not by much more
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6))
 def test_products_and_sums_are_enclosed(seed):
     rng = np.random.default_rng(seed)
@@ -172,7 +170,7 @@ def test_no_simulated_motion_is_faster(robot, seed):
     assert t > 1e-3
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     d=st.floats(-3.0, 3.0),
     v=st.floats(0.1, 10.0),

@@ -74,7 +74,7 @@ def payloads(draw: st.DrawFn) -> dict[str, object]:
 
 @pytest.mark.parametrize("name", CARRIERS)
 @given(table=payloads(), seed=st.integers(0, 2**31))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_dynamics_are_those_of_pinocchio(name: str, bare: dict[str, Robot], table: dict, seed: int) -> None:
     robot = bare[name].with_payload(Payload(frame=CARRIERS[name], **table))
     functions = model_functions(robot.model, robot.varying)

@@ -74,7 +74,7 @@ def weld_angles(robot: Robot, qs: Array) -> Array:
     return np.array([np.linalg.norm(pin.log3(turns[0].T @ turn)) for turn in turns])
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(begin=PAIRS, via=PAIRS)
 def test_what_is_held_is_held_at_every_node(begin: list[float], via: list[float]) -> None:
     problem = carried(begin, at(via))

@@ -43,7 +43,7 @@ def rolled_out(robot: Robot, q: Array, v: Array, us: Array, dt: float) -> tuple[
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**32 - 1), steps=st.integers(1, 12), duration=st.floats(0.01, 0.3))
 def test_a_simulation_is_the_roll_out(name: str, seed: int, steps: int, duration: float) -> None:
     robot, rng = ROBOTS[name](), np.random.default_rng(seed)

@@ -144,7 +144,7 @@ PHASES = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(phases=PHASES, with_via=st.booleans())
 def test_what_is_written_reads_back_as_the_same(phases: list[dict[str, Any]], with_via: bool) -> None:
     if with_via and len(phases) > 1:

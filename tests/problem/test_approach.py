@@ -70,7 +70,7 @@ def all_distances(clearance: Clearance, t: np.ndarray, qs: np.ndarray) -> np.nda
     return np.array(found) - margins
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.0, 1e-9, 0.03, 0.15, 0.4]))
 def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
     t, qs = motion(seed, spread)
@@ -82,7 +82,7 @@ def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
     assert clearances_along(clearance, times, sampled) == pytest.approx(along, abs=2e-6)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.03, 0.15, 0.4]), aside=st.floats(-0.02, 0.02))
 def test_what_keeps_clear_has_no_approach_below_its_margin(clearance, seed, spread, aside):
     """With margins that put the nearest approach to both sides of what is allowed."""
@@ -96,7 +96,7 @@ def test_what_keeps_clear_has_no_approach_below_its_margin(clearance, seed, spre
     assert keeps_clear(moved, t, qs, 1e-9) == (is_clear and deepest >= -1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), spread=st.floats(0.0, 1.0))
 def test_nothing_comes_nearer_than_its_points_move(clearance, seed, spread):
     pairs, _ = pairs_of(clearance)

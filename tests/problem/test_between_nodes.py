@@ -54,7 +54,7 @@ def is_at_node(ratio: float, qs: np.ndarray, vs: np.ndarray) -> bool:
     return bool(max(of_speed, of_position) >= ratio - 1e-4)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000))
 def test_it_is_the_largest_excess_of_the_cubics(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -91,7 +91,7 @@ def test_a_goal_inside_something_has_no_way(clearance: Clearance) -> None:
 
 
 @given(near=st.floats(-0.2, 2.0), seed=st.integers(0, 10**6))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_what_is_near_is_exact_and_what_is_far_is_between(near: float, seed: int) -> None:
     """For every kind of shape, with points on all sides of it and inside."""
     rng = np.random.default_rng(seed)

@@ -30,7 +30,7 @@ def kinds(**words: Any) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31))
 def test_no_frame_leaves_its_ball(name: str, seed: int) -> None:
     robot, rng = ROBOTS[name], np.random.default_rng(seed)

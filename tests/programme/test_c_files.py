@@ -75,7 +75,7 @@ def at_random(function: ca.Function, count: int = COUNT) -> list[Array]:
 
 
 @given(st.lists(STEP, max_size=900))
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_function_has_the_numbers_of_its_tape(steps: list[tuple[int, int, int]]) -> None:
     """Of several pieces, too."""
     function = built(steps)

@@ -61,7 +61,7 @@ def same(values: Array, exact: Array) -> None:
 
 
 @given(steps=st.lists(STEP, min_size=4, max_size=25), count=st.sampled_from([1, 7, 9, 17, 33, 70]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_tapes_compute_what_casadi_does(steps: list[tuple[int, int, int]], count: int) -> None:
     compare(built(steps), count)
 
@@ -116,7 +116,7 @@ def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:
 
 
 @given(at=st.floats(0.0, 1.0), value=st.integers(0, 255), cut=st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_bytes_that_are_no_tape_are_refused(at: float, value: int, cut: bool) -> None:
     """What is read is executed: every place that it names has to be there."""
     table, which, shares = ca.MX.sym("table", 2, 3), ca.MX.sym("which", 4), ca.MX.sym("shares", 2, 4)

@@ -70,7 +70,7 @@ def tangent_derivative(robot: Robot, function: object, q: Array, h: float = 1e-6
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(data=st.data())
 def test_integrate_and_difference_are_inverse(name: str, data: st.DataObject) -> None:
     robot = load_robot(name)
@@ -82,7 +82,7 @@ def test_integrate_and_difference_are_inverse(name: str, data: st.DataObject) ->
     np.testing.assert_allclose(robot.normalise(moved), moved, atol=1e-12)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(scale=st.floats(1e-3, 1e3), numbers=arrays(np.float64, 4, elements=st.floats(-1, 1)))
 def test_normalise_keeps_the_direction(scale: float, numbers: Array) -> None:
     robot = load_robot("hector")

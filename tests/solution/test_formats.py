@@ -58,7 +58,7 @@ def test_cubics_go_through_the_nodes_with_their_velocities():
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_quintics_have_continuous_accelerations_and_jerks(seed):
     """Through the positions and velocities of any motion, with steps of any lengths."""
     rng = np.random.default_rng(seed)

@@ -36,7 +36,7 @@ def swing(jerk: float | None = JERK, most: float = 4.0, steps: int = 20) -> Solu
 
 
 @given(seed=st.integers(0, 10_000), width=st.floats(0.003, 0.4))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_the_mean_of_cubics_is_their_mean(seed: int, width: float) -> None:
     """With an integral of its own; it is exact, unless nodes of both ends are nearly the same."""
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_the_mean_of_cubics_is_their_mean(seed: int, width: float) -> None:
 
 
 @given(seed=st.integers(0, 10_000), width=st.floats(0.003, 0.4))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_the_mean_keeps_what_the_cubics_keep(seed: int, width: float) -> None:
     rng = np.random.default_rng(seed)
     t = np.cumsum([0.0, *rng.uniform(0.02, 0.1, 8)])

@@ -178,7 +178,7 @@ def test_rows_that_are_free_at_all_nodes_change_no_bit() -> None:
         assert np.array_equal(a, b)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.data())
 def test_rows_of_the_kernel_are_those_that_are_bounded(data: st.DataObject) -> None:
     """Bounds at random nodes, some of them equations: rows, values and multipliers are in their places."""

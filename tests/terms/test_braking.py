@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import mbocp
@@ -36,7 +36,6 @@ def swing(*path: dict[str, Any], **words: Any) -> Problem:
 
 
 @given(q=st.floats(-2.0, 1.0), v=st.floats(-3.0, 3.0))
-@settings(deadline=None)
 def test_it_says_what_a_limit_of_the_velocity_says(q: float, v: float) -> None:
     """-sqrt(2 a (q - q_min)) + v_0 <= v <= sqrt(2 a (q_max - q)) - v_0, as far as v is not in the reserve."""
     (constraint,) = swing(BRAKING).path

@@ -29,7 +29,7 @@ def measured(seed: int, count: int) -> tuple[Hull, Planes, ca.Function, np.ndarr
     return hull, planes, hull_measure(64), np.concatenate([[core.sharpness], core.fill(64)])
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), count=st.integers(4, 60))
 def test_distances_are_those_of_coal(seed: int, count: int) -> None:
     """Larger by the smoothing at most, and too small by the error of the planes."""
@@ -52,7 +52,7 @@ def test_next_to_a_side_it_is_the_distance() -> None:
         assert found[0, 0] == pytest.approx(height, abs=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000), count=st.integers(4, 60))
 def test_derivatives_are_those_of_differences(seed: int, count: int) -> None:
     hull, _, function, numbers = measured(seed, count)

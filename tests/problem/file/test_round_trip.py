@@ -49,7 +49,7 @@ REMAINING = st.fixed_dictionaries(
 ).filter(lambda words: "controls" not in words or words["scheme"] == "gauss2")
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow])
 @given(start=STARTS, goal=GOALS, limits=LIMITS, words=REMAINING)
 def test_what_is_written_reads_back_as_the_same(
     start: dict[str, Any], goal: dict[str, Any], limits: dict[str, Any], words: dict[str, Any]

@@ -39,7 +39,7 @@ def obj(path: Path, hull: Hull, faces: np.ndarray | None = None) -> Path:
     return path
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), count=st.integers(4, 60), room=st.sampled_from([64, 128]))
 def test_planes_tell_the_distance_to_the_stated_error(seed: int, count: int, room: int) -> None:
     """Never more than it, outside; exactly the depth, inside; the error is that of the worst point."""

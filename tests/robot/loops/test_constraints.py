@@ -77,7 +77,7 @@ def differences(robot: Robot, q: Array, step: float = 1e-5) -> Array:
     return np.array(columns).T
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 10_000))
 def test_jacobians_against_differences(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -86,7 +86,7 @@ def test_jacobians_against_differences(seed: int) -> None:
     np.testing.assert_allclose(SUBJECT.closure_jacobian(q), expected, rtol=0, atol=1e-8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000))
 def test_a_motion_of_the_whole_changes_nothing(seed: int) -> None:
     """Rows between two frames are invariant when both move with the world's axes."""

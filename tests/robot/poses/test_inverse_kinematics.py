@@ -52,7 +52,7 @@ def assert_same_pose(robot: Robot, frame: str, q: Array, wanted: pin.SE3, relati
 
 
 @pytest.mark.parametrize(("name", "frame"), [*ARMS, *FLOATING])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_poses_within_reach_are_reached(name: str, frame: str, seed: int) -> None:
     robot = load_robot(name)
@@ -65,7 +65,7 @@ def test_poses_within_reach_are_reached(name: str, frame: str, seed: int) -> Non
 
 
 @pytest.mark.parametrize(("name", "frame"), LOOPED)
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 10_000))
 def test_closed_loops_stay_closed(name: str, frame: str, seed: int) -> None:
     robot = load_robot(name)
