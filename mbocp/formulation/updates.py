@@ -44,9 +44,7 @@ class ParameterUpdates:
         self._time = 0.0  # [s], since the problem's start
         targets = {"q": self._cost.target_q, "p": self._cost.target_p}
         self._targets = {
-            key: rows
-            for key, rows in targets.items()
-            if rows.ndim == 2 and f"target_{key}" in self._stage_at
+            key: rows for key, rows in targets.items() if rows.ndim == 2 and f"target_{key}" in self._stage_at
         }
 
     @property
