@@ -155,8 +155,9 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
     NotCheckedWarning
         If efforts or paths cannot be looked at.
     """
-    solution = sent.solution
-    if not (np.isfinite(solution.limits_u).any() or solution.facts.path):
+    solution, facts = sent.solution, sent.solution.facts
+    limits = (facts.path, facts.elastic, facts.effort_rms, "power" in facts.rates)
+    if not (np.isfinite(solution.limits_u).any() or any(limits)):
         return sent.excesses
     from mbocp.solution.its_problem import problem_to_check  # as slow to import as all else
     from mbocp.solution.sent_checks import check_sent

@@ -84,7 +84,8 @@ class Sent:
     ----------
     solution : Solution
     joints : tuple of str
-        Those of one velocity; others (floating bases, balls) are not among them.
+        Those of one velocity; others (floating bases, balls) are not among them. Elastic ones are those of
+        their motors, which go by the names of the joints in `names`.
     units : tuple of str
         Of their positions.
     curves : Curves
@@ -113,6 +114,12 @@ class Sent:
     excesses: tuple[Excess, ...]
     is_of_spline: bool = False
     lag: float = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names that controllers know the joints by."""
+        joints = {motor: joint for joint, motor in self.solution.facts.elastic.items()}
+        return tuple(joints.get(name, name) for name in self.joints)
 
     @property
     def words(self) -> str:
@@ -362,10 +369,13 @@ def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, 
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:
-    """Name, positions at the nodes, and place in v, of each joint of one velocity."""
+    """Name, positions at the nodes, and place in v, of joints of one velocity; of motors of elastic ones."""
     places = {column.name: k for k, column in enumerate(solution.labels.q)}
-    for place, column in enumerate(solution.labels.v):
-        name = column.name
+    at_v = {column.name: k for k, column in enumerate(solution.labels.v)}
+    motors = {joint: motor for joint, motor in solution.facts.elastic.items() if motor in at_v}
+    for joint in (name for name in at_v if name not in motors.values()):
+        name = motors.get(joint, joint)
+        place = at_v[name]
         if name in places:
             yield name, solution.qs[:, places[name]], place
         elif f"{name}.cos" in places and f"{name}.sin" in places:

@@ -12,7 +12,8 @@ import mbocp
 from mbocp.cli.results import export_result
 from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.sent import motion_as_sent
-from mbocp.solution.sent_checks import has_torques, torque_excesses, torques_along
+from mbocp.solution.sent_checks import controls_along, joint_excesses
+from mbocp.solution.sent_states import Follower
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -23,9 +24,9 @@ def test_torques_are_those_of_the_solution_as_steps_get_short(name: str) -> None
     apart = []
     for steps in (50, 150):
         s = mbocp.solve(problem.with_(steps=steps, controls="linear", scheme="gauss2"))
-        sent = motion_as_sent(s)
-        assert has_torques(sent, problem.robot)
-        times, controls = torques_along(sent, problem.robot)
+        follower = Follower.of(motion_as_sent(s), problem.robot)
+        assert follower.has_controls
+        times, _, _, controls = controls_along(follower)
         apart.append(np.abs(controls - s.controls_at(times)).max() / np.abs(s.us).max())
     assert apart[0] < 0.1
     assert apart[1] < 0.4 * apart[0]
@@ -34,9 +35,9 @@ def test_torques_are_those_of_the_solution_as_steps_get_short(name: str) -> None
 def test_what_takes_too_much_is_told() -> None:
     s = mbocp.solve(EXAMPLES / "arms" / "ur5_fastest.toml")
     robot, sent = s.load_robot(), motion_as_sent(s)
-    assert not torque_excesses(sent, robot)
+    assert not joint_excesses(Follower.of(sent, robot))
     fast = dataclasses.replace(sent, curves=sent.curves.slow(0.8))
-    worst, *_ = torque_excesses(fast, robot)
+    worst, *_ = joint_excesses(Follower.of(fast, robot))
     assert worst.kind == "effort"
     assert worst.ratio > 0.1
     assert abs(worst.value) > abs(worst.bound)
@@ -72,7 +73,7 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
 
 def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
     four_bar = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml")
-    assert not has_torques(motion_as_sent(mbocp.solve(four_bar)), four_bar.robot)
+    assert not Follower.of(motion_as_sent(mbocp.solve(four_bar)), four_bar.robot).has_controls
     kinematic = mbocp.load_robot("double_pendulum", dynamics=False)
     problem = mbocp.Problem.create(kinematic, goal={"q": [1.0, 0.5], "v": 0.0}, duration=1.0, steps=10)
-    assert not has_torques(motion_as_sent(mbocp.solve(problem)), kinematic)
+    assert not Follower.of(motion_as_sent(mbocp.solve(problem)), kinematic).has_controls
