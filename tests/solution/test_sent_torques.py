@@ -11,6 +11,7 @@ import pytest
 import mbocp
 from mbocp.cli.results import export_result
 from mbocp.exceptions import LimitsExceeded
+from mbocp.solution.formats import sent_within
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import controls_along, joint_excesses
 from mbocp.solution.sent_states import Follower
@@ -49,19 +50,30 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     limits = {"effort": {"shoulder_lift_joint": 45.0}}
     problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(limits=limits, duration=1.5)
     result = mbocp.solve(problem, check=True).save(tmp_path / "a.h5")
-    given = {"kind": None, "rate": 500.0, "fit": True, "check": True, "quiet": True}
+    given = {"kind": None, "rate": 500.0, "fit": False, "check": True, "quiet": True}
     assert export_result(result, tmp_path / "a.csv", interpolation="cubic", **given)
     with pytest.warns(UserWarning, match=r"shoulder_lift_joint leaves its limits: effort -45\.\d+ N m at"):
         assert not export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
     saved, target = mbocp.Solution.load(result), tmp_path / "c.csv"
     for solution in (mbocp.solve(problem), saved):  # the library refuses what the command refuses
         with pytest.raises(LimitsExceeded, match=r"c.csv: not written, .*: effort -45\.\d+ N m at") as caught:
-            solution.export(target, rate=500.0, interpolation="quintic")
+            solution.export(target, rate=500.0, interpolation="quintic", fit=False)
         assert not target.exists()
         assert caught.value.excesses[0].name == "shoulder_lift_joint"
         assert solution.export(target, rate=500.0).exists()
         target.unlink()
     assert saved.export(target, rate=500.0, interpolation="quintic", check=False).exists()
+    given["fit"] = True  # in a little more time it takes less
+    assert export_result(result, tmp_path / "a.csv", interpolation="quintic", **given)
+    (sent, excesses) = sent_within("csv", saved, 500.0, "quintic", fit=True, load_robot=saved.load_robot)
+    assert excesses == ()
+    assert 1.0 < sent.slower < 1.1
+    assert sent.curves.nodes[-1] * 500.0 == pytest.approx(round(sent.curves.nodes[-1] * 500.0))
+    assert not joint_excesses(Follower.of(sent, saved.load_robot()))
+    low = saved.problem.with_(limits={"effort": {"shoulder_lift_joint": 30.0}})
+    heavy = dataclasses.replace(saved, limits_u=np.array(low.limits.fields["limits_u"]))
+    with pytest.raises(LimitsExceeded, match="effort"):  # the weight alone takes more
+        heavy.export(target, rate=500.0)
     gone = dataclasses.replace(
         saved, robot_spec={}, robot_files=None, problem_text=saved.problem_text.replace("ur5", "gone.urdf")
     )
