@@ -180,7 +180,7 @@ def sent_within(
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
         return sent, excesses
     found, low, pause = (sent, excesses), sent.slower, 1.0 / (_rate_of(name, rate) or math.inf)
-    high = low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1])
+    high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
     for _ in range(_TRIES):
         factor = high if found[1] else (low + high) / 2.0
         tried = sent_by(name, solution, rate, interpolation, fit=True, slower=factor)

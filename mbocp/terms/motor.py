@@ -66,7 +66,7 @@ class Motor(PathTerm):
     @classmethod
     def of(cls, given: PathNumbers) -> Motor:
         """With so many rows of its table."""
-        return cls(given.frame, len(given.further.get("speeds", ())))
+        return cls(given.frame, len(given.further.get("speeds", (0.0, 0.0))))
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
