@@ -47,7 +47,7 @@ with LiveRobot(robot, q) if asked.live else contextlib.nullcontext() as live:
         for _ in range(round(PERIOD / SIMULATED)):  # with the control of the period before
             v = v + SIMULATED * pin.aba(robot.model, data, q, v, u)
             q = robot.integrate(q, SIMULATED * v)
-        u = np.array(found.u)
+        u = horizon.control_for(PERIOD)
         qs.append(q), off.append(np.abs(q - goal).max()), kernel.append(found.status.seconds)
         told[found.status.state] += 1
         if live is not None and k % 8 == 0:

@@ -164,7 +164,7 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import all_excesses, format_of, sent_by, write_recording, write_samples
+    from mbocp.solution.formats import format_of, sent_within, write_recording, write_samples
     from mbocp.solution.recordings import RECORDINGS
     from mbocp.solution.sampled import sample
 
@@ -179,12 +179,12 @@ def export_result(
         if not quiet:
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
         return True
-    sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot)
     motion = sample(sent)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
-    for excess in all_excesses(sent, solution.load_robot):
+    for excess in excesses:
         of_joints.setdefault(excess.name, []).append(excess.words)
     for joint, words in of_joints.items():
         warnings.warn(f"{joint} leaves its limits: {'; '.join(words)}", stacklevel=1)

@@ -13,11 +13,13 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.moment import TIME
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
+from mbocp.robot.nodes import between
 from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
 
 
@@ -39,6 +41,37 @@ class ParameterUpdates:
         self._theta_at, self._stage_at = places(layout.theta), places(layout.stage)
         self._end_at = places(layout.terminal)
         self._rows = self.rho.reshape(programme.num_steps, -1)
+        self._time = 0.0  # [s], since the problem's start
+        targets = {"q": self._cost.target_q, "p": self._cost.target_p}
+        self._targets = {
+            key: rows for key, rows in targets.items() if rows.ndim == 2 and f"target_{key}" in self._stage_at
+        }
+
+    @property
+    def belong_to_times(self) -> bool:
+        """Whether `move_on` changes any."""
+        return bool(self._targets) or TIME in self._stage_at
+
+    def move_on(self, duration: float) -> bool:
+        """Move what belongs to times by a time [s]: t of terms, targets that are trajectories.
+
+        Targets are between their rows, and stay at the last one. Returns whether anything is new.
+        """
+        if not (duration > 0.0 and self.belong_to_times):
+            return False
+        self._time += duration
+        if TIME in self._stage_at:
+            self._rows[:, self._stage_at[TIME]] += duration
+        last = len(self._rows) - 1
+        at = np.minimum(np.arange(last + 1) + self._time / self._problem.dt, last)
+        n, share = at.astype(int), at % 1.0
+        for key, rows in self._targets.items():
+            begin, end = rows[n], rows[np.minimum(n + 1, last)]
+            if key == "q":
+                self._set_target(key, between(self._problem.robot, begin, end, share))
+            else:
+                self._set_target(key, begin + share[:, None] * (end - begin))
+        return True
 
     @property
     def places(self) -> Mapping[str, slice]:
@@ -111,10 +144,14 @@ class ParameterUpdates:
             if rows.shape not in ((1, size), (N, size)):
                 raise DimensionMismatch(f"target.{key}", rows.shape, (N, size), f"or ({size},)")
             _check_finite(f"target.{key}", rows)
-            rows = self._pieces.joints.coordinates(rows) if key == "q" else rows
-            self._rows[:, self._stage_at[name]] = rows
+            self._targets.pop(key, None)  # this one is from now on, not at given times
+            self._set_target(key, rows)
         if asked:
             raise ProblemError(f"target: no {next(iter(asked))!r}; give q and p")
+
+    def _set_target(self, key: str, rows: Array) -> None:
+        rows = self._pieces.joints.coordinates(rows) if key == "q" else rows
+        self._rows[:, self._stage_at[f"target_{key}"]] = rows
 
     def set_weights(self, weights: Mapping[str, Any]) -> None:
         """Other weights of the cost, by their keys in `[cost]`.

@@ -40,7 +40,6 @@ def check_can_recede(problem: Problem) -> None:
         ),
         "parameter": (bool(problem.parameter), "is found for a whole motion; take the robot that was found"),
         "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
-        "cost.target": (problem.cost.is_trajectory, "is a trajectory; give one row, and others in each step"),
         "horizon.controls": (
             problem.controls != "constant",
             f'is "{problem.controls}"; take "constant", since a loop gives one control at a time',
@@ -60,21 +59,19 @@ def check_can_recede(problem: Problem) -> None:
 
 
 def check_functions(formulation: Formulation) -> None:
-    """Refuse functions that ask for the time or for progress along a path, and steps that begin elsewhere.
+    """Refuse functions of progress along a path and of obstacles that move, and steps that begin elsewhere.
 
     Raises
     ------
     ProblemError
         If there are some.
     """
-    signature, robot = formulation.pieces.signature, formulation.problem.robot
+    robot = formulation.problem.robot
     if formulation.tau == 0.0 and robot.nc:
         raise ProblemError(
             "receding horizon: integrator.scheme: velocities that this one begins with have to fit closed "
             "loops after a step, and measured ones do not; take another"
         )
-    if signature.uses_time:
-        raise ProblemError("receding horizon: cost: a term depends on the time itself; write it without t")
     clearance = formulation.problem.clearance
     if clearance is not None and clearance.movers:
         raise ProblemError(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import MbocpError, ProblemError, SolverError
+from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends, with_compiled_functions
 from mbocp.formulation.updates import ParameterUpdates
@@ -44,7 +44,8 @@ class HorizonStep:
     ----------
     status : HorizonStatus
     u : ndarray, shape (nu,)
-        Control for the time from now on [N, N m, and the units of drives].
+        Control for the step from now on [N, N m, and the units of drives]; for a part of it see
+        `RecedingHorizon.control_for`.
     K : ndarray, shape (nu, 2 nv)
         What it answers to a deviation dx of the state, u + K dx, of the last factorisation: moves of q
         along its tangent, then of v. Shape (0, 0) where the programme's states are not (q, v).
@@ -97,7 +98,7 @@ class RecedingHorizon:
     Raises
     ------
     ProblemError
-        If the problem belongs to given times (via points, phases, holds, trajectories), or finds its own; or
+        If the problem belongs to given times (via points, phases, holds), or finds its own; or
         if `iterations` is out of range.
     SolverError
         If the problem cannot be solved from its start.
@@ -167,12 +168,39 @@ class RecedingHorizon:
         wrong = self._take_numbers(goal, target, weights, robot) + self._take_state(q, v)
         steps, limit, count, words = self._times(dt, time_limit, iterations)
         wrong += words
+        if self._numbers.move_on(steps * self.problem.dt):
+            self._pass_numbers()
         found = self._native.step(self._state, steps, count, limit)
         if steps > 0.0 and self._numbers.take_before():
             self._pass_numbers()
         if found.outcome.name == "bad_state" and not wrong:
             wrong = ["q or v: not finite"]
         return self._step(HorizonStatus.of(found, wrong))
+
+    def control_for(self, period: float) -> Array:
+        """Control to hold for less than a step of the horizon, from the last prediction, shape (nu,).
+
+        `HorizonStep.u` is that of the middle of the first step, and comes early where it is held for a part
+        of that: this is on the line through those of the first two steps, amid the period, within
+        `limits.effort`.
+
+        Parameters
+        ----------
+        period : float
+            Time for which it is held [s]; from a step on it is `HorizonStep.u`.
+
+        Raises
+        ------
+        InvalidValue
+            If the period is no positive time.
+        """
+        if not period > 0.0:
+            raise InvalidValue("period", period, "a time above 0 [s]")
+        us = self._views[4]
+        early = 0.5 * (1.0 - min(period / self.problem.dt, 1.0))
+        found: Array = us[0] - early * (us[min(1, len(us) - 1)] - us[0])
+        limits = self.problem.limits
+        return np.clip(found, limits.u_lower, limits.u_upper)
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder from which a C++ program without Python goes on as this horizon would.
@@ -188,11 +216,13 @@ class RecedingHorizon:
         Raises
         ------
         ProblemError
-            If states are not (q, v), or functions are interpreted.
+            If states are not (q, v), something belongs to given times, or functions are interpreted.
         ResultFileError
             If something cannot be written.
         """
-        check_can_be_saved(self._formulation, is_plain=self._is_plain)
+        check_can_be_saved(
+            self._formulation, is_plain=self._is_plain, belongs_to_times=self._numbers.belong_to_times
+        )
         numbers = {
             "theta": self._numbers.theta,
             "rho": self._numbers.rho,

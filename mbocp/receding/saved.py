@@ -32,7 +32,7 @@ _NUMBERS, _LIBRARY = "controller.txt", "libmbocp_receding.so"
 _LOOKED_AT = 5  # configurations
 
 
-def check_can_be_saved(formulation: Formulation, *, is_plain: bool) -> None:
+def check_can_be_saved(formulation: Formulation, *, is_plain: bool, belongs_to_times: bool) -> None:
     """Refuse a horizon that C++ cannot step without Python.
 
     Parameters
@@ -40,18 +40,25 @@ def check_can_be_saved(formulation: Formulation, *, is_plain: bool) -> None:
     formulation : Formulation
     is_plain : bool
         Whether the programme's states are (q, v).
+    belongs_to_times : bool
+        Whether parameters move with the time, as `ParameterUpdates.move_on` moves them.
 
     Raises
     ------
     ProblemError
-        If states or goals are stored otherwise than as configurations and velocities, or functions are
-        interpreted.
+        If states or goals are stored otherwise than as configurations and velocities, parameters move, or
+        functions are interpreted.
     """
     robot, programme = formulation.problem.robot, formulation.programme
     if not is_plain or not _keeps_configurations(formulation):
         raise ProblemError(
             f"receding horizon: robot {robot.name!r}: states of the solver are not (q, v), which C++ cannot "
             'make of what is measured; take coordinates = "joint", rotations = "quaternion" and no drives'
+        )
+    if belongs_to_times:
+        raise ProblemError(
+            "receding horizon: cost: a target is a trajectory, or a term depends on the time itself, and C++ "
+            "moves neither; give one row, and others in each step, and write the term without t"
         )
     if programme.functions.library is None or programme.end_functions.library is None:
         raise ProblemError(

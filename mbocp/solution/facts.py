@@ -143,6 +143,8 @@ class Facts:
         Limit of the root mean square of each control, infinite where there is none.
     parameters : tuple of ParameterValue
         Numbers of the robot that were found, in their order.
+    elastic : mapping of str to str
+        Joints of the motors of elastic joints, by the names of these.
     """
 
     duration_range: tuple[float, float] | None = None
@@ -156,6 +158,7 @@ class Facts:
     a_start: _Numbers = ()
     effort_rms: _Numbers = ()
     parameters: tuple[ParameterValue, ...] = ()
+    elastic: Mapping[str, str] = field(default_factory=dict)
 
     def fit(self, num_steps: int, sizes: Mapping[str, int]) -> Facts:
         """Return what fits a motion; a file may say something else, and so may a problem of other steps.

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -21,12 +22,13 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
-from mbocp.solution.sent import Excess, Sent, motion_as_sent
+from mbocp.solution.sent import MOST, Excess, Sent, motion_as_sent
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
 _MOST_NAMES = 3
+_TRIES = 4  # at a slower motion: within 1.3 % of the duration that it needs
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
 _SUFFIXES = MappingProxyType(
@@ -109,10 +111,12 @@ def export_motion(
     name = format_of(path, kind)
     if name in RECORDINGS:
         return write_recording(solution, path, name, rate, interpolation)
-    sent = sent_by(name, solution, rate, interpolation, fit=fit)
-    excesses = all_excesses(sent, load_robot) if load_robot is not None else ()
-    if excesses:
-        raise LimitsExceeded(path, excesses)
+    if load_robot is None:
+        sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    else:
+        sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
+        if excesses:
+            raise LimitsExceeded(path, excesses)
     return write_samples(sample(sent), solution, path, name)
 
 
@@ -140,11 +144,56 @@ def write_recording(
 
 
 def sent_by(
-    name: str, solution: SolutionData, rate: float | None, interpolation: str | None, *, fit: bool
+    name: str,
+    solution: SolutionData,
+    rate: float | None,
+    interpolation: str | None,
+    *,
+    fit: bool,
+    slower: float = 1.0,
 ) -> Sent:
     """What a format sends of a motion, as `export_motion` asks for it."""
-    rate = _UR_RATE if name == "urscript" and rate is None else rate
-    return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit)
+    rate = _rate_of(name, rate)
+    return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit, slower=slower)
+
+
+def _rate_of(name: str, rate: float | None) -> float | None:
+    return _UR_RATE if name == "urscript" and rate is None else rate
+
+
+def sent_within(
+    name: str,
+    solution: SolutionData,
+    rate: float | None,
+    interpolation: str | None,
+    *,
+    fit: bool,
+    load_robot: Callable[[], Robot],
+) -> tuple[Sent, tuple[Excess, ...]]:
+    """What a format sends of a motion, and by what it leaves its limits: see `all_excesses`.
+
+    One that is fitted, and leaves limits of efforts alone, takes as much more time as these need, if a tenth
+    of it is enough.
+    """
+    sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    excesses = all_excesses(sent, load_robot)
+    if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
+        return sent, excesses
+    found, low, pause = (sent, excesses), sent.slower, 1.0 / (_rate_of(name, rate) or math.inf)
+    high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
+    for _ in range(_TRIES):
+        factor = high if found[1] else (low + high) / 2.0
+        tried = sent_by(name, solution, rate, interpolation, fit=True, slower=factor)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotCheckedWarning)  # told of the first one
+            left = all_excesses(tried, load_robot)
+        if not left:
+            found, high = (tried, left), factor
+        elif found[1]:
+            break
+        else:
+            low = factor
+    return found
 
 
 def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, ...]:
@@ -155,8 +204,9 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
     NotCheckedWarning
         If efforts or paths cannot be looked at.
     """
-    solution = sent.solution
-    if not (np.isfinite(solution.limits_u).any() or solution.facts.path):
+    solution, facts = sent.solution, sent.solution.facts
+    limits = (facts.path, facts.elastic, facts.effort_rms, "power" in facts.rates)
+    if not (np.isfinite(solution.limits_u).any() or any(limits)):
         return sent.excesses
     from mbocp.solution.its_problem import problem_to_check  # as slow to import as all else
     from mbocp.solution.sent_checks import check_sent

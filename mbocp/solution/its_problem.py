@@ -144,6 +144,7 @@ def facts_of(problem: Problem) -> Facts:
             ParameterValue(one.name, one.start, one.unit, one.lower, one.upper, one.multiplier)
             for one in problem.parameter
         ),
+        elastic={joint.name: joint.motor for joint in problem.robot.elastic},
     )
 
 

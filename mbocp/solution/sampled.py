@@ -19,7 +19,7 @@ class Sampled:
     t : ndarray, shape (K,)
         From the start of the motion [s].
     joints : tuple of str
-        Names, in the order of the columns.
+        Names, in the order of the columns; elastic ones have the positions and efforts of their motors.
     units : tuple of str
         "rad" or "m".
     positions, velocities, accelerations : ndarray, shape (K, n)
@@ -53,11 +53,12 @@ def sample(sent: Sent) -> Sampled:
     for k, name in enumerate(sent.joints):
         if name in controls:
             efforts[:, k] = applied[:, controls[name]]
-    left_out = {c.name.partition(".")[0] for c in labels.v} - {name.partition(".")[0] for name in sent.joints}
+    names = {name.partition(".")[0] for name in (*sent.joints, *sent.names)}
+    left_out = {column.name.partition(".")[0] for column in labels.v} - names
     positions, velocities, accelerations, _ = sent.curves.at(times)
     return Sampled(
         times,
-        sent.joints,
+        sent.names,
         sent.units,
         positions,
         velocities,

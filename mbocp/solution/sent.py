@@ -26,7 +26,7 @@ _LARGEST_RATE = 1e5  # [1/s]
 _MOST_SAMPLES = 2_000_000
 _PARTS = 10  # of a step at whose ends limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
-_MOST = 0.1  # of the duration, that a motion is made longer by to fit it
+MOST = 0.1  # of the duration, that a motion is made longer by to fit it
 _PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
 _LEAST_PART = 1e-3  # of the longest mean, that the shortest is
 _WIDTHS = 24  # of means, each about 1.3 times as long as the one before
@@ -34,6 +34,7 @@ _LEAST_SIZE = 1e-9  # of a limit
 _SAME = 1e-9  # [s]
 _NEAREST = 0.1  # of the time between samples, that they are apart from nodes
 _PLACES = 8  # of a moving mean of controls
+_OF_CONTROLS = ("effort", "power", "root mean square")
 _POWERS = {"speed": 1, "acceleration": 2, "jerk": 3}  # of the duration, that they fall with
 
 
@@ -43,7 +44,7 @@ class Excess:
 
     Attributes
     ----------
-    kind : {"position", "speed", "acceleration", "jerk", "effort", "path"}
+    kind : {"position", "speed", "acceleration", "jerk", "effort", "power", "root mean square", "path"}
     name : str
         Of the joint, the control, or the row of a path constraint.
     value, bound : float
@@ -65,6 +66,11 @@ class Excess:
     unit: str
 
     @property
+    def falls_with_speed(self) -> bool:
+        """Whether a slower motion on the same way has less of it, but for the weight."""
+        return self.kind in _OF_CONTROLS or (self.kind == "path" and self.unit not in ("m", "rad"))
+
+    @property
     def words(self) -> str:
         """The excess without the name."""
         if self.kind == "path":
@@ -84,7 +90,8 @@ class Sent:
     ----------
     solution : Solution
     joints : tuple of str
-        Those of one velocity; others (floating bases, balls) are not among them.
+        Those of one velocity; others (floating bases, balls) are not among them. Elastic ones are those of
+        their motors, which go by the names of the joints in `names`.
     units : tuple of str
         Of their positions.
     curves : Curves
@@ -115,6 +122,12 @@ class Sent:
     lag: float = 0.0
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names that controllers know the joints by."""
+        joints = {motor: joint for joint, motor in self.solution.facts.elastic.items()}
+        return tuple(joints.get(name, name) for name in self.joints)
+
+    @property
     def words(self) -> str:
         """How it was fitted; "" if it was not."""
         mean = f"moving mean over {1e3 * self.mean:.3g} ms" if self.mean else ""
@@ -141,6 +154,7 @@ def motion_as_sent(
     *,
     is_joined: bool = False,
     fit: bool = False,
+    slower: float = 1.0,
     like: Sent | None = None,
 ) -> Sent:
     """Say what is sent of a motion.
@@ -159,6 +173,8 @@ def motion_as_sent(
     fit : bool
         Whether the motion is fitted into the limits of its joints, if it leads from rest to rest: made longer
         by up to a tenth. Without a rate only what is joined is, since nothing else says what is sent.
+    slower : float
+        Least factor of the duration of a motion that is fitted, as efforts may ask for it.
     like : Sent, optional
         A motion that is sent already, and that this one begins with, see `mbocp.solution.joined`. Its moving
         mean and the factor of its duration are taken, so that both are one where the solutions are.
@@ -178,7 +194,7 @@ def motion_as_sent(
     if like is not None:
         found = fitting.like(like)
     elif fit and can_fit:
-        found = fitting.fit(found)
+        found = fitting.fit(found, slower)
     curves = found.curves
     excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
     units = tuple(joints.unit("position", k) for k in range(len(joints.names)))
@@ -301,14 +317,14 @@ class _Fitting:
             base = base.smooth(self.has_jerk)
         return _Fit(base.slow(other.slower), other.mean, other.slower, other.is_of_spline)
 
-    def fit(self, asked: _Fit) -> _Fit:
-        """Curves that keep the limits; as asked at worst."""
+    def fit(self, asked: _Fit, slower: float) -> _Fit:
+        """Curves that keep the limits, slower by a factor or more; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
-        found, slower = asked, 1.0
+        found = asked
         if self.has_jerk.any() and self._has_excess(asked.curves) and not has_no_means:
             found = self._smoother()
         curves = found.curves
-        while slower * curves.nodes[-1] <= (1.0 + _MOST) * self.cubics.nodes[-1]:
+        while slower * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
             slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
             sent = curves.slow(slower)
             factor = self.joints.factor(sent, self.rate)
@@ -322,7 +338,7 @@ class _Fitting:
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
         reach = np.divide(largest, sides, out=np.zeros_like(largest), where=sides > 0.0)  # [s]
-        most = _MOST * float(self.cubics.nodes[-1])
+        most = MOST * float(self.cubics.nodes[-1])
         least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
         found = []
         for base, is_of_spline in ((self.cubics, False), (self.cubics.spline(), True)):
@@ -362,10 +378,13 @@ def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, 
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:
-    """Name, positions at the nodes, and place in v, of each joint of one velocity."""
+    """Name, positions at the nodes, and place in v, of joints of one velocity; of motors of elastic ones."""
     places = {column.name: k for k, column in enumerate(solution.labels.q)}
-    for place, column in enumerate(solution.labels.v):
-        name = column.name
+    at_v = {column.name: k for k, column in enumerate(solution.labels.v)}
+    motors = {joint: motor for joint, motor in solution.facts.elastic.items() if motor in at_v}
+    for joint in (name for name in at_v if name not in motors.values()):
+        name = motors.get(joint, joint)
+        place = at_v[name]
         if name in places:
             yield name, solution.qs[:, places[name]], place
         elif f"{name}.cos" in places and f"{name}.sin" in places:

@@ -1,27 +1,23 @@
 """What a robot and its surroundings say of a motion as it is sent: torques, path constraints, obstacles.
 
-What follows a motion exactly has to apply these torques.
+What follows a motion exactly has to apply these torques; links on springs follow their motors.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.problem import Problem
 from mbocp.solution.sent import Excess, Sent, find_excesses
-from mbocp.solution.sent_path import path_excesses
-from mbocp.solution.sent_states import states_of
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
+from mbocp.solution.sent_path import TOLERANCES, path_excesses
+from mbocp.solution.sent_states import Follower
 
 _PARTS = 4  # of a step at whose ends they are looked at
 _TOLERANCE = 0.01  # relative, of a limit: polynomials between nodes are no closer to the dynamics
-_MOST_CONDITION = 1e8  # of the matrix from controls to forces of joints
 
 
 def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[str, ...]]:
@@ -36,58 +32,76 @@ def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[
     Returns
     -------
     excesses : tuple of Excess
-        Of torques, the worst first, and of path constraints.
+        Of torques, powers, root mean squares, and links on springs, the worst first; of path constraints.
     unknown : tuple of str
-        What was not looked at: efforts, and path constraints by name.
+        What was not looked at: efforts, links on springs, and path constraints by name.
     """
-    excesses, unseen = path_excesses(sent, problem)
+    follower = Follower.of(sent, problem.robot)
+    excesses, unseen = path_excesses(follower, problem)
     rows = {label.name for constraint in problem.path for label in constraint.labels}
     unknown = [*unseen, *(row.name for row in sent.solution.facts.path if row.name not in rows)]
-    if np.isfinite(sent.solution.limits_u).any():
-        if has_torques(sent, problem.robot):
-            excesses = (*torque_excesses(sent, problem.robot), *excesses)
-        else:
-            unknown.insert(0, "efforts")
-    return excesses, tuple(unknown)
+    if follower.has_controls:
+        return (*joint_excesses(follower), *excesses), tuple(unknown)
+    facts = sent.solution.facts
+    if np.isfinite(sent.solution.limits_u).any() or facts.effort_rms or "power" in facts.rates:
+        unknown.insert(0, "efforts")
+    return excesses, (*(joint.name for joint in problem.robot.elastic), *unknown)
 
 
-def has_torques(sent: Sent, robot: Robot) -> bool:
-    """Whether positions, velocities and accelerations say all controls.
+_Along: TypeAlias = tuple[Array, Array, Array, Array]
 
-    They do for robots without loops and drives, whose joints have one velocity and a motor each; not across
-    impacts.
+
+def controls_along(follower: Follower) -> _Along:
+    """Times [s], configurations, velocities and controls along a motion that says these."""
+    times, (positions, velocities, accelerations, _) = follower.sent.curves.places(_PARTS)
+    qs, vs = follower.states(times, positions, velocities)
+    return times, qs, vs, follower.controls(qs, vs, accelerations)
+
+
+def joint_excesses(follower: Follower) -> tuple[Excess, ...]:
+    """Limits that controls, and links on springs, leave by more than a hundredth, the worst first.
+
+    Positions of links are left by more than 0.5 mm or 5 mrad.
     """
-    if robot.nc or robot.drives or not len(sent.joints) == robot.nv == robot.nu:
-        return False
-    has_forces = all(column.unit in ("N", "N m") for column in sent.solution.labels.u)
-    if not has_forces or sent.curves.has_impacts or not robot.actuation.is_constant:
-        return False
-    return bool(np.linalg.cond(robot.actuation_matrix(robot.q0)) < _MOST_CONDITION)
-
-
-def torques_along(sent: Sent, robot: Robot) -> tuple[Array, Array]:
-    """Times [s], and controls by inverse dynamics, shape (n, nu) [N, N m], of a motion that `has_torques`."""
-    model, data = robot.model, robot.model.createData()
-    times, (positions, velocities, accelerations, _) = sent.curves.places(_PARTS)
-    (qs, vs), (_, rates) = (states_of(sent, positions, x) for x in (velocities, accelerations))
-    forces = np.array(
-        [
-            pin.rnea(model, data, q, v, a) - robot.force_elements(q, v)
-            for q, v, a in zip(qs, vs, rates, strict=True)
-        ]
-    )
-    return times, np.linalg.solve(robot.actuation_matrix(robot.q0), forces.T).T
-
-
-def torque_excesses(sent: Sent, robot: Robot) -> tuple[Excess, ...]:
-    """Controls beyond their limits by more than a hundredth as a motion is sent, the worst first."""
-    times, controls = torques_along(sent, robot)
-    limits = sent.solution.limits_u
-    found = (
-        excess
-        for k, column in enumerate(sent.solution.labels.u)
-        for excess in find_excesses(
-            "effort", column.name, controls[:, k], limits[:, k], times, column.unit, _TOLERANCE
-        )
-    )
+    along = controls_along(follower)
+    found = (*_of_controls(follower, along), *_of_links(follower, along))
     return tuple(sorted(found, key=lambda excess: -excess.ratio))
+
+
+def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
+    """Controls, their powers and root mean squares."""
+    solution, (times, _, vs, controls) = follower.sent.solution, along
+    facts, columns = solution.facts, solution.labels.u
+    speeds = vs @ follower.robot.actuation_matrix(follower.robot.q0)
+    bounds = {"effort": solution.limits_u}
+    if "power" in facts.rates:
+        bounds["power"] = facts.bounds_of_rate("power")
+    for kind, values in (("effort", controls), ("power", controls * speeds)):
+        for k, column in enumerate(columns if kind in bounds else ()):
+            unit = column.unit if kind == "effort" else "W"
+            yield from find_excesses(
+                kind, column.name, values[:, k], bounds[kind][:, k], times, unit, _TOLERANCE
+            )
+    if facts.effort_rms:
+        means = np.sqrt(np.trapezoid(controls**2, times, axis=0) / times[-1])
+        for column, mean, limit in zip(columns, means, facts.effort_rms, strict=True):
+            sides = np.array([-np.inf, limit])
+            yield from find_excesses(
+                "root mean square", column.name, mean[None], sides, times[-1:], column.unit, _TOLERANCE
+            )
+
+
+def _of_links(follower: Follower, along: _Along) -> Iterator[Excess]:
+    """Positions and speeds of links on springs."""
+    solution, (times, qs, vs, _) = follower.sent.solution, along
+    for joint in follower.robot.elastic:
+        (at_q, _), (at_v, _) = joint.at_q, joint.at_v
+        unit, bounds = solution.labels.q[at_q].unit, solution.limits_q[:, at_q]
+        size = float(np.abs(bounds[np.isfinite(bounds)]).max(initial=0.0))
+        yield from find_excesses(
+            "position", joint.name, qs[:, at_q], bounds, times, unit, TOLERANCES[unit] / (size or 1.0)
+        )
+        unit = solution.labels.v[at_v].unit
+        yield from find_excesses(
+            "speed", joint.name, vs[:, at_v], solution.limits_v[:, at_v], times, unit, _TOLERANCE
+        )

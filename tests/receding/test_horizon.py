@@ -9,18 +9,20 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import mbocp
 from benchmarks.receding_horizon import _cases, loop_times
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Bounds, Problem
 from mbocp.programme.compiler import compiler
 from mbocp.programme.kernel import kernel_programme
 from mbocp.receding import RecedingHorizon
 from mbocp.robot import load_robot
+from mbocp.terms import running_cost
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"
@@ -149,6 +151,79 @@ def test_a_shift_is_that_of_time(horizon, steps):
     assert (found.status.iterations, found.status.state) == (0, "moved_on")
     np.testing.assert_allclose(found.q, expected, atol=1e-12)
     np.testing.assert_allclose(found.us, expected_us, atol=1e-9)
+
+
+def closed_loop(problem: Problem, share: float, *, is_for_period: bool = True) -> tuple[float, int]:
+    """Cost and Newton steps of 0.8 s with a push amid them, at a period of a share of the horizon's steps."""
+    horizon, robot, rng = RecedingHorizon(problem), problem.robot, np.random.default_rng(0)
+    data, period, dt = robot.model.createData(), share * problem.dt, 1e-3
+    q = problem.q_start + 0.1 * rng.standard_normal(6)
+    v, cost, iterations = 0.5 * rng.standard_normal(6), 0.0, 0
+    for k in range(round(0.8 / period)):
+        found = horizon.step(q, v, dt=period if k else 0.0)
+        assert found.status.state in ("improved", "converged"), found.status
+        iterations += found.status.iterations
+        u = horizon.control_for(period) if is_for_period else np.array(found.u)
+        if abs(k * period - 0.4) < period / 2:
+            v = v + 0.5 * rng.standard_normal(6)
+        for _ in range(round(period / dt)):
+            off = q - problem.goal.q
+            cost += dt / 2.0 * (1e-3 * u @ u + v @ v + 1e3 * off @ off)
+            v = v + dt * pin.aba(robot.model, data, q, v, u)
+            q = q + dt * v
+    return cost, iterations
+
+
+@pytest.mark.parametrize("scheme", ["se1", "gauss2"])
+def test_a_period_may_be_a_part_of_a_step(problem, scheme):
+    """With one Newton step each it costs no more; the control of a whole step would come early."""
+    one = problem.with_(scheme=scheme)
+    (whole, few), (part, many) = closed_loop(one, 1.0), closed_loop(one, 0.2)
+    assert many == 5 * few
+    assert part < 1.001 * whole
+    early, _ = closed_loop(one, 0.2, is_for_period=False)
+    assert early > 1.004 * part
+
+
+def test_a_control_for_a_period_is_within_limits_and_that_of_a_step_in_the_end(horizon):
+    us, dt = np.array(horizon.first.us), horizon.problem.dt
+    np.testing.assert_array_equal(horizon.control_for(dt), us[0])
+    np.testing.assert_array_equal(horizon.control_for(9.0), us[0])
+    upper = horizon.problem.limits.u_upper
+    expected = np.clip(us[0] - 0.4 * (us[1] - us[0]), -upper, upper)
+    np.testing.assert_allclose(horizon.control_for(0.2 * dt), expected, rtol=1e-12)
+    with pytest.raises(InvalidValue, match="period: got 0, expected a time above 0"):
+        horizon.control_for(0)
+
+
+def sways(at):
+    return ca.sumsqr(at.q - 0.3 * ca.sin(4.0 * (at.t + at["start"])))
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("moves", ["target", "term"])
+def test_what_belongs_to_times_moves_by_parts_of_a_step(moves):
+    """After a step and three tenths the optimum is that of a problem that begins there."""
+    N, states = 10, {"q": [0.2, -0.1], "v": [0.3, 0.1]}
+    targets = np.linspace(0.0, 1.0, N)[:, None] * [1.0, 0.5]
+    numbers = np.arange(N)
+    at = np.minimum(numbers + 1.3, N - 1)
+    later = np.array([np.interp(at, numbers, column) for column in targets.T]).T
+
+    def made(target, start):
+        cost = {"effort": 1.0, "tracking": 1.0, "tracking_weights": {"q": 10.0}, "target": {"q": target}}
+        own = running_cost(sways, weight=5.0, name="sways", start=start)
+        terms = [own] if moves == "term" else []
+        return Problem.create("double_pendulum", 0.5, N, start=states, cost=cost, terms=terms)
+
+    begins = ((targets.tolist(), 0.0), (later.tolist(), 1.3 * 0.5 / N))
+    moving, then = (made(rows if moves == "target" else [0.0, 0.0], start) for rows, start in begins)
+    horizon = RecedingHorizon(moving, iterations=30, tolerance=1e-9)
+    for share in (0.3, 1.0, 0.0):
+        found = horizon.step(states["q"], states["v"], dt=share * moving.dt)
+    np.testing.assert_allclose(found.q, mbocp.solve(then, check=True).qs, atol=1e-7)
+    with pytest.raises(ProblemError, match="a target is a trajectory, or a term depends on the time itself"):
+        horizon.save("nowhere")
 
 
 def test_no_time_is_no_step_but_a_motion(horizon):

@@ -14,6 +14,7 @@ from mbocp.cli.results import export_result
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import check_sent
 from mbocp.solution.sent_path import path_excesses
+from mbocp.solution.sent_states import Follower
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LINE = EXAMPLES / "arms" / "straight_line.toml"
@@ -25,7 +26,7 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     problem = mbocp.load_problem(LINE).with_(steps=10)
     solution = mbocp.solve(problem, check=True)
     sent = motion_as_sent(solution, 1000.0)
-    (found,), unseen = path_excesses(sent, problem)
+    (found,), unseen = path_excesses(Follower.of(sent, problem.robot), problem)
     assert not unseen
     robot, frame = problem.robot, problem.robot.frame_id("tool0")
     places = []
@@ -50,13 +51,13 @@ def test_a_constraint_is_looked_at_while_it_holds() -> None:
     problem = mbocp.load_problem(LINE).with_(steps=10)
     solution = mbocp.solve(problem, check=True)
     sent = motion_as_sent(solution, 1000.0)
-    (whole,), _ = path_excesses(sent, problem)
+    (whole,), _ = path_excesses(Follower.of(sent, problem.robot), problem)
     tables = {"kind": "line", "frame": "tool0", "tolerance": 0.001}
     before = whole.time * 10 // 1.5 * 0.15 - 0.15  # the node before the step before that
     for until, is_left in ((before, False), (None, True)):
         path = [tables | ({} if until is None else {"until": until})]
         (line,) = problem.with_(path=path).path
-        found, _ = path_excesses(sent, dataclasses.replace(problem, path=(line,)))
+        found, _ = path_excesses(Follower.of(sent, problem.robot), dataclasses.replace(problem, path=(line,)))
         assert ((found[0].value if found else 0.0) == whole.value) == is_left
 
 
@@ -74,7 +75,7 @@ def test_what_is_touched_as_it_is_sent_is_told() -> None:
 def test_forces_and_bodies_that_are_not_sent_are_named() -> None:
     problem = mbocp.load_problem(EXAMPLES / "arms" / "pick_and_place.toml")
     solution = mbocp.solve(problem)
-    excesses, unseen = path_excesses(motion_as_sent(solution, 1000.0), problem)
+    excesses, unseen = path_excesses(Follower.of(motion_as_sent(solution, 1000.0), problem.robot), problem)
     assert {"level", "contact_force of grip"} <= set(unseen)
     assert "straight down" not in unseen
     assert not excesses

@@ -78,9 +78,47 @@ def test_another_motor_compiles_nothing_and_files_say_the_same(rotor: mbocp.Robo
     assert values == pytest.approx(np.array([[3.5]]))
 
 
+CURVE = [[0.0, 2.0], [2.0, 2.0], [4.0, 1.0], [5.0, 0.25]]  # rad/s, N m
+
+
+def test_a_table_of_torques_is_kept_at_each_speed(rotor: mbocp.Robot) -> None:
+    """In the least time: dt = J dv / torque(v), exactly between the rows of the table."""
+    curve = {"kind": "motor", "frame": "axle", "curve": CURVE}
+    s = mbocp.solve(spin(rotor, 4.6, path=[curve], steps=160), check=True)
+    speeds = np.linspace(0.0, 4.6, 20_001)
+    expected = np.trapezoid(INERTIA / np.interp(speeds, *np.transpose(CURVE)), speeds)
+    assert s.duration == pytest.approx(expected, rel=1e-2)
+    np.testing.assert_allclose(s.us[:, 0], np.interp(s.vs[1:, 0], *np.transpose(CURVE)), rtol=1e-3)
+    (constraint,) = parse_problem(problem_to_toml(s.problem)).path
+    assert [label.name for label in constraint.labels] == [f"motor of axle.{n}" for n in (1, 2, 3)]
+    np.testing.assert_array_equal(constraint.upper, s.problem.path[0].upper)
+
+
+NOT_CONCAVE = "curve: got torques that fall less steeply after 2, expected torques that fall ever faster"
+
+
+@pytest.mark.parametrize(
+    ("curve", "says"),
+    [
+        ([[0, 2], [2, 1], [4, 0.5]], NOT_CONCAVE),
+        ([[0, 2], [2, 2.5]], "none that rises"),
+        ([[0, 2], [2, -1]], "none that rises or is below 0"),
+        ([[1, 2], [2, 1]], "speeds that rise from 0 on"),
+        ([[0, 2], [2, 1], [2, 0.5]], "speeds that rise from 0 on"),
+        ([[0, 2]], "two or more rows"),
+        ([[0, 2, 1], [2, 1, 1]], "curve"),
+        ([[0, 2], [2, float("inf")]], "curve"),
+    ],
+)
+def test_what_is_no_table_of_a_motor_is_refused(rotor: mbocp.Robot, curve: Any, says: str) -> None:
+    with pytest.raises(ProblemError, match=says):
+        spin(rotor, 1.0, path=[{"kind": "motor", "frame": "axle", "curve": curve}])
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
+        ({"curve": CURVE}, "curve and stall; which of the two"),
         ({"stall": -1.0}, "stall: got -1.0, expected above 0"),
         ({"no_load": 0.0}, "no_load: got 0.0, expected above 0"),
         ({"no_load": None}, "no_load: this key is missing"),

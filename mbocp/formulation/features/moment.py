@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
     from mbocp.problem.timeline.timeline import Timeline
 
-_TIME = "t"  # [s]
+TIME = "t"  # [s]
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class Moment(Feature):
     @property
     def stage_parameters(self) -> Mapping[str, int]:
         """The time."""
-        return {_TIME: 1}
+        return {TIME: 1}
 
     def enter(self, at: StepSymbols) -> StepSymbols:
         """Take the time as it is given."""
-        return replace(at, moment=at.given[_TIME])
+        return replace(at, moment=at.given[TIME])
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Times of the steps, or the guess of them."""
-        return {_TIME: _times(problem.timeline, self.tau)[:, None]}
+        return {TIME: _times(problem.timeline, self.tau)[:, None]}
 
 
 def _times(timeline: Timeline, tau: float) -> Array:

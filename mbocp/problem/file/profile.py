@@ -21,6 +21,7 @@ from mbocp.exceptions import ProblemError, Unreadable, suggest
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.limits import is_plain
 from mbocp.robot import Robot
+from mbocp.terms.motor import falling_lines
 from mbocp.terms.written import range_of, read_side
 
 _FOLDER = Path(__file__).parents[2] / "profiles"
@@ -30,20 +31,28 @@ _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
 _WRITTEN = "number, list with an entry for each joint, or table of `payload` and `values`"
+_OVER_SPEED = f"{_WRITTEN}, or of `speed` and `values`"
 
 
-def _numbers(value: Any) -> _Numbers | dict[str, Any]:
-    if isinstance(value, Mapping):
-        if set(value) != {"payload", "values"}:
-            raise ValueError(f"got keys {', '.join(map(show, value))}, expected payload and values")
-        if not all(isinstance(part, list) for part in value.values()):
-            raise ValueError("expected lists in payload and values")
-        rows = [_one(entry, f" in values[{i}]") for i, entry in enumerate(value["values"])]
-        masses = [read_side(mass, " in payload") for mass in value["payload"]]
-        if len(rows) != len(masses) or not masses or any(np.diff(masses) <= 0.0):
-            raise ValueError("expected masses that rise in payload, and a number or list for each in values")
-        return {"payload": masses, "values": rows}
-    return _one(value)
+def _numbers(value: Any, over: tuple[str, ...] = ("payload",)) -> _Numbers | dict[str, Any]:
+    if not isinstance(value, Mapping):
+        return _one(value)
+    column = next((key for key in over if set(value) == {key, "values"}), "")
+    if not column:
+        expected = " or ".join(f"{key} and values" for key in over)
+        raise ValueError(f"got keys {', '.join(map(show, value))}, expected {expected}")
+    if not all(isinstance(part, list) for part in value.values()):
+        raise ValueError(f"expected lists in {column} and values")
+    rows = [_one(entry, f" in values[{i}]") for i, entry in enumerate(value["values"])]
+    places = [read_side(place, f" in {column}") for place in value[column]]
+    if len(rows) != len(places) or not places or any(np.diff(places) <= 0.0):
+        what = {"payload": "masses", "speed": "speeds"}[column]
+        raise ValueError(f"expected {what} that rise in {column}, and a number or list for each in values")
+    return {column: places, "values": rows}
+
+
+def _efforts(value: Any) -> _Numbers | dict[str, Any]:
+    return _numbers(value, ("payload", "speed"))
 
 
 def _one(value: Any, where: str = "") -> _Numbers:
@@ -59,6 +68,7 @@ def _pairs(value: Any) -> list[list[float]]:
 
 
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
+_Efforts = Annotated[Any, Kind(_OVER_SPEED, _efforts, Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
 
 
@@ -80,7 +90,7 @@ class ProfileTable(Table):
     velocity: _PerJoint = None
     acceleration: _PerJoint = None
     jerk: _PerJoint = None
-    effort: _PerJoint = None
+    effort: _Efforts = None
     effort_rate: _PerJoint = None
     power: _PerJoint = None
     braking: _BrakingTable | None = None
@@ -126,6 +136,36 @@ class Profile:
 
     def paths(self, robot: Robot) -> list[dict[str, Any]]:
         """Return the tables of `[[path]]` for a robot."""
+        return [*self._motors(robot), *self._braking(robot)]
+
+    def _motors(self, robot: Robot) -> list[dict[str, Any]]:
+        """Torques that fall with the speeds of motors, beyond those at rest, which `limits.effort` has.
+
+        Raises
+        ------
+        InvalidValue
+            If they do not fall ever faster.
+        """
+        written = self.table.effort
+        if not (isinstance(written, Mapping) and "speed" in written):
+            return []
+        speeds = self._to_radians("velocity", written["speed"])
+        torques = np.array([self._for_all(row, "effort") for row in written["values"]], dtype=np.float64)
+        moved = {joint.name: joint.motor for joint in robot.elastic}
+        controls, found = {label.name for label in robot.u_labels}, []
+        for name, i in self._joints(robot).items():
+            curve = np.column_stack([speeds, torques[:, i]])
+            lines = falling_lines(
+                curve, f"limits.profile: {show(self.name)}: effort of {self.table.joints[i]}"
+            )
+            motor = moved.get(name, name)
+            if len(lines) and motor in controls:
+                found.append(
+                    {"name": f"motor of {name}", "kind": "motor", "frame": motor, "curve": lines.tolist()}
+                )
+        return found
+
+    def _braking(self, robot: Robot) -> list[dict[str, Any]]:
         braking = self.table.braking
         if braking is None or self.table.position is None:
             return []
@@ -184,6 +224,8 @@ class Profile:
         written = getattr(self.table, key)
         if written is None:
             return None
+        if isinstance(written, Mapping) and "speed" in written:
+            written = written["values"][0]  # at rest; `paths` has what is left of it at a speed
         if isinstance(written, Mapping):
             written = self._at_payload(key, written, sum(payload.mass for payload in robot.payloads))
         return self._to_radians(key, self._for_all(written, key)).tolist()

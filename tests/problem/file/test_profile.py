@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,10 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.file.profile import profile_names, profile_of
 from mbocp.robot import Payload, Robot, load_parts
+from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent_checks import controls_along
+from mbocp.solution.sent_path import path_excesses
+from mbocp.solution.sent_states import Follower
 
 DOCS = Path(__file__).parents[3] / "docs" / "profiles.md"
 TURN = np.pi / 180.0
@@ -114,6 +119,50 @@ def test_one_of_ones_own(own: Path) -> None:
     bounds = problem(robot, {"profile": str(own)}).limits
     np.testing.assert_array_equal(bounds.v_upper, [2.0, 3.0])
     np.testing.assert_array_equal(bounds.a_upper, [8.0, 16.0])
+
+
+def over_speed(folder: Path, values: str) -> str:
+    file = folder / "over_speed.toml"
+    file.write_text(
+        'source = ["x"]\njoints = ["joint1", "joint2"]\ndegrees = true\n'
+        f"effort = {{ speed = [0, 90, 360], values = {values} }}"
+    )
+    return str(file)
+
+
+def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path: Path) -> None:
+    """Without the flat part, which the limit at rest is."""
+    limits = {"profile": over_speed(tmp_path, "[[6, 3], [6, 2.5], [1, 0]]")}
+    one = problem("double_pendulum", limits, controls="linear")
+    assert one.limits.u_upper.tolist() == [6.0, 3.0]
+    assert [path.name for path in one.path] == ["motor of joint1", "motor of joint2"]
+    lines = [np.column_stack([path.number("speeds"), path.number("torques")]) for path in one.path]
+    np.testing.assert_allclose(lines[0], [[0.0, 6.0 + 5.0 / 3.0], [2.0 * np.pi, 1.0]])
+    np.testing.assert_allclose(lines[1], [[0.0, 3.0], [np.pi / 2.0, 2.5], [2.0 * np.pi, 0.0]])
+    assert not problem("double_pendulum", {"profile": over_speed(tmp_path, "[2, 2, 2]")}).path
+    with pytest.raises(ProblemError, match="effort of joint2: got torques that fall less steeply"):
+        problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3], [6, 1], [1, 0.5]]")})
+    with pytest.raises(ProblemError, match="expected speeds that rise in speed, and a number or list"):
+        problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3]]")})
+
+
+def test_torques_over_the_speed_are_kept_as_a_motion_is_sent(tmp_path: Path) -> None:
+    table = [[1.1, 0.62], [1.05, 0.6], [0.3, 0.2]]
+    limits, goal = {"profile": over_speed(tmp_path, str(table))}, {"q": [1.5, -1.0], "v": 0}
+    one = Problem.create(
+        "double_pendulum", 0.4, 40, limits=limits, goal=goal, cost={"effort": 1.0}, controls="linear"
+    )
+    solution = mbocp.solve(one, check=True)
+    assert "motor of joint1.1" in {limit.name for limit in solution.active_limits}
+    sent = motion_as_sent(solution, 500.0)
+    _, _, vs, us = controls_along(Follower.of(sent, one.robot))
+    speeds = np.array([0.0, 90.0, 360.0]) * TURN
+    most = np.array([np.interp(np.abs(vs[:, k]), speeds, np.array(table)[:, k]) for k in (0, 1)]).T
+    drives = us * vs > 0.0
+    assert (np.abs(us)[drives] < 1.02 * most[drives]).all()
+    assert solution.export(tmp_path / "kept.csv", rate=500.0).exists()
+    fast = Follower.of(replace(sent, curves=sent.curves.slow(0.9)), one.robot)
+    assert "motor of joint1.2" in {excess.name for excess in path_excesses(fast, one)[0]}
 
 
 def test_limits_follow_the_payload(own: Path) -> None:
