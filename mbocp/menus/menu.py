@@ -51,6 +51,7 @@ _LONGEST, _SHOWN = 80, 5  # letters of a name in that of a file; motions in one 
 _BRIEF = 200  # iterations of a solve from a way: what takes more seldom comes to anything
 _PARTS = (4, 2, 1)  # of the steps in a trial: few are quick, many are right
 _TRIES = 24  # ways to try
+_STARTS = 4  # of the problem's own guess, where effort alone costs: trials do not find all that these find
 _TRIALS = 4  # with few steps for each way to try: they are cheap
 _DEAR = 10.0  # times the least effort of all trials: what takes more does not go on
 
@@ -173,8 +174,8 @@ def menu(
     Returns
     -------
     Menu
-        The best is never worse than what `mbocp.solve` finds from one start. Ctrl-C ends it with what there
-        is.
+        The best is never worse than what `mbocp.solve` finds from one start; where effort alone costs, from
+        four. Ctrl-C ends it with what there is.
 
     Raises
     ------
@@ -296,8 +297,12 @@ class _Search:
 
     def _solve(self, candidate: Candidate, number: int, watch: Watch) -> Solution:
         """The solution from one candidate; that of the problem's own guess is what `solve` finds."""
-        problem, start = candidate.begin(self._formulations[candidate.place])
-        start = start if number else self.job.start
+        formulation = self._formulations[candidate.place]
+        problem, start = candidate.begin(formulation)
+        if number == 0:
+            start = self.job.start
+            starts = _STARTS if _is_for_trials(formulation) else 1
+            problem = replace(problem, solver=replace(problem.solver, starts=starts))
         job = replace(self.job.anew(), problem=problem, start=start, callback=watch)
         solution = strategy_for(job).run(replace(job, is_only=number > 0, brief=_BRIEF if number else 0))
         words, place = candidate.words if number else solution.guess_used, candidate.place
