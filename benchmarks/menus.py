@@ -13,7 +13,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -26,12 +26,14 @@ from benchmarks.poses import pose_tasks
 from benchmarks.scenes import scene
 from benchmarks.tables import Table, show
 from mbocp.exceptions import MbocpError
+from mbocp.formulation import formulate
 from mbocp.problem import Problem
 from mbocp.solvers import Status
 
 __all__ = ["SETS", "Result", "measure", "menus_table"]
 
 _NEAR, _SAME = 0.01, 1e-3  # relative: as good as the best; the same minimum
+Found = tuple[list[float], float]  # costs, lowest first, and time of the processor [s]
 _WAYS = ("one", "four", "menu", "many")
 
 
@@ -46,6 +48,10 @@ def _scenes(name: str, number: int, seed: int) -> Iterator[Problem]:
 SETS: Mapping[str, Callable[[int, int], Iterator[Problem]]] = {
     "ur5, effort": lambda number, seed: quality.tasks("ur5", "effort", number, seed),
     "acrobot, effort": lambda number, seed: quality.tasks("acrobot", "effort", number, seed),
+    "panda, effort": lambda number, seed: quality.tasks("panda", "effort", number, seed),
+    "kinova, effort": lambda number, seed: quality.tasks("kinova", "effort", number, seed),
+    "panda, auto": lambda number, seed: quality.tasks("panda", "auto", number, seed),
+    "kinova, auto": lambda number, seed: quality.tasks("kinova", "auto", number, seed),
     "acrobot, auto": lambda number, seed: quality.tasks("acrobot", "auto", number, seed),
     "ur5, poses": partial(_poses, "ur5"),
     "panda, poses": partial(_poses, "panda"),
@@ -75,17 +81,14 @@ class Result:
         return sum(any(_is_same(cost, known) for known in self.costs[other]) for cost in self.costs[way])
 
 
-def measure(problem: Problem, starts: int) -> Result:
-    """Solve one task in each way."""
-    solved = {"one": partial(_starts, problem, 1), "four": partial(_starts, problem, 4)}
-    solved |= {"menu": partial(_menu, problem), "many": partial(_starts, problem, starts)}
-    mbocp.solve(problem)  # compiles
-    costs, seconds = {}, {}
-    for way, solve in solved.items():
-        begun = time.process_time()
-        costs[way] = _distinct(solve())
-        seconds[way] = time.process_time() - begun
-    return Result(costs, seconds)
+def measure(problem: Problem, way: str, starts: int) -> Found:
+    """Costs of the minima that one way finds in one task, and the time of the processor [s]."""
+    solves = {"one": partial(_starts, problem, 1), "four": partial(_starts, problem, 4)}
+    solves |= {"menu": partial(_menu, problem), "many": partial(_starts, problem, starts)}
+    formulate(problem)  # compiles
+    begun = time.process_time()
+    costs = _distinct(solves[way]())
+    return costs, time.process_time() - begun
 
 
 def menus_table(results: Mapping[str, Sequence[Result]], starts: int) -> Table:
@@ -160,29 +163,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name in options.sets:
             tasks = SETS[name](options.tasks, options.seed)
             for number, problem in enumerate(islice(tasks, options.tasks)):
-                key = f"{name} {options.seed} {number} {options.starts}"
-                if key not in known:
-                    try:
-                        known[key] = measure(problem, options.starts)
-                    except MbocpError as error:
-                        print(f"{key}: {error}")
-                        continue
-                    _write(options.records, key, known[key])
-                results.setdefault(name, []).append(known[key])
+                key = f"{name} {options.seed} {number}"
+                try:
+                    found = {way: _known(options, known, key, way, problem) for way in _WAYS}
+                except MbocpError as error:
+                    print(f"{key}: {error}")
+                    continue
+                costs, seconds = ({way: pair[k] for way, pair in found.items()} for k in (0, 1))
+                results.setdefault(name, []).append(Result(costs, seconds))
     show(header())
     show(menus_table(results, options.starts))
 
 
-def _read(path: Path | None) -> dict[str, Result]:
+def _known(
+    options: argparse.Namespace, known: dict[str, Found], task: str, way: str, problem: Problem
+) -> Found:
+    """What is among the records already, or is measured and added to them."""
+    key = f"{task} {way}" + (f" {options.starts}" if way == "many" else "")
+    if key not in known:
+        known[key] = measure(problem, way, options.starts)
+        if options.records is not None:
+            with options.records.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([key, *known[key]]) + "\n")
+    return known[key]
+
+
+def _read(path: Path | None) -> dict[str, Found]:
     lines = path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else []
-    entries = [json.loads(line) for line in lines]
-    return {entry["key"]: Result(entry["costs"], entry["seconds"]) for entry in entries}
-
-
-def _write(path: Path | None, key: str, result: Result) -> None:
-    if path is not None:
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": key, **asdict(result)}) + "\n")
+    return {key: (costs, seconds) for key, costs, seconds in map(json.loads, lines)}
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ class ClearOfObstacles:
     def run(self, job: Job) -> Solution:
         """Solve with the rows and the room that the motion asks for."""
         near, before = _near(job), list[Attempt]()
-        if job.start is None and job.problem.solver.starts == 1 and _may_be_rough(near.problem):
+        if job.start is None and job.problem.solver.num_starts == 1 and _may_be_rough(near.problem):
             near = _find_rows(near, before)
         if before and job.brief and not before[-1].is_converged:
             return job.read(before[-1])  # the same steps again would lead to the same end
@@ -146,7 +146,7 @@ def _is_interrupted(found: Solution | None) -> bool:
 def _may_be_on_the_wrong_side(problem: Problem) -> bool:
     """Whether a solve that has come to nothing may come to something on another way."""
     solver = problem.solver
-    return problem.guess.kind in _WITH_WAYS and solver.starts == 1 and solver.max_iterations is None
+    return problem.guess.kind in _WITH_WAYS and solver.num_starts == 1 and solver.max_iterations is None
 
 
 def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | None:

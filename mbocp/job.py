@@ -103,7 +103,7 @@ class Job:
     def has_several_starts(self) -> bool:
         """Whether several guesses or goals are to be tried, and no more is known."""
         is_free = not (self.rough or self.is_only or isinstance(self.start, Carried))
-        return is_free and (self.problem.solver.starts > 1 or bool(self.problem.goals))
+        return is_free and (self.problem.solver.num_starts > 1 or bool(self.problem.goals))
 
     def read(self, attempt: Attempt) -> Solution:
         """Return the solution of what was asked for, from what a solver came to."""

@@ -11,7 +11,9 @@ from pathlib import Path
 from mbocp.accuracy.of_solution import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
 from mbocp.job import Job
+from mbocp.menus.menu import BestOfMenu
 from mbocp.problem import Problem
+from mbocp.problem.solver import MENU
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers.records import Callback
@@ -78,7 +80,8 @@ def solve(
     job = Job.of(
         problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=gains or accuracy
     )
-    solution = strategy_for(job).run(job)
+    strategy = BestOfMenu() if problem.solver.starts == MENU else strategy_for(job)
+    solution = strategy.run(job)
     if accuracy and problem.accuracy is None:
         solution = with_accuracy(problem, solution, job.deadline)
     if check and not solution.converged:

@@ -207,7 +207,7 @@ def _is_final(solution: Solution, job: Job) -> bool:
 def _has_a_guess_left(problem: Problem) -> bool:
     """Whether a problem may be solved from its own guess, too, after a warm start."""
     solver = problem.solver
-    return solver.starts == 1 and not problem.goals and solver.max_iterations is None
+    return solver.num_starts == 1 and not problem.goals and solver.max_iterations is None
 
 
 def _add(first: Solution, second: Solution, name: str) -> Solution:

@@ -131,7 +131,8 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     has_joint_states = COORDINATES[task.problem.coordinates].has_joint_states
     is_linear = has_joint_states and VELOCITY_TAU.get(task.problem.scheme) == 0.5
     is_same = not efforts and method not in (BY_FORCES, BY_FRAMES)
-    is_both = is_linear and is_same and "j" not in task.problem.widest_limits.letters
+    is_free = not task.problem.robot.nc  # steps of closed loops put them together again
+    is_both = is_linear and is_same and is_free and "j" not in task.problem.widest_limits.letters
     of = "continuous and discretised" if is_both else "continuous"
     return Bound(value, least, "; ".join(words), of, "" if value > 0.0 else reason)
 
@@ -139,13 +140,11 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
 def _moved(task: Task, times: Array) -> Array:
     """What squares of velocities and accelerations cost in given times at least."""
     total = np.zeros_like(times)
-    if len(task.places) > 2:
-        return total
-    nv, start, goal = task.problem.robot.nv, task.places[0], task.places[1]
+    nv, start, goal = task.problem.robot.nv, task.places[0], task.places[-1]
     speed, rise = task.lightest("velocity", nv), task.lightest("acceleration", nv)
-    for i in np.flatnonzero(np.isfinite(task.moves)):
-        total += 0.5 * speed[i] * task.moves[i] ** 2 / times
-        if start.v[i] == 0.0:
+    for i, way in enumerate(task.ways):
+        total += 0.5 * speed[i] * way**2 / times
+        if np.isfinite(task.moves[i]) and start.v[i] == 0.0:
             total += rise[i] * (6.0 if goal.v[i] == 0.0 else 1.5) * task.moves[i] ** 2 / times**3
     return total
 
@@ -155,8 +154,8 @@ def _efforts(task: Task) -> tuple[float, str]:
     weights = task.lightest("effort", task.problem.robot.nu)
     if not weights.any():
         return 0.0, "nothing weighs efforts"
-    if task.why_no_forces or len(task.places) > 2:
-        return 0.0, f"efforts are not looked at: {task.why_no_forces or 'there are via points'}"
+    if task.why_no_forces:
+        return 0.0, f"efforts are not looked at: {task.why_no_forces}"
     from mbocp.bounds.efforts import least_squares  # CasADi, for those who need it
     from mbocp.bounds.windows import windows_of
 

@@ -60,8 +60,8 @@ class Task:
         """Why nothing is bounded; "" where something may be."""
         if self.problem.start_free is not None:
             return "the start is found with the motion"
-        if self.problem.robot.nc or self.problem.timeline.switches is not None:
-            return "closed loops, holds and impacts are not looked at"
+        if self.problem.timeline.switches is not None:
+            return "holds and impacts are not looked at"
         if not all(drive.has_state for drive in self.problem.robot.drives):
             return "controls that prescribe velocities are not looked at"
         return ""
@@ -77,6 +77,15 @@ class Task:
     def moves(self) -> Array:
         """How far joints are from the goal at the start, angles that may go round the shortest way."""
         return self.between(self.places[0].q, self.places[-1].q)
+
+    @property
+    def ways(self) -> Array:
+        """How far joints go from place to place at least; where one is not known, to the next that is."""
+        found, last = np.zeros(self.problem.robot.nv), self.places[0].q
+        for place in self.places[1:]:
+            found += np.abs(np.nan_to_num(self.between(last, place.q)))
+            last = np.where(np.isnan(place.q), last, place.q)
+        return found
 
     def between(self, begin: Array, end: Array) -> Array:
         """How far joints go from one place to another, angles that may go round the shortest way."""
@@ -101,6 +110,8 @@ class Task:
     def why_no_forces(self) -> str:
         """Why forces say nothing of the motion; "" where they may."""
         robot = self.problem.robot
+        if robot.nc:
+            return "constraints close loops"
         selection = np.asarray(robot.actuation.selection) != 0.0
         if robot.forces or robot.elastic or robot.actuation.frame_actuators:
             return "springs or forces at frames act"

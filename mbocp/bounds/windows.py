@@ -68,7 +68,7 @@ def windows_of(task: Task) -> Windows | None:
     w = replace(moment, gravity=rest).opposing(v) + Box(np.zeros_like(losses), losses)
     momenta = [
         _momentum(task, Place(q, place.v), (moment.M[[k]], v[[k]]))
-        for q, place, k in ((start, task.places[0], 0), (goal, task.places[1], -1))
+        for q, place, k in ((start, task.places[0], 0), (goal, task.places[-1], -1))
     ]
     at_edges = [
         np.vstack([side[:1], pick(side[1:], side[:-1]), side[-1:]])

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mbocp.problem.reasons.cause import Cause
     from mbocp.robot import Robot
     from mbocp.solution import Accuracy, ActiveLimit, Solution
+    from mbocp.solution.records import StartRecord
 
 _Rows = list[tuple[str, str | Text]]
 
@@ -211,16 +212,22 @@ def _horizon_and_solver(solution: Solution) -> list[str]:
 
 
 def _starts(solution: Solution) -> _Rows:
-    """What each of several guesses led to, a line each, the cheapest first."""
+    """Which of several guesses was taken, and what they led to, a line each, the cheapest first."""
     if not solution.starts:
         return []
-    ranked = sorted(solution.starts, key=lambda start: (not start.status.is_stationary, start.cost))
+    guesses, same = [start.guess for start in solution.starts], dict[str, list["StartRecord"]]()
+    for start in sorted(solution.starts, key=lambda start: (not start.status.is_stationary, start.cost)):
+        same.setdefault(f"{start.status}, cost {start.cost:.6g}", []).append(start)
     lines = [
-        f"{start.status}, cost {start.cost:.6g} after {start.iterations} iterations: {start.guess}"
-        for start in ranked[:_MAX_STARTS]
+        f"{words} after {found[0].iterations} iterations: {found[0].guess}"
+        + (f", and {len(found) - 1} more" if len(found) > 1 else "")
+        for words, found in same.items()
     ]
-    if len(ranked) > _MAX_STARTS:
-        lines.append(f"and {len(ranked) - _MAX_STARTS} more")
+    if len(lines) > _MAX_STARTS:
+        lines[_MAX_STARTS:] = [f"and {len(lines) - _MAX_STARTS} other ends"]
+    if solution.guess_used in guesses:
+        number = 1 + guesses.index(solution.guess_used)
+        lines.insert(0, f"number {number} of {len(guesses)} was taken: {solution.guess_used}")
     return [("starts", "\n".join(lines))]
 
 

@@ -10,7 +10,7 @@ from mbocp.formulation.found import at_found
 from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 
-_SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
+SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
 
 
 def is_preferred(formulation: Formulation, new: Outcome, known: tuple[Formulation, Outcome]) -> bool:
@@ -25,7 +25,7 @@ def is_preferred(formulation: Formulation, new: Outcome, known: tuple[Formulatio
     if new.result.status is not Status.CONVERGED:
         return is_better(new.result, old.result)
     cost, least = new.result.record.cost, old.result.record.cost
-    return cost < least - _SAME_COST * abs(least)
+    return cost < least - SAME_COST * abs(least)
 
 
 def status_of(formulation: Formulation, outcome: Outcome) -> Status:

@@ -36,6 +36,7 @@ _TRIALS = (  # how far a way goes to a random configuration, and the weights; fa
     (1.0, _SMALL),
     (0.5, _SMALL),
 )
+_FURTHER = 2 * _TRIALS[1:]  # while there is no motion that the steps resolve, as of arms with seven joints
 _ROUGH = 1e-3  # tolerance of a trial: it is to find where minima are
 _MOST = 40  # iterations of a trial with one weight
 _MOST_AFTER = 100  # iterations with all steps
@@ -83,7 +84,9 @@ class Screening:
     def best(self, known: Outcome) -> Outcome:
         """The best of what the trials lead to and of what is known."""
         coarse = with_fewer_steps(self.formulation)
-        trials = sorted(self._trials(coarse), key=lambda trial: trial.effort)
+        is_resolved = status_of(self.formulation, known) is Status.CONVERGED
+        ways = _TRIALS if is_resolved else (*_TRIALS, *_FURTHER)
+        trials = sorted(self._trials(coarse, ways), key=lambda trial: trial.effort)
         for count, trial in enumerate(trials):
             if trial.effort > _DEAR * trials[0].effort:
                 break
@@ -105,11 +108,11 @@ class Screening:
         is_stopped = bool(self.runs) and self.runs[-1].result.status is Status.INTERRUPTED
         return is_stopped or time.perf_counter() > self._deadline
 
-    def _trials(self, coarse: Formulation) -> Iterator[Trial]:
+    def _trials(self, coarse: Formulation, ways: Sequence[tuple[float, Sequence[float]]]) -> Iterator[Trial]:
         """Ends of the trials that get there, one of those that meet on their way."""
         problem, passed = self.formulation.problem, set[tuple[float, float]]()
         middle = middle_of_line(problem)
-        for number, (reach, shares) in enumerate(_TRIALS):
+        for number, (reach, shares) in enumerate(ways):
             rng = np.random.default_rng([problem.solver.seed, self.number, number])
             way = random_way(problem, rng, reach, middle) if reach else straight(problem)
             trial = self.trial(coarse, number, way, shares, passed)

@@ -61,7 +61,7 @@ def start_guesses(formulation: Formulation, warm_start: Warm, deadline: float = 
     ProblemError
         If the first one, asked for by name, cannot be made.
     """
-    wanted = formulation.problem.solver.starts
+    wanted = formulation.problem.solver.num_starts
     found: list[StartGuess] = []
     failed: dict[str, ProblemError] = {}
     for kind, make in _makers(formulation, warm_start):
@@ -128,7 +128,7 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
     yield own, partial(make_guess, own, formulation)
     for words, way in branch_ways(formulation.problem):
         yield "", partial(_along, formulation, words, way)
-    for words, way in _ways_around(formulation, formulation.problem.solver.starts):
+    for words, way in _ways_around(formulation, formulation.problem.solver.num_starts):
         yield "", partial(_along, formulation, words, way)
     for kind in others:
         yield kind, partial(make_guess, kind, formulation)

@@ -19,6 +19,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.guesses.line import line
+from mbocp.guesses.ranking import SAME_COST
 from mbocp.guesses.screening import Screening, Trial, can_screen, finer, with_fewer_steps
 from mbocp.guesses.ways import straight
 from mbocp.job import Job, settings_of
@@ -32,7 +33,7 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.later import retold
 from mbocp.solution.records import StartRecord
-from mbocp.solvers import Start, Status
+from mbocp.solvers import Phase, Start, Status
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.records import Callback
 from mbocp.strategies import strategy_for
@@ -49,6 +50,8 @@ _COMPARED = 41  # configurations of two motions
 _LONGEST, _SHOWN = 80, 5  # letters of a name in that of a file; motions in one picture
 _BRIEF = 200  # iterations of a solve from a way: what takes more seldom comes to anything
 _PARTS = (4, 2, 1)  # of the steps in a trial: few are quick, many are right
+_TRIES = 24  # ways to try
+_STARTS = 4  # of the problem's own guess, where effort alone costs: trials do not find all that these find
 _TRIALS = 4  # with few steps for each way to try: they are cheap
 _DEAR = 10.0  # times the least effort of all trials: what takes more does not go on
 
@@ -154,7 +157,7 @@ class Menu(Sequence[Solution]):
 def menu(
     problem: Problem | str | Path,
     *,
-    tries: int = 24,
+    tries: int = _TRIES,
     threads: int | None = None,
     time_limit: float | None = None,
     callback: Callback | None = None,
@@ -177,8 +180,8 @@ def menu(
     Returns
     -------
     Menu
-        The best is never worse than what `mbocp.solve` finds from one start. Ctrl-C ends it with what there
-        is.
+        The best is never worse than what `mbocp.solve` finds from one start; where effort alone costs, from
+        four. Ctrl-C ends it with what there is.
 
     Raises
     ------
@@ -192,24 +195,56 @@ def menu(
             raise InvalidValue(name, value, "a whole number, 1 or more")
     asked = problem_from(problem)
     begun = time.perf_counter()
-    alone = replace(asked, solver=replace(asked.solver, starts=1, threads=1))
-    job = Job.of(alone, time_limit=time_limit, callback=callback)
+    job = Job.of(asked, time_limit=time_limit, callback=callback)
     search = _Search(job, tries, threads or available_threads())
-    found = search.run()
-    merged = _merge(asked.robot, found)
+    merged = _merge(asked.robot, search.run())
     names = names_of_motions(asked, [solution for solution, _ in merged])
     choices = tuple(Choice(name, *one) for name, one in zip(names, merged, strict=True))
     return Menu(asked, choices, search.tried, time.perf_counter() - begun)
 
 
+@dataclass(frozen=True)
+class BestOfMenu:
+    """Solve as a menu does, and take the best."""
+
+    def run(self, job: Job) -> Solution:
+        """Solve from each way; the solution has a record of each."""
+        begun, search = time.perf_counter(), _Search(job, _TRIES, job.problem.solver.num_threads)
+        best, *others = search.run()
+        for one in others:
+            if not best.converged or one.cost < best.cost - SAME_COST * abs(best.cost):
+                best = one
+        spent = time.perf_counter() - begun
+        phases = (*best.phases, Phase("other ways", 0, max(0.0, spent - best.wall_time_s)))
+        best = retold(best, starts=tuple(search.records), phases=phases, wall_time_s=spent)
+        if not search.is_interrupted:
+            return best
+        return retold(best, status=Status.INTERRUPTED, advice=f"interrupted before all ways; {best.advice}")
+
+
 @dataclass(eq=False)
 class _Search:
-    """Solves from all candidates, side by side."""
+    """Solves from all candidates, side by side.
+
+    Attributes
+    ----------
+    job : Job
+        Its problem is solved from each.
+    tries, threads : int
+    tried : int
+        Number of candidates.
+    records : list of StartRecord
+        What each comes to that is solved with all steps.
+    is_interrupted : bool
+        Whether somebody pressed Ctrl-C.
+    """
 
     job: Job
     tries: int
     threads: int
     tried: int = 0
+    records: list[StartRecord] = field(default_factory=list)
+    is_interrupted: bool = False
     _formulations: dict[int | None, Formulation] = field(default_factory=dict)
 
     def run(self) -> list[Solution]:
@@ -217,12 +252,15 @@ class _Search:
         problem, ways = self.job.problem, list[Candidate]()
         for number, member in problem.members:
             place = number if problem.goals else None
+            member = replace(member, solver=replace(member.solver, starts=1, threads=1))
             self._formulations[place] = formulate_with_independent_ends(member, self.job.deadline)[0]
             most = self.tries * (_TRIALS if _is_for_trials(self._formulations[place]) else 1)
             ways += candidates(self._formulations[place], place, most)
         self.tried = len(ways)
         ways = [way for place in self._formulations for way in self._worth_it(place, ways)]
         found = self._side_by_side(self._solve, ways)
+        for number, solution in found.items():
+            self.records.append(_record(solution, ways[number].place))
         first, *others = found.values()
         return [first, *(solution for solution in others if solution.converged)]
 
@@ -265,16 +303,19 @@ class _Search:
 
     def _solve(self, candidate: Candidate, number: int, watch: Watch) -> Solution:
         """The solution from one candidate; that of the problem's own guess is what `solve` finds."""
-        problem, start = candidate.begin(self._formulations[candidate.place])
-        job = replace(self.job.anew(), asked=candidate.problem, problem=problem, start=start, callback=watch)
+        formulation = self._formulations[candidate.place]
+        problem, start = candidate.begin(formulation)
+        if number == 0:
+            start = self.job.start
+            starts = _STARTS if _is_for_trials(formulation) else 1
+            problem = replace(problem, solver=replace(problem.solver, starts=starts))
+        job = replace(self.job.anew(), problem=problem, start=start, callback=watch)
         solution = strategy_for(job).run(replace(job, is_only=number > 0, brief=_BRIEF if number else 0))
-        if number:
-            solution = retold(solution, guess_used=candidate.words)
-        if candidate.place is not None:
-            result = (solution.status, solution.cost, solution.iterations)
-            record = StartRecord(solution.guess_used, *result, candidate.place)
-            solution = retold(solution, starts=(record,))
-        return solution
+        words, place = candidate.words if number else solution.guess_used, candidate.place
+        if place is None:
+            return retold(solution, guess_used=words)
+        solution = retold(solution, guess_used=f"to goal.any.{place}, {words}")
+        return retold(solution, starts=(_record(solution, place),))
 
     def _side_by_side(
         self, work: Callable[[Candidate, int, Watch], T | None], ways: Sequence[Candidate]
@@ -288,9 +329,16 @@ class _Search:
         try:
             row.run(self.threads)
         except KeyboardInterrupt:
+            self.is_interrupted = True
             if not any(isinstance(found, Solution) for found in row.results.values()):
                 raise
+        self.is_interrupted |= any(_is_interrupted(found) for found in row.results.values())
         return {number: found for number, found in row.results.items() if found is not None}
+
+
+def _record(solution: Solution, place: int | None) -> StartRecord:
+    status, cost, iterations = solution.status, solution.cost, solution.iterations
+    return StartRecord(solution.guess_used, status, cost, iterations, place)
 
 
 def _is_interrupted(found: object) -> bool:

@@ -29,6 +29,7 @@ from mbocp.solvers.options import (
 )
 from mbocp.terms.written import Finite
 
+MENU = "menu"  # in the place of a number of starts
 _LARGEST_TOLERANCE = 1e-2  # the paper's is 1e-9; half of the residual of rough solves around obstacles
 
 
@@ -54,15 +55,18 @@ def _threshold(key: str, value: Any) -> float:
     return number
 
 
-def _threads(key: str, value: Any) -> int | str:
-    if isinstance(value, str):
-        return check_choice(key, value, ("auto",), "or a whole number of at least 1")
-    return check_integer(key, value, minimum=1)
+def _whole_or(word: str) -> Check:
+    def work(key: str, value: Any) -> int | str:
+        if isinstance(value, str):
+            return check_choice(key, value, (word,), "or a whole number of at least 1")
+        return check_integer(key, value, minimum=1)
+
+    schema = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": word}]}
+    return Check(f'whole number > 0 or `"{word}"`', schema, work=work)
 
 
 _METHODS = choice(METHODS)
 _THRESHOLD = Check("number >= 0", {"minimum": 0}, work=_threshold)
-_THREADS = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": "auto"}]}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +75,9 @@ class SolverOptions(Options):
 
     Attributes
     ----------
-    starts : int
-        Number of guesses from which the problem is solved; the best result is the solution.
+    starts : int or "menu"
+        Number of guesses from which the problem is solved, or the ways of a menu; the best result is the
+        solution.
     seed : int
         Of the random ones among them.
     threads : int or "auto"
@@ -84,7 +89,7 @@ class SolverOptions(Options):
         If an option is none of the words for it, or a number that cannot be right.
     """
 
-    starts: int = 1
+    starts: int | str = 1
     seed: int = 0
     threads: int | str = 1
 
@@ -93,6 +98,11 @@ class SolverOptions(Options):
             value = getattr(self, key)
             if value is not None or getattr(SolverOptions, key) is not None:
                 object.__setattr__(self, key, check(f"solver.{key}", value))
+
+    @property
+    def num_starts(self) -> int:
+        """Number of guesses of one solve; each way of a menu is one of its own."""
+        return 1 if self.starts == MENU else int(self.starts)
 
     @property
     def num_threads(self) -> int:
@@ -143,16 +153,16 @@ class SolverTable(Table):
     ] = SolverOptions.time_limit
     linear_solver: Annotated[str, choice(LINEAR_SOLVERS), Key("of `ipopt`")] = SolverOptions.linear_solver
     starts: Annotated[
-        int,
-        whole(1),
-        Key("[guesses](solver.md#several-starts) of which the best result is taken"),
+        int | str,
+        _whole_or(MENU),
+        Key("[guesses](solver.md#several-starts), or ways of a [menu](menu.md), of which the best is taken"),
     ] = SolverOptions.starts
     seed: Annotated[int, whole(0), Key("of the random guesses among them", takes="whole number")] = (
         SolverOptions.seed
     )
     threads: Annotated[
         int | str,
-        Check('whole number > 0 or `"auto"`', _THREADS, work=_threads),
+        _whole_or("auto"),
         Key('[threads](solver.md#threads); `"auto"`: as many as processors'),
     ] = SolverOptions.threads
 

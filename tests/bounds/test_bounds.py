@@ -157,9 +157,42 @@ def test_via_points_add_up(double):
     assert found.duration == pytest.approx(1.0)
 
 
+@pytest.mark.usefixtures("interpreted")
+def test_ways_through_via_points_cost_what_straight_ways_cost(double):
+    """A joint that goes up by 0.5 and down by 0.8 in T at least W 1.3^2 / (2 T)."""
+    via = [{"name": "a", "q": [0.5, 0.0], "time": "free"}]
+    cost = {"effort": 0.0, "velocity": [2.0, 0.0]}
+    problem = reach(double, [-0.3, 0.2], 0.5, cost=cost, limits={"effort": 1e4}, via=via)
+    found = bound(solved(problem))
+    assert found.value == pytest.approx(2.0 * 1.3**2 / (2.0 * 0.5))
+    assert 0.0 < found.gap < 0.05
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("seed", range(3))
+def test_efforts_through_via_points_are_not_beaten(double, seed):
+    ways = np.random.default_rng(seed).uniform(-0.3, 0.3, (2, 2))
+    via = [{"name": "a", "q": ways[0], "time": "free"}]
+    found = bound(solved(reach(double, ways[1], 0.2, limits={"velocity": 5.0}, via=via)))
+    assert 0.0 < found.value < found.reached
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_joints_of_closed_loops_go_their_ways_alone():
+    """Those of a parallelogram turn alike, so that all can go straight at once; efforts count zero."""
+    problem = load_problem(EXAMPLES / "loops" / "parallelogram_arm.toml").with_(cost={"effort": 1e-9})
+    found = bound(solved(problem))
+    assert 0.0 <= found.gap < 0.02
+    assert found.of == "continuous"
+    fast = problem.with_(duration={"min": 0.01, "max": 2.0}, cost=FASTEST, limits={"velocity": 1.0})
+    away = np.abs(problem.robot.difference(problem.q_start, problem.goal.q)).max()
+    assert bound(fast).duration == pytest.approx(away)
+
+
 def test_why_there_is_no_bound():
     for example, words in (
-        ("loops/four_bar.toml", "closed loops"),
+        ("loops/four_bar.toml", "close loops"),
+        ("loops/polish.toml", "holds"),
         ("paper/elastic_pendulum.toml", "springs"),
         ("optima/free_flyer.toml", "may be negative by fuel"),
     ):

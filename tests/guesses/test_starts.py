@@ -138,7 +138,9 @@ def test_files_json_and_summary_tell_of_all_starts(tmp_path):
     table = json.loads(solution.to_json())["starts"]
     assert [row["cost"] for row in table] == [start.cost for start in solution.starts]
     row = dict(solution_rows(solution, ""))["starts"]
-    assert len(str(row).splitlines()) == 3
+    first, *lines = str(row).splitlines()
+    assert first.startswith(f"number {1 + [s.cost for s in solution.starts].index(solution.cost)} of 3 ")
+    assert len(lines) == len({f"{start.cost:.6g}" for start in solution.starts})
     assert "starts = 3" in solution.problem_text
 
 

@@ -10,8 +10,10 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.exceptions import InvalidValue
+from mbocp.cli.summary import solution_rows
+from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.menus.names import _directions
+from mbocp.solvers import Status
 
 SE1 = ["integrator.scheme=se1"]
 
@@ -50,6 +52,50 @@ def test_a_menu_is_sorted_and_begins_with_the_best(ur5_problem, ur5_menu):
     assert len(set(ur5_menu.names)) == len(ur5_menu)
     assert sum(choice.ways for choice in ur5_menu.choices) <= ur5_menu.tried == 24
     assert repr(ur5_menu).splitlines()[1].split() == ["0", f"{costs[0]:.6g}", *ur5_menu.names[0].split()]
+
+
+def test_a_solve_takes_the_best_of_a_menu(ur5_problem, ur5_menu):
+    solution = mbocp.solve(ur5_problem.with_(solver={"starts": "menu"}))
+    assert solution.cost == pytest.approx(ur5_menu[0].cost, rel=1e-8)
+    assert len(solution.starts) == ur5_menu.tried
+    costs = {f"{s.cost:.6g}" for s in solution.starts if s.status is Status.CONVERGED}
+    assert costs >= {f"{s.cost:.6g}" for s in ur5_menu}
+    first = str(dict(solution_rows(solution, ""))["starts"]).splitlines()[0]
+    number = 1 + [start.guess for start in solution.starts].index(solution.guess_used)
+    assert first == f"number {number} of 24 was taken: {solution.guess_used}"
+    assert 'starts = "menu"' in solution.problem_text
+    again = mbocp.solve(solution.problem, warm_start=solution)
+    assert again.starts[0].guess == "warm start from a solution"
+    assert again.guess_used == again.starts[0].guess  # of several at the same minimum the first
+
+
+def test_a_solve_takes_the_best_of_all_goals():
+    changes = ["horizon.steps=15", "integrator.scheme=se1", "solver.starts=menu"]
+    problem = mbocp.load_problem("examples/arms/either_side.toml", changes)
+    solution = mbocp.solve(problem)
+    assert {start.goal for start in solution.starts} == {0, 1}
+    assert solution.goal_place == int(solution.guess_used[len("to goal.any.")])
+    least = min(start.cost for start in solution.starts if start.status is Status.CONVERGED)
+    assert solution.cost == pytest.approx(least, rel=1e-8)
+    assert len(solution.problem.goals) == 2
+
+
+def test_ctrl_c_ends_a_solve_with_the_best_way_so_far(ur5_problem):
+    records = []
+
+    def press(record: object) -> None:
+        records.append(record)
+        if len(records) == 60:
+            raise KeyboardInterrupt
+
+    solution = mbocp.solve(ur5_problem.with_(solver={"starts": "menu"}), callback=press)
+    assert solution.status is Status.INTERRUPTED
+    assert 1 < len(solution.starts) < 24
+
+
+def test_starts_are_a_number_or_a_menu(ur5_problem):
+    with pytest.raises(ProblemFileError, match=r"solver\.starts: got 'card', expected \"menu\"; or a whole"):
+        ur5_problem.with_(solver={"starts": "card"})
 
 
 def test_an_arm_of_six_joints_has_eight_branches_with_their_names(ur5_problem, ur5_menu):

@@ -169,4 +169,4 @@ def test_arms_of_a_millimetre_and_of_a_kilometre(task: str, tmp_path: Path) -> N
     row = run_task(name, int(seed), tmp_path)
     assert row["status"] in ("converged", "under_resolved"), row["advice"]
     assert row["failures"] == []
-    assert row["iterations"] < 250  # those of trials with few steps included, where effort alone costs
+    assert row["iterations"] < 350  # those of trials with few steps included, where effort alone costs
