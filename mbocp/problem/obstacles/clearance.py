@@ -462,12 +462,7 @@ class Clearance(BoundedTerm):
         planes = [p for k, p in self._planes.items() if self.owners[k] == number]
         kept = f"keep {1e3 * max((p.error for p in planes), default=0.0):.2g} mm more away at most"
         if obstacle.compound is not None:
-            body = obstacle.compound
-            told = (
-                f"; {len(body.parts)} convex parts stick out of its surface by {1e3 * body.sticks_out:.2f} mm"
-            )
-            told += f" and leave {1e3 * body.uncovered:.2f} mm of it uncovered at most"
-            return told + (f"; planes around them {kept}" if planes else "")
+            return f"; {obstacle.compound.words}" + (f"; planes around them {kept}" if planes else "")
         if not planes:
             return ""
         told = f"; {len(planes[0].offsets)} planes stand for its hull and {kept}"
