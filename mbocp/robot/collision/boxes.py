@@ -97,7 +97,7 @@ def boxes_of_cloud(points: Array, resolution: float = RESOLUTION) -> Boxes:
     cubes = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
     low, high = _joined(cubes)
     _check_count(len(low), "resolution")
-    lows, highs = resolution * low, resolution * high
+    lows, highs = (np.asarray(resolution * side, dtype=np.float64) for side in (low, high))
     words = f"{len(lows)} boxes of {len(cubes)} cubes of {1e3 * resolution:.3g} mm stand for its points"
     keys = {"points": (resolution * (cubes + 0.5)).tolist(), "resolution": resolution}
     return Boxes(frozen_array(lows), frozen_array(highs), keys, _surface_of_boxes(lows, highs), words)
@@ -152,9 +152,8 @@ def boxes_of_heights(heights: Array, cell: float, resolution: float = RESOLUTION
     span = 0.5 * cell * np.array([heights.shape[1] - 1, heights.shape[0] - 1])
     lows, highs, out = np.empty((len(found), 3)), np.empty((len(found), 3)), 0.0
     for k, (i, j, rows, columns) in enumerate(found):
-        inside = np.s_[i : i + rows, j : j + columns]
-        top = float(tops[inside].max())
-        out = max(out, top - float(corners[(slice(None), *inside)].min()))
+        top = float(tops[i : i + rows, j : j + columns].max())
+        out = max(out, top - float(corners[:, i : i + rows, j : j + columns].min()))
         lows[k] = cell * j - span[0], span[1] - cell * (i + rows), low
         highs[k] = cell * (j + columns) - span[0], span[1] - cell * i, top
     words = f"{len(found)} boxes of {is_cell.sum()} cells are up to {1e3 * out:.3g} mm higher than it"
