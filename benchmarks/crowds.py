@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy.spatial  # noqa: F401  # its import takes a second, once
 
 import mbocp
 from benchmarks.machine import header, one_core

@@ -25,7 +25,7 @@ import casadi as ca
 from mbocp._keys import Key
 from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
-from mbocp.terms.surface import Height, SurfaceKeys
+from mbocp.terms.surface import SurfaceKeys, SurfaceShape
 from mbocp.terms.written import Bound, Pair, Positive, Triple
 
 _SIZE = 6  # force along the normal and two tangents, torque about them
@@ -79,7 +79,7 @@ class ContactTerm(Structure):
         found |= {"facets": 3 * self.facets} if self.facets else {}
         found |= {"halves": 2} if self.has_pressure else {}
         if self.ground:
-            found |= Height(*self.ground).sizes
+            found |= SurfaceShape(*self.ground[1:]).sizes
         return found | ({"yaw": 1} if self.has_yaw else {})
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -88,7 +88,8 @@ class ContactTerm(Structure):
         wrench = ca.reshape(p["map"], _SIZE, len(self.of_rows)) @ lam
         normal, across, torque = wrench[0], wrench[1:3], wrench[3:]
         if self.ground:
-            up = Height(*self.ground).normal(at, p)
+            place = at.mechanics.frame_position(self.ground[0], at.q)
+            up = SurfaceShape(*self.ground[1:]).normal(place, p)
             normal, across = ca.dot(up, wrench[:3]), ca.cross(up, wrench[:3])
         rows = [normal]
         if self.has_cone:

@@ -13,7 +13,7 @@ Unser, "Splines: a perfect fit for signal and image processing", 1999.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
 import casadi as ca
@@ -23,8 +23,7 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.path import PathNumbers, PathTerm, finite_bounds, one_bound
-from mbocp.terms.written import Bound, Finite, Positive, Triple
+from mbocp.terms.written import Finite, Positive, Triple
 
 MOST_HEIGHTS = 1024  # each is an operation of every function that sees them
 _GRID = 6  # numbers of a grid
@@ -65,10 +64,10 @@ class Surface(NamedTuple):
         return cls(found.ravel(order="F"), np.array([*first, cell, m, n], dtype=np.float64))
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self) -> SurfaceShape:
         """Rows and columns."""
         m, n = self.grid[4:]
-        return int(m), int(n)
+        return SurfaceShape(int(m), int(n))
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -123,7 +122,7 @@ def _solve(heights: Array) -> Array:
     ends = np.zeros((2, count + 2))
     ends[0, :3] = ends[1, -3:] = 1.0, -2.0, 1.0
     rows = np.vstack([ends[:1], _stencil(count), ends[1:]])
-    return np.linalg.solve(rows, np.pad(heights, ((1, 1), (0, 0))))
+    return np.asarray(np.linalg.solve(rows, np.pad(heights, ((1, 1), (0, 0)))), dtype=np.float64)
 
 
 class SurfaceKeys(Table):
@@ -141,73 +140,29 @@ class SurfaceKeys(Table):
     middle: Annotated[Triple, Key("of the map, at height 0", "m", "0")] = None
 
 
-@dataclass(frozen=True)
-class Height(PathTerm):
-    """Height of the frame's origin above a map.
+class SurfaceShape(NamedTuple):
+    """Rows and columns of a map: all that expressions depend on."""
 
-    Attributes
-    ----------
-    map_rows, map_columns : int
-        Of the map.
-    """
-
-    map_rows: int
-    map_columns: int
-
-    kind = "height"
-    unit = "m"
-
-    class Keys(SurfaceKeys):
-        """Keys."""
-
-        min: Annotated[Bound, Key("of a height above the map", "m", beside=("max",))] = None
-        max: Bound = None
-
-    @classmethod
-    def of(cls, given: PathNumbers) -> Height:
-        """With the size of the map."""
-        return cls(given.frame, *_surface(given).size)
+    rows: int
+    columns: int
 
     @property
-    def sizes(self) -> dict[str, int]:  # type: ignore[override]
-        """Numbers of the map."""
-        return {"coefficients": (self.map_rows + 2) * (self.map_columns + 2), "grid": _GRID}
+    def sizes(self) -> dict[str, int]:
+        """Size of each parameter."""
+        return {"coefficients": (self.rows + 2) * (self.columns + 2), "grid": _GRID}
 
-    @classmethod
-    def check(cls, given: PathNumbers, key: str) -> None:
-        """Nothing: what is no map was refused when it was made."""
+    def height(self, place: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Of the map above or below a place [m]."""
+        return height_at(place, p["coefficients"], p["grid"], self)
 
-    @classmethod
-    def read(cls, given: Any, robot: Any, key: str) -> dict[str, Any]:
-        """The map and bounds."""
-        surface = surface_from(given, key)
-        if surface is None:
-            raise ProblemError(f"{key}: above what? Give heights and cell")
-        return {**surface._asdict(), **one_bound(given, key)}
-
-    @classmethod
-    def write(cls, given: PathNumbers, robot: Any) -> dict[str, Any]:
-        """The map and bounds."""
-        return {**_surface(given).keys, **finite_bounds(given)}
-
-    def expression(self, at: Any, p: Any) -> ca.SX:
-        """Height [m]."""
-        place = at.mechanics.frame_position(self.frame, at.q)
-        return place[2] - self._map(place, p)
-
-    def normal(self, at: Any, p: Any) -> ca.SX:
-        """Of the map where the frame is, upwards: along z, x and y."""
-        place = ca.SX.sym("place", 2)
-        slope = ca.gradient(self._map(place, p), place)
-        there = at.mechanics.frame_position(self.frame, at.q)[:2]
-        up = ca.vertcat(1, -ca.substitute(slope, place, there))
+    def normal(self, place: ca.SX, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Of the map there, upwards: along z, x and y."""
+        at = ca.SX.sym("at", 2)
+        up = ca.vertcat(1, -ca.substitute(ca.gradient(self.height(at, p), at), at, place[:2]))
         return up / ca.sqrt(ca.sumsqr(up))
 
-    def _map(self, place: ca.SX, p: Any) -> ca.SX:
-        return height_at(place, p["coefficients"], p["grid"], (self.map_rows, self.map_columns))
 
-
-def surface_from(given: Any, key: str) -> Surface | None:
+def surface_from(given: Mapping[str, Any], key: str) -> Surface | None:
     """The map that keys say; None where they say none.
 
     Raises
@@ -223,7 +178,3 @@ def surface_from(given: Any, key: str) -> Surface | None:
     if given.get("cell") is None:
         raise ProblemError(f"{key}: heights: how far are they apart? Give cell [m]")
     return Surface.through(given["heights"], given["cell"], given.get("middle") or [0.0] * 3, key)
-
-
-def _surface(given: PathNumbers) -> Surface:
-    return Surface(np.asarray(given.number("coefficients")), np.asarray(given.number("grid")))

@@ -34,9 +34,9 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
-from mbocp.terms import ContactTerm
+from mbocp.terms import ContactTerm, Height
 from mbocp.terms.span import Share
-from mbocp.terms.surface import Height, Surface, surface_from
+from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
