@@ -78,9 +78,14 @@ class ContactBounds(BoundedTerm):
 
     @cached_property
     def map(self) -> Array:
-        """From the forces of its rows to force and torque along the normal and two tangents, shape (6, k)."""
+        """From the forces of its rows to force and torque along the normal and two tangents, shape (6, k).
+
+        Those of the level, z, x and y, on a map.
+        """
         normal = self.contact.normal_of(self.source.constraint)
         axes = np.array([normal, *perpendiculars(normal)])
+        if self.contact.surface is not None:
+            axes = np.eye(3)[[2, 0, 1]]
         whole = self.source.constraint.wrench_map[:, list(self.source.rows)]
         found: Array = np.vstack([axes @ whole[:3], axes @ whole[3:]])
         return found
@@ -89,7 +94,9 @@ class ContactBounds(BoundedTerm):
     def term(self) -> ContactTerm:
         """Its structure, with its expression."""
         asked = self.contact
+        map_size = () if asked.surface is None else asked.surface.size
         return ContactTerm(
+            ground=(self.source.constraint.frame_ids[0], *map_size) if map_size else (),
             of_rows=self.source.places,
             has_cone=asked.friction is not None and asked.facets is None,
             facets=asked.facets or 0,
@@ -176,7 +183,7 @@ class ContactBounds(BoundedTerm):
             found["halves"] = np.array(self.contact.pressure) / 2.0
         if self.contact.yaw_friction is not None:
             found["yaw"] = np.array([self.contact.yaw_friction])
-        return found
+        return found if self.contact.surface is None else found | self.contact.surface._asdict()
 
     @property
     def _facets(self) -> Array:
@@ -223,7 +230,12 @@ class ContactBounds(BoundedTerm):
         progress: Mapping[str, Array],
     ) -> Array:
         """Those of the forces."""
-        return self.values_of(lams)
+        if self.contact.surface is None:
+            return self.values_of(lams)
+        name = robot.frame_names[self.term.ground[0]]
+        places = np.array([robot.frame_placement(name, q).translation for q in states[0]])
+        up = np.column_stack([np.ones(len(places)), -self.contact.surface.at(places)[1]])
+        return self.values_of(lams, up / np.linalg.norm(up, axis=1, keepdims=True))
 
     def wrenches(self, lams: Array) -> Array:
         """Force and torque along the normal and two tangents, shape (n, 6) [N, N m].
@@ -236,15 +248,22 @@ class ContactBounds(BoundedTerm):
         found: Array = lams[:, list(self.term.of_rows)] @ self.map.T
         return found
 
-    def values_of(self, lams: Array) -> Array:
+    def values_of(self, lams: Array, up: Array | None = None) -> Array:
         r"""Values, shape (n, rows) [N, N m]: of a cone :math:`\mu f_n - |f_t|`.
 
         Parameters
         ----------
         lams : ndarray, shape (n, nc)
             As of `wrenches`.
+        up : ndarray, shape (n, 3), optional
+            Normal where the frame is on a map, along z, x and y.
         """
         f = self.wrenches(lams)
+        if up is not None:
+            along = np.einsum("ij,ij->i", up, f[:, :3])
+            f = np.column_stack(
+                [along, np.linalg.norm(np.cross(up, f[:, :3]), axis=1), np.zeros((len(f), 4))]
+            )
         normal, columns = f[:, 0], [f[:, 0]]
         if self.term.has_cone:
             columns.append((self.contact.friction or 0.0) * normal - np.linalg.norm(f[:, 1:3], axis=1))
@@ -350,4 +369,13 @@ def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource
             "force at a point; name a constraint between frames"
         )
     asked.check_kind(found.constraint)
+    ground = robot.model.frames[found.constraint.frame_ids[-1]]
+    if asked.surface is not None and (
+        not found.constraint.fixes_origin
+        or ground.parentJoint
+        or not np.allclose(ground.placement.rotation, np.eye(3))
+    ):
+        raise ProblemError(
+            f"{asked.key}: heights: hold the frame by a point or a weld, second a frame with the world's axes"
+        )
     return found

@@ -13,6 +13,7 @@ from mbocp.problem._checks import check_bool, check_integer, check_number, check
 from mbocp.robot.loops.kinds.axes import Axis, unit_axis
 from mbocp.robot.loops.kinds.base import Constraint
 from mbocp.terms import ContactTerm, Span
+from mbocp.terms.surface import Surface
 
 _Z: Axis = (0.0, 0.0, 1.0)
 _LEAST_FACETS, _MOST_FACETS = 3, 64
@@ -51,6 +52,8 @@ class ContactForce:
         Bound of the torque about the normal by the normal force [m].
     impulses : bool
         Whether impulses of impacts in which the constraint acts stay in the cones, and push, too.
+    surface : Surface, optional
+        A map on which the first frame stands, in the world: its normal is meant, wherever the frame is.
     span : Span
         When it holds.
     """
@@ -66,6 +69,7 @@ class ContactForce:
     pressure: tuple[float, float] | None = None
     yaw_friction: float | None = None
     impulses: bool = True
+    surface: Surface | None = None
     span: Span = field(default_factory=Span)
 
     def __post_init__(self) -> None:
@@ -85,6 +89,9 @@ class ContactForce:
                 raise InvalidValue(f"{key}: pressure", list(sides), "two lengths")
             object.__setattr__(self, "pressure", sides)
         check_bool(f"{key}: impulses", self.impulses)
+        for name in ("normal", "facets", "pressure", "yaw_friction") if self.surface is not None else ():
+            if getattr(self, name) is not None:
+                raise ProblemError(f"{key}: {name}: not on a map, whose normal changes from place to place")
         self._check_facets()
         self._check_bounds()
         self.span.check(key)
@@ -170,4 +177,5 @@ class ContactForce:
             value = getattr(self, name)
             table |= {} if value is None else {name: value}
         table |= {} if self.impulses else {"impulses": False}
+        table |= {} if self.surface is None else self.surface.keys
         return {**table, **self.span.write()}

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from mbocp.terms.kinds import Energy as Energy
     from mbocp.terms.kinds import ExactGoal as ExactGoal
     from mbocp.terms.kinds import Follow as Follow
+    from mbocp.terms.kinds import Height as Height
     from mbocp.terms.kinds import Line as Line
     from mbocp.terms.kinds import Orientation as Orientation
     from mbocp.terms.kinds import OrientationKept as OrientationKept

@@ -22,9 +22,10 @@ from typing import Annotated, ClassVar
 
 import casadi as ca
 
-from mbocp._keys import Key, Table
+from mbocp._keys import Key
 from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
+from mbocp.terms.surface import SurfaceKeys, SurfaceShape
 from mbocp.terms.written import Bound, Pair, Positive, Triple
 
 _SIZE = 6  # force along the normal and two tangents, torque about them
@@ -48,6 +49,8 @@ class ContactTerm(Structure):
         Whether the centre of pressure stays inside a rectangle.
     has_yaw : bool
         Whether the torque about the normal is bounded.
+    ground : tuple of int
+        Frame that stands on a map, whose normal is meant, and the map's rows and columns; or nothing.
     """
 
     of_rows: tuple[int, ...]
@@ -56,6 +59,7 @@ class ContactTerm(Structure):
     has_norm: bool = False
     has_pressure: bool = False
     has_yaw: bool = False
+    ground: tuple[int, ...] = ()
 
     kind: ClassVar[str] = "contact_force"
     unit: ClassVar[str] = "N"
@@ -74,6 +78,8 @@ class ContactTerm(Structure):
         found |= {"friction": 1} if self.has_cone else {}
         found |= {"facets": 3 * self.facets} if self.facets else {}
         found |= {"halves": 2} if self.has_pressure else {}
+        if self.ground:
+            found |= SurfaceShape(*self.ground[1:]).sizes
         return found | ({"yaw": 1} if self.has_yaw else {})
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -81,6 +87,10 @@ class ContactTerm(Structure):
         lam = at.remembered["reaction"][list(self.of_rows)]
         wrench = ca.reshape(p["map"], _SIZE, len(self.of_rows)) @ lam
         normal, across, torque = wrench[0], wrench[1:3], wrench[3:]
+        if self.ground:
+            place = at.mechanics.frame_position(self.ground[0], at.q)
+            up = SurfaceShape(*self.ground[1:]).normal(place, p)
+            normal, across = ca.dot(up, wrench[:3]), ca.cross(up, wrench[:3])
         rows = [normal]
         if self.has_cone:
             rows.append((p["friction"] * normal) ** 2 - ca.sumsqr(across))
@@ -96,7 +106,7 @@ class ContactTerm(Structure):
         return ca.vertcat(*rows)
 
 
-class ContactKeys(Table):
+class ContactKeys(SurfaceKeys):
     """Keys of the kind `"contact_force"`."""
 
     constraint: Annotated[
@@ -106,7 +116,10 @@ class ContactKeys(Table):
             default="required",
         ),
     ] = None
-    normal: Annotated[Triple, Key("in the axes of the constraint's second frame", default="z")] = None
+    normal: Annotated[
+        Triple,
+        Key("in the axes of the constraint's second frame", default="z; that of a map, where `heights` are"),
+    ] = None
     friction: Annotated[Positive | None, Key("friction coefficient")] = None
     facets: Annotated[int | None, Key("of a pyramid in place of the cone", takes="whole number > 2")] = None
     min_normal: Annotated[

@@ -33,6 +33,7 @@ from mbocp.terms.braking import Braking as Braking
 from mbocp.terms.motor import Motor as Motor
 from mbocp.terms.kept import Line as Line, OrientationKept as OrientationKept
 from mbocp.terms.follow import Follow as Follow
+from mbocp.terms.height import Height as Height
 from mbocp.terms.contact import ContactKeys, ContactTerm
 
 

@@ -139,3 +139,35 @@ def test_a_motion_that_keeps_clear_tells_how_near_it_comes_when_asked():
     assert (found.clearance, found.clearance_time) == (expected.distance, expected.time)
     assert found.clearance_between == expected.between
     assert is_there(found, "clearance")
+
+
+@pytest.fixture(scope="module")
+def crowd() -> Clearance:
+    """Of the arm among hundreds of small boxes, one on its wrist, and a floor."""
+    rng, boxes = np.random.default_rng(1), OBSTACLES[1:]
+    for k, at in enumerate(rng.uniform([-1.0, -1.0, 0.4], [1.0, 1.0, 1.2], (300, 3))):
+        where = {"frame": "wrist_1_link"} if k == 0 else {}
+        size = rng.uniform(0.01, 0.05, 3).tolist()
+        boxes.append({"name": f"b{k}", "shape": "box", "size": size, "position": at.tolist(), **where})
+    problem = Problem.create(
+        "ur5", 1.0, 8, start={"q": START}, goal={"q": START, "v": 0}, obstacle=boxes, self_collision=True
+    )
+    assert problem.clearance is not None
+    return problem.clearance
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_far_changes_nothing(crowd: Clearance, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tree leaves out most pairs, and nothing that comes nearer than was asked."""
+    t, qs = motion(seed, 0.02 + 0.1 * seed)
+    near = 0.1
+    kept = crowd.pairs_near(qs, near)
+    assert len(kept) < crowd.num_pairs / 2
+    nearer = np.flatnonzero((crowd.pair_values(qs) < near).any(axis=0))
+    assert set(nearer) <= set(kept)
+    culled = nearest_approach(crowd, t, qs), clearances_along(crowd, t, qs), keeps_clear(crowd, t, qs, 1e-4)
+    monkeypatch.setattr("mbocp.problem.obstacles.clearance._FEW", crowd.num_pairs)
+    assert crowd.pairs_near(qs, near).size == crowd.num_pairs
+    assert culled[0] == nearest_approach(crowd, t, qs)
+    np.testing.assert_allclose(culled[1], clearances_along(crowd, t, qs), atol=1e-9)
+    assert culled[2] == keeps_clear(crowd, t, qs, 1e-4)

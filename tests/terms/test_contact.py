@@ -256,7 +256,7 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     (
         "point",
         {"x": [0, 1], "friction": 0.5},
-        'kind = "contact_force" does not use it, but constraint',
+        'kind = "contact_force" does not use it, but .*constraint',
     ),
     ("point", {}, "bounds nothing; give friction"),
     ("point", {"facets": 4, "max": 3.0}, "facets of which cone"),

@@ -10,15 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._files import path_of
 from mbocp._keys import Key, Table
+from mbocp._text import shorten
 from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
+from mbocp.meshes.points import read_heights
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
 from mbocp.problem.file.goal_table import GoalTable
@@ -30,15 +34,17 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
-from mbocp.terms import ContactTerm
+from mbocp.terms import ContactTerm, Height
 from mbocp.terms.span import Share
-from mbocp.terms.written import Finite, NonNegative, Pair
+from mbocp.terms.surface import Surface, surface_from
+from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
+_NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
 
 
 class GroundTable(Table):
-    """A level ground, or footholds, and what stands there."""
+    """A level ground, a height map, or footholds, and what stands there."""
 
     feet: Annotated[
         dict[str, str],
@@ -53,6 +59,18 @@ class GroundTable(Table):
         Finite | None,
         Key("of the ground, and of the origins of feet that stand", "m", "of the lowest foot at the start"),
     ] = None
+    heights: Annotated[
+        str | list[list[Finite]] | None,
+        Key(
+            "[map](contact.md#uneven-ground) of uneven ground, or its file; `height` is its zero",
+            "m",
+            "level",
+            "string or list of lists",
+        ),
+    ] = None
+    scale: Annotated[Positive | None, Key("of a unit of the heights of a file", "m", "1")] = None
+    cell: Annotated[Positive | None, Key("from height to height", "m", "required with `heights`")] = None
+    middle: Annotated[Pair, Key("x and y of the middle of the map", "m", "0")] = None
     friction: Annotated[
         NonNegative | None,
         Key("of the ground: see `path.friction`", "", "none: feet stick, and are not pulled"),
@@ -77,6 +95,7 @@ def on_ground(
     robot: Robot,
     said_q_start: Array,
     start_free: FreeStart | None,
+    folder: Path | None = None,
 ) -> tuple[list[PhaseTable], list[Any]]:
     """Return the phases with what follows from their contacts, and path constraints of the whole motion.
 
@@ -93,7 +112,7 @@ def on_ground(
         return phase_table, []
     if not phase_table:
         raise ProblemError("ground: phases say which feet stand; give one [[phase]] with contacts at least")
-    ground = _Ground.of(ground_table, robot, said_q_start)
+    ground = _Ground.of(ground_table, robot, said_q_start, folder or Path())
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
     swings = ground.swings(phase_table, stands, is_cycle=bool(goal_table.periodic))
@@ -127,21 +146,27 @@ class _Swing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """A ground, its height [m], and where feet are at the start, by name."""
+    """A ground, its height [m], where feet are at the start, by name, and the keys of its map."""
 
     table: GroundTable
     height: float
     places: Mapping[str, pin.SE3]
+    map: Mapping[str, Any]
 
     @classmethod
-    def of(cls, table: GroundTable, robot: Robot, q_start: Array) -> _Ground:
+    def of(cls, table: GroundTable, robot: Robot, q_start: Array, folder: Path) -> _Ground:
         if not table.feet:
             raise ProblemError("ground.feet: there are none; name the frames of feet")
         check_choice("ground.meeting", table.meeting, MEETINGS)
         with locate("ground.feet"):
             places = {name: robot.frame_placement(frame, q_start) for name, frame in table.feet.items()}
-        lowest = min(float(place.translation[2]) for place in places.values())
-        return cls(table, lowest if table.height is None else table.height, places)
+        surface = _surface(table, folder)
+        above = [_above(surface, place) for place in places.values()]
+        height = min(above) if table.height is None else table.height
+        if surface is None:
+            return cls(table, height, places, {})
+        keys = surface.keys
+        return cls(table, height, places, keys | {"middle": [*keys["middle"][:2], height]})
 
     def contacts(self, table: PhaseTable) -> Sequence[str]:
         """Names of the feet that stand in a phase."""
@@ -153,10 +178,13 @@ class _Ground:
         """Refuse feet that stand in the air."""
         for name in stands:
             there = float(self.places[name].translation[2])
-            if abs(there - self.height) > BOUND_TOLERANCE:
+            ground = self.height
+            if self.map:
+                ground = there - _above(surface_from(self.map, "ground"), self.places[name])
+            if abs(there - ground) > (_NEARLY if self.map else BOUND_TOLERANCE):
                 raise ProblemError(
                     f"phase {table.name!r}: contacts: at the start {name!r} is at z = {there:.6g} m, and the "
-                    f"ground at {self.height:.6g} m; move the start, or ground.height"
+                    f"ground at {ground:.6g} m; move the start, or ground.height"
                 )
 
     def complete_start(
@@ -183,6 +211,10 @@ class _Ground:
                 f"start.free: feet stand in phase {table.name!r}, and what is free cannot bring "
                 f"each of {', '.join(map(repr, moved))} to the ground; free more of base and legs"
             )
+        if self.map:
+            share = 1.0 / table.steps
+            on_it = [self._height(name, table, "on the ground", share, share, 0.0, 0.0) for name in moved]
+            return table.model_copy(update={"path": [*table.path, *on_it]})
         here = ViaTable(
             share=1.0 / table.steps, frame=[self._landed(name, self.height, ()) for name in moved]
         )
@@ -222,6 +254,8 @@ class _Ground:
     def _height_at_end(self, table: PhaseTable, name: str) -> float:
         """Of the ground where a foot lands: where a via point wants it, else that of all of it."""
         for frame in _frames_at_end(table, self.table.feet[name]):
+            if self.map and (frame.z is not None or frame.position is not None):
+                raise ProblemError(f"phase {table.name!r}: via: {name!r} lands on a map; give x and y alone")
             z = frame.position[2] if frame.position is not None else frame.z
             if z is not None:
                 return float(z)
@@ -235,9 +269,14 @@ class _Ground:
             for name in stands
         ]
         above = [path for swing in swings for path in self._above(table, swing)]
+        landing = [swing for swing in swings if swing.lands is not None]
+        if self.map:
+            names = [swing.foot for swing in landing]
+            above += [self._height(name, table, "on the ground", 1.0, 1.0, 0.0, 0.0) for name in names]
+            landing = []
         at_end = [
             self._landed(swing.foot, swing.lands, _frames_at_end(table, self.table.feet[swing.foot]))
-            for swing in swings
+            for swing in landing
             if swing.lands is not None
         ]
         at_end = [frame for frame in at_end if frame.z is not None or frame.axis is not None]
@@ -250,6 +289,7 @@ class _Ground:
         found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name}
         found |= {"friction": friction} if friction is not None else {"min_normal": 0.0}
         found |= {} if sole is None else {"pressure": sole}
+        found |= self.map
         return PathTable(**found)
 
     def _above(self, table: PhaseTable, swing: _Swing) -> list[Any]:
@@ -261,6 +301,12 @@ class _Ground:
         lift = self.table.lift + swing.high
         if swing.middle is not None and lift > swing.low:
             shares["lifted"] = (swing.middle, swing.middle, lift)
+        if self.map:  # heights are those above it
+            lows = {"above the ground": 0.0, "lifted": self.table.lift}
+            return [
+                self._height(swing.foot, table, words, since, until, lows[words], np.inf)
+                for words, (since, until, _) in shares.items()
+            ]
         found = []
         for words, (since, until, z) in shares.items():
             keys: dict[str, Any] = {"name": f"{swing.foot} {words} in {table.name}", "kind": "position"}
@@ -268,6 +314,15 @@ class _Ground:
             keys |= {"from": Share(since), "until": Share(until)}
             found.append(PathTable(**keys))
         return found
+
+    def _height(
+        self, foot: str, table: PhaseTable, words: str, since: float, until: float, least: float, most: float
+    ) -> Any:
+        """A bound on the height of a foot above the map, between shares of a phase."""
+        keys: dict[str, Any] = {"name": f"{foot} {words} in {table.name}", "kind": Height.kind}
+        keys |= {"frame": self.table.feet[foot], "min": least, **self.map}
+        keys |= {"max": most} if np.isfinite(most) else {}
+        return PathTable(**keys, **{"from": Share(since), "until": Share(until)})
 
     def _landed(self, name: str, height: float, said: Sequence[FrameGoalTable]) -> FrameGoalTable:
         """A foot on the ground, a sole as level as at the start; but for a height that is said."""
@@ -278,6 +333,37 @@ class _Ground:
             up = [0.0, 0.0, 1.0]
             found |= {"axis": (self.places[name].rotation.T @ up).tolist(), "direction": up}
         return FrameGoalTable(**found)
+
+
+def _surface(table: GroundTable, folder: Path) -> Surface | None:
+    """The map of a ground, its zero at z = 0; None where it is level.
+
+    Raises
+    ------
+    ProblemError, InvalidValue
+        If its file cannot be read, or keys do not fit.
+    """
+    middle, given = table.middle or [0.0, 0.0], dict(table)
+    if isinstance(table.heights, str):
+        path = folder / path_of(table.heights)
+        try:
+            given["heights"] = (read_heights(path) * (table.scale or 1.0)).tolist()
+        except Unreadable as error:
+            what = f"{shorten(str(path))}, which {error}"
+            raise InvalidValue("ground.heights", what, "a map: NPY, CSV, PNG or TIFF") from error
+    elif table.scale is not None:
+        raise ProblemError("ground.scale: of a file; heights that are written are in metres")
+    given["middle"] = None if table.middle is None else [*middle, 0.0]
+    surface = surface_from(given, "ground")
+    if surface is not None and table.sole is not None:
+        raise ProblemError("ground.sole: not on a map: feet on it are points")
+    return surface
+
+
+def _above(surface: Surface | None, place: pin.SE3) -> float:
+    """Height of a place above a map [m]."""
+    z = float(place.translation[2])
+    return z if surface is None else z - float(surface.at(place.translation[None])[0][0])
 
 
 def check_foot(key: str, name: str, ground: GroundTable) -> None:

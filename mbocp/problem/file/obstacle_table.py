@@ -12,15 +12,25 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
+from mbocp._arrays import Array
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
 from mbocp._text import shorten, show
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
+from mbocp.meshes.points import read_heights, read_points
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import MotionTable, read_motion
 from mbocp.problem.file.moving_robot import spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
+from mbocp.robot.collision.boxes import (
+    CLOUD,
+    HEIGHTS,
+    RESOLUTION,
+    Boxes,
+    boxes_of_cloud,
+    boxes_of_heights,
+)
 from mbocp.robot.collision.compound import CONCAVITY, Compound
 from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.hull import Hull, hull_of
@@ -33,6 +43,7 @@ from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 SCENE = "scene"  # not one shape, but all of a file
 _OF_FILES = ("scale", "hull", "concavity")
 _WRITTEN = ("vertices", "faces", "parts")
+_OF_GRIDS = {CLOUD: ("points",), HEIGHTS: ("heights", "cell")}  # the first in place of a file
 _OF_RESULTS = {"name", "result", "position", "rpy", "orientation", "margin"}
 _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 
@@ -52,7 +63,8 @@ class ObstacleTable(Table):
         str | None,
         choice((*SHAPES, SCENE)),
         Key(
-            "a [mesh](obstacles.md#meshes), convex or not; a [scene](obstacles.md#scenes) has many shapes",
+            "a [mesh](obstacles.md#meshes), convex or not; a [cloud or a height "
+            "map](obstacles.md#clouds-and-height-maps); a [scene](obstacles.md#scenes) has many shapes",
             "",
             "required without `result`",
         ),
@@ -79,14 +91,16 @@ class ObstacleTable(Table):
     file: Annotated[
         str | None,
         Key(
-            "of a mesh (STL, Collada, OBJ, PLY; or `vertices`) or a scene, beside the problem file",
+            "of a mesh (STL, Collada, OBJ, PLY; or `vertices`), a cloud (or `points`), a height map (or "
+            "`heights`) or a scene, beside the problem file",
             "",
             "required",
             "path",
         ),
     ] = None
     scale: Annotated[
-        Finite | list[Finite] | None, Key("of a unit of the file", "m", "1", "number > 0, or 3")
+        Finite | list[Finite] | None,
+        Key("of a unit of the file; of a height map of its heights alone", "m", "1", "number > 0, or 3"),
     ] = None
     hull: Annotated[
         bool,
@@ -108,6 +122,19 @@ class ObstacleTable(Table):
         list[list[list[Finite]]] | None,
         Key("corners of each convex part of `faces`", "m", "", "list of lists of 3 numbers each"),
     ] = None
+    points: Annotated[
+        list[list[Finite]] | None,
+        Key("of a cloud", "m", "", "list of 3 numbers each"),
+    ] = None
+    resolution: Annotated[
+        Positive,
+        Key("side of the cubes of a cloud; by how much boxes may be higher than cells of heights", "m"),
+    ] = RESOLUTION
+    heights: Annotated[
+        list[list[float]] | None,
+        Key("rows along x from the largest y on; nan: there is nothing", "m", "", "list of lists"),
+    ] = None
+    cell: Annotated[Positive | None, Key("from height to height", "m", "required")] = None
     position: Annotated[Triple, Key("of the centre; of a halfspace a point of its surface", "m", "0")] = None
     rpy: Annotated[
         Triple,
@@ -222,7 +249,7 @@ def _of_table(
     name: str,
     shape: tuple[str, list[float]],
     place: tuple[Any, Any],
-    body: tuple[Hull | Compound | None, float],
+    body: tuple[Hull | Compound | Boxes | None, float],
     motion: ObstacleMotion | None,
 ) -> Obstacle:
     """An obstacle with its lengths, its place, its body with the excess; all else is the table's."""
@@ -238,7 +265,7 @@ def _of_table(
         smoothing=table.smoothing,
         movable=table.movable,
         hull=body[0] if isinstance(body[0], Hull) else None,
-        compound=body[0] if isinstance(body[0], Compound) else None,
+        compound=body[0] if isinstance(body[0], Compound | Boxes) else None,
         excess=body[1],
         motion=motion,
     )
@@ -294,7 +321,8 @@ def _obstacle(table: ObstacleTable, key: str, index: int, folder: Path) -> Obsta
     orientation = _orientation(table, key)
     name = table.name or f"{table.shape} {index + 1}"
     with locate(key), locate(f"obstacle {name!r}"):
-        body, motion = _body(table, folder), _motion(table, folder)
+        grid = _grid(table, folder)
+        body, motion = _body(table, folder) if grid is None else (grid, 0.0), _motion(table, folder)
     place = table.position or [0.0] * 3, orientation
     with locate(key):
         return _of_table(table, name, (table.shape, sizes), place, body, motion)
@@ -336,11 +364,48 @@ def _body(table: ObstacleTable, folder: Path) -> tuple[Hull | Compound | None, f
         _refuse(table, _OF_FILES, "of a file; vertices are in metres, and `parts` says what these are")
         return _written(table.vertices, table.faces, table.parts), 0.0
     _refuse(table, _WRITTEN, "of vertices, not of a file")
-    scale = np.ones(3) if table.scale is None else np.asarray(table.scale, dtype=np.float64)
+    file, scale = folder / path_of(str(table.file)), np.broadcast_to(_scale(table), (3,))
+    return body_of_file(file, scale, table.hull, table.concavity)
+
+
+def _grid(table: ObstacleTable, folder: Path) -> Boxes | None:
+    """Boxes of a cloud or a height map."""
+    own, words = _OF_GRIDS.get(table.shape or "", ()), f'shape = "{table.shape}" does not use it'
+    others = [key for keys in _OF_GRIDS.values() for key in keys if key not in own]
+    _refuse(table, [*others, *((*_WRITTEN, *_OF_FILES[1:]) if own else ("resolution",))], words)
+    if not own:
+        return None
+    written, is_cloud = getattr(table, own[0]), table.shape == CLOUD
+    if (table.file is None) == (written is None) or any(getattr(table, key) is None for key in own[1:]):
+        what = " and ".join([f"file or {own[0]}, one of them", *own[1:]])
+        raise ProblemError(f'shape = "{table.shape}" needs {what}')
+    if table.file is not None:
+        path = folder / path_of(table.file)
+        try:
+            numbers = (read_points if is_cloud else read_heights)(path)
+        except Unreadable as error:
+            what = "a cloud: PLY, PCD, NPY, XYZ or CSV" if is_cloud else "heights: NPY, CSV, PNG or TIFF"
+            raise InvalidValue("file", f"{shorten(str(path))}, which {error}", what) from error
+        scale = _scale(table)
+        if not is_cloud and scale.shape:
+            raise InvalidValue("scale", show(table.scale), "one number: of a unit of heights [m]")
+        numbers = numbers * scale
+    else:
+        _refuse(table, ("scale",), f"of a file; {own[0]} are in metres")
+        if len({len(row) for row in written}) != 1:
+            raise InvalidValue(own[0], "none, or rows of different lengths", "rows of one length [m]")
+        numbers = np.array(written)
+    if is_cloud:
+        return boxes_of_cloud(numbers, table.resolution)
+    return boxes_of_heights(numbers, table.cell or 0.0, table.resolution)
+
+
+def _scale(table: ObstacleTable) -> Array:
+    """Of a unit of a file, one number or three [m]."""
+    scale = np.asarray(1.0 if table.scale is None else table.scale, dtype=np.float64)
     if scale.shape not in ((), (3,)) or not np.all(scale > 0.0):
         raise InvalidValue("scale", show(table.scale), "one number or three above 0 [m]")
-    file, scale = folder / path_of(str(table.file)), np.broadcast_to(scale, (3,))
-    return body_of_file(file, scale, table.hull, table.concavity)
+    return scale
 
 
 def _refuse(table: ObstacleTable, names: Sequence[str], why: str) -> None:

@@ -27,6 +27,7 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms import PATH_KEYS, PATH_TERMS, ContactTerm
 from mbocp.terms.span import SPAN, Span, SpanKeys
+from mbocp.terms.surface import SurfaceKeys, surface_from
 
 _HEAD = ("name", "kind", "frame", *SPAN)
 _MAX_BYTES = 16 * MEGABYTE
@@ -156,8 +157,10 @@ def _contact(table: PathHead, key: str, given: dict[str, Any]) -> ContactForce:
     if "constraint" not in given:
         raise ProblemError(f"{key}.constraint: this key is missing: the constraint whose force is bounded")
     name = table.name or f"{ContactTerm.kind} of {given['constraint']}"
-    lists = {key: tuple(value) for key, value in given.items() if isinstance(value, list)}
-    return ContactForce(name=name, span=Span.read(table), **(given | lists))
+    surface = surface_from(given, key)
+    words = {name: value for name, value in given.items() if name not in SurfaceKeys.model_fields}
+    lists = {name: tuple(value) for name, value in words.items() if isinstance(value, list)}
+    return ContactForce(name=name, span=Span.read(table), surface=surface, **(words | lists))
 
 
 def _goal_position(robot: Robot, frame: str, goal: Goal) -> Array | None:

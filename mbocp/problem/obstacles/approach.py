@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.collision.obstacle import Obstacle
@@ -20,7 +20,7 @@ from mbocp.robot.nodes import between
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
-_NEAR = 0.1  # [m]: farther spheres are only looked at where nothing is as near
+_NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
 
 
@@ -76,7 +76,12 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return None
-    return _Search.of(clearance, t, qs, _NEAR).nearest()
+    for near in _NEARS:
+        search = _Search.of(clearance, t, qs, near)
+        found = search.nearest(search.beyond)
+        if found is not None:
+            return found
+    return None
 
 
 def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> bool:
@@ -90,7 +95,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
     search = _Search.of(clearance, t, qs, near)
     lowered = np.maximum(search.margins, 0.0)
-    search.bounds += search.margins - lowered
+    search.bounds += (search.margins - lowered)[:, None]
     search.margins = lowered
     return search.nearest(-tolerance, is_any=True) is None
 
@@ -105,12 +110,18 @@ def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:
     clearance : Clearance
     t, qs : ndarray, shapes (n,) and (n, nq)
     """
-    pairs = _pairs(clearance)
-    shapes = ShapeDistances(clearance, list(pairs))
     found = np.full(len(qs), np.inf)
-    for n, q in enumerate(clearance.placed(qs, t)):
-        shapes.place(q)
-        found[n] = min((shapes.of(k) for k in range(len(pairs))), default=np.inf)
+    for near in _NEARS:
+        pairs, bounds, margins, beyond = _bounds(clearance, t, qs, near)
+        shapes, bounds = ShapeDistances(clearance, pairs), bounds + margins[:, None]
+        for n, q in enumerate(clearance.placed(qs, t)):
+            shapes.place(q)
+            for k in np.argsort(bounds[:, n]):
+                if bounds[k, n] >= found[n]:
+                    break
+                found[n] = min(found[n], shapes.of(int(k)))
+        if (found <= beyond).all():
+            break
     return found
 
 
@@ -125,10 +136,12 @@ class _Search:
         Configurations of the scene, see `Clearance.placed`.
     pairs : list of (int, int, bool)
         A link, and an obstacle or another link.
-    bounds : ndarray, shape (n, pairs)
+    bounds : ndarray, shape (pairs, n)
         Distances beyond margins are not less, those that have not been looked at [m].
     margins : ndarray, shape (pairs,)
         [m].
+    beyond : float
+        All other pairs are farther away, beyond their margins [m].
     """
 
     clearance: Clearance
@@ -137,6 +150,7 @@ class _Search:
     pairs: list[LinkPair]
     bounds: Array
     margins: Array
+    beyond: float
     _looked_at: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # of poses
     _joints: Array = field(default_factory=lambda: np.zeros((0, 0, 3, 4)))  # placements there
 
@@ -151,10 +165,12 @@ class _Search:
         """The smallest distance beyond its margin below `most` [m]; with `is_any` the first that is found."""
         shapes = ShapeDistances(self.clearance, self.pairs)
         best: Approach | None = None
+        least = self.bounds.min(axis=1)  # of each pair, of which a turn changes one
         while True:
-            n, k = divmod(int(self.bounds.argmin()), len(self.pairs))
-            if self.bounds[n, k] >= most:
+            if least.min(initial=np.inf) >= most:
                 return best
+            k = int(least.argmin())
+            n = int(self.bounds[k].argmin())
             shapes.place(self.places[n])
             distance = shapes.of(k)
             if distance - self.margins[k] < most:
@@ -163,21 +179,22 @@ class _Search:
                 best = Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
                 if is_any:
                     return best
-            self.bounds[n, k] = np.inf
+            self.bounds[k, n] = np.inf
             if distance > 0.0:  # else how deep shapes are in each other may jump
                 self._raise(n, k, distance, most, shapes)
+            least[k] = self.bounds[k].min()
 
     def _raise(self, n: int, k: int, distance: float, most: float, shapes: ShapeDistances) -> None:
         """Raise bounds of a pair around a pose in which its distance is known."""
         if not self._looked_at.size:  # from now on they become fewer
-            self._looked_at = np.union1d(np.flatnonzero((self.bounds < most).any(axis=1)), [n])
+            self._looked_at = np.union1d(np.flatnonzero((self.bounds < most).any(axis=0)), [n])
             self._joints = self.clearance.joint_placements(self.places[self._looked_at])
-        others = np.flatnonzero(self.bounds[:, k] < most)
+        others = np.flatnonzero(self.bounds[k] < most)
         here, there = np.searchsorted(self._looked_at, n), np.searchsorted(self._looked_at, others)
         moved = shapes.displacements(k, self._joints[here], self._joints[there])
         least = distance - moved - np.minimum(moved, _ITERATED)
         least = np.where(least > 0.0, least - self.margins[k], -np.inf)
-        self.bounds[others, k] = np.maximum(self.bounds[others, k], least)
+        self.bounds[k, others] = np.maximum(self.bounds[k, others], least)
 
 
 def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
@@ -192,25 +209,37 @@ def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]
 
 def _bounds(
     clearance: Clearance, times: Array, qs: Array, near: float
-) -> tuple[list[LinkPair], Array, Array]:
-    """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins."""
-    gaps, columns = _gaps(clearance), _pairs(clearance)
-    values = clearance.pair_values(qs, near, times) - clearance.margins
-    pairs, order = list(columns), [row for rows in columns.values() for row in rows]
-    first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
+) -> tuple[list[LinkPair], Array, Array, float]:
+    """Pairs of a link and an obstacle or link; bounds of their distances beyond margins; their margins.
+
+    Beyond what follows are all pairs that are not among these.
+    """
+    chosen = clearance.pairs_near(qs, near, times)
+    gaps, columns = _gaps(clearance), _pairs(clearance, chosen)
     left = [_uncovered(obstacle) for obstacle in clearance.obstacles]
+    rounding, margins = _rounding(clearance), clearance.margins
+    farthest = margins.max(initial=0.0) + rounding + max(gaps) + max([*left, *gaps])
+    beyond = np.inf if len(chosen) == clearance.num_pairs else near - float(farthest)
+    pairs, order = list(columns), [row for rows in columns.values() for row in rows]
+    if not pairs:
+        return [], np.zeros((0, len(qs))), np.zeros(0), beyond
+    values = clearance.pair_values(qs, near, times, chosen).T - margins[chosen][:, None]
+    first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
     sticks = [gaps[a] + (left[b] if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
-    found = np.minimum.reduceat(values[:, order], first, axis=1) - _rounding(clearance) - sticks
-    return pairs, found, clearance.margins[np.array(order)[first]]
+    found = np.minimum.reduceat(values[order], first, axis=0) - rounding - np.array(sticks)[:, None]
+    return pairs, found, margins[chosen[order]][first], beyond
 
 
-def _pairs(clearance: Clearance) -> dict[LinkPair, list[int]]:
-    """Pairs of a link and an obstacle or link, with the rows of their spheres."""
+def _pairs(clearance: Clearance, chosen: IntArray) -> dict[LinkPair, list[int]]:
+    """Pairs of a link and an obstacle or link, with the places of their spheres' pairs among chosen ones."""
     columns: dict[LinkPair, list[int]] = {}
-    for row, (sphere, k) in enumerate(clearance.pairs):
-        columns.setdefault((clearance.spheres[sphere][0], clearance.owners[k], True), []).append(row)
-    for row, (a, b) in enumerate(clearance.sphere_pairs, start=len(clearance.pairs)):
-        columns.setdefault((clearance.spheres[a][0], clearance.spheres[b][0], False), []).append(row)
+    for row, pair in enumerate(chosen.tolist()):
+        is_obstacle = pair < len(clearance.pairs)
+        sphere, other = (
+            clearance.pairs[pair] if is_obstacle else clearance.sphere_pairs[pair - len(clearance.pairs)]
+        )
+        second = clearance.owners[other] if is_obstacle else clearance.spheres[other][0]
+        columns.setdefault((clearance.spheres[sphere][0], second, is_obstacle), []).append(row)
     return columns
 
 

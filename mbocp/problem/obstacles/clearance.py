@@ -23,6 +23,7 @@ from mbocp.terms import BoundedTerm, ClearanceRow, ClearanceTerm, HullSlots, Spa
 from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
 
+_FEW = 500  # pairs that are all looked at
 _TOLD = 20  # obstacles of which the summary speaks each
 _OF_ALL_PAIRS = (
     *("pieces", "owners", "movers", "scene", "_frames", "_planes", "_hulls", "_every", "margins"),
@@ -33,6 +34,7 @@ _AWAY = 10.0  # [m]: its value
 _NOWHERE = -1e3  # [m] along z: where what moves is at no time
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
 _HULL_SLOTS = 16  # the same, of hulls
+_FEW_HULLS = 16  # that all have planes in each row's table
 _TOLD_EXCESS = 1e-3  # of a file's volume
 _ROUNDING = 0.05  # of the largest distance that a row keeps: error of planes for a hull that is small enough
 
@@ -118,14 +120,15 @@ class Clearance(BoundedTerm):
         """Of spheres and obstacles, then of spheres."""
         return len(self.pairs) + len(self.sphere_pairs)
 
-    @property
-    def links_of_pairs(self) -> tuple[str, ...]:
-        """Both names of each pair, as `mbocp.problem.obstacles.approach.Approach` says them."""
-        links = [self._links[link].link for link, _ in self.spheres]
-        return (
-            *(f"{links[a]} and {self.obstacles[self.owners[k]].name}" for a, k in self.pairs),
-            *(f"{links[a]} and {links[b]}" for a, b in self.sphere_pairs),
-        )
+    def links_of(self, pair: int) -> str:
+        """Both names of a pair, as `mbocp.problem.obstacles.approach.Approach` says them."""
+        if pair < len(self.pairs):
+            sphere, k = self.pairs[pair]
+            other = self.obstacles[self.owners[k]].name
+        else:
+            sphere, second = self.sphere_pairs[pair - len(self.pairs)]
+            other = self._links[self.spheres[second][0]].link
+        return f"{self._links[self.spheres[sphere][0]].link} and {other}"
 
     @property
     def reserves(self) -> Array:
@@ -258,12 +261,22 @@ class Clearance(BoundedTerm):
             return self.own.margin
         return self.own.of_parts
 
-    def pair_values(self, qs: Array, near: float = np.inf, ts: Array | None = None) -> Array:
-        """Clearance of each pair at each configuration, and at its time, shape (n, num_pairs) [m].
+    def pair_values(
+        self, qs: Array, near: float = np.inf, ts: Array | None = None, pairs: IntArray | None = None
+    ) -> Array:
+        """Clearance of pairs, by default of all, at each configuration and its time, shape (n, pairs) [m].
 
         What is larger than `near`, which takes most of the time, may be any number between `near` and it.
         """
-        return self._pair_clearances.values(self.placed(qs, ts), near)
+        is_all = pairs is None or len(pairs) == self.num_pairs
+        found = self._pair_clearances if is_all or pairs is None else self._pair_clearances.of_pairs(pairs)
+        return found.values(self.placed(qs, ts), near)
+
+    def pairs_near(self, qs: Array, near: float, ts: Array | None = None) -> IntArray:
+        """All pairs that come nearer than `near` [m] at some configurations, and some others."""
+        if self.num_pairs <= _FEW or near == np.inf:
+            return np.arange(self.num_pairs)
+        return self._pair_clearances.near(self.placed(qs, ts), near)
 
     def joint_placements(self, places: Array) -> Array:
         """Rotation and origin of each joint of the scene, shape (n, njoints, 3, 4) [m]."""
@@ -333,10 +346,18 @@ class Clearance(BoundedTerm):
     def term(self) -> ClearanceTerm:
         """Its structure, with its function."""
         still, moving, of_hulls = map(len, self._groups)
-        slots = HullSlots.of(list(self._hulls.values()) if of_hulls else [], of_hulls)
+        slots = HullSlots.of(self._cores if of_hulls else [], of_hulls)
         count = len(self.movers)
         frames = self._frames[: len(self._frames) - count]
         return ClearanceTerm(frames, still, moving, slots, count, self._pieces)
+
+    @property
+    def _cores(self) -> list[HullCore]:
+        """Of all hulls, or of those that have rows where there are many."""
+        if len(self._hulls) <= _FEW_HULLS:
+            return list(self._hulls.values())
+        cores = [self._every[0][k].core for k in self._order if k >= 0]
+        return list({id(core): core for core in cores if isinstance(core, HullCore)}.values())
 
     @property
     def _pieces(self) -> int:
@@ -397,7 +418,8 @@ class Clearance(BoundedTerm):
         """
         order = np.array(self._order, dtype=np.int64)
         found = np.full((len(qs), self.rows), _AWAY)
-        found[:, order >= 0] = self.pair_values(qs, ts=ts)[:, order[order >= 0]]
+        pairs, places = np.unique(order[order >= 0], return_inverse=True)
+        found[:, order >= 0] = self.pair_values(qs, ts=ts, pairs=pairs)[:, places]
         return found
 
     def values_in_motion(
@@ -440,12 +462,7 @@ class Clearance(BoundedTerm):
         planes = [p for k, p in self._planes.items() if self.owners[k] == number]
         kept = f"keep {1e3 * max((p.error for p in planes), default=0.0):.2g} mm more away at most"
         if obstacle.compound is not None:
-            body = obstacle.compound
-            told = (
-                f"; {len(body.parts)} convex parts stick out of its surface by {1e3 * body.sticks_out:.2f} mm"
-            )
-            told += f" and leave {1e3 * body.uncovered:.2f} mm of it uncovered at most"
-            return told + (f"; planes around them {kept}" if planes else "")
+            return f"; {obstacle.compound.words}" + (f"; planes around them {kept}" if planes else "")
         if not planes:
             return ""
         told = f"; {len(planes[0].offsets)} planes stand for its hull and {kept}"

@@ -104,10 +104,24 @@ def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]
         }
     frame = robot.model.frames[robot.frame_id(piece.frame)]
     carrier, placed = int(frame.parentJoint), frame.placement * piece.placement
+    joints = [link.joint for link in robot.collision_spheres]
+    far = _beyond_balls(piece, placed, balls) if piece.stands and not piece.movable else set()
     return {
-        sphere: _never_meet(robot, robot.collision_spheres[sphere[0]].joint, carrier, piece, placed, ball)
+        sphere: _FAR
+        if sphere in far and joints[sphere[0]]
+        else _never_meet(robot, joints[sphere[0]], carrier, piece, placed, ball)
         for sphere, ball in balls.items()
     }
+
+
+def _beyond_balls(piece: Obstacle, placed: pin.SE3, balls: Mapping[_Sphere, _Ball]) -> set[_Sphere]:
+    """Spheres whose balls are far from the one around a piece: most, of most pieces of a large scene."""
+    shape = piece.geometry
+    shape.computeLocalAABB()
+    gap = piece.margin + float(shape.aabb_radius)
+    centers, radii = np.array([at for at, _ in balls.values()]), np.array([r for _, r in balls.values()])
+    away = np.linalg.norm(centers - placed.act(np.array(shape.aabb_center)), axis=1)
+    return {sphere for sphere, far in zip(balls, away > radii + gap, strict=True) if far}
 
 
 def _common(reasons: Sequence[Mapping[_Sphere, str]]) -> dict[_Sphere, str]:
@@ -154,8 +168,10 @@ def _never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ba
 def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) -> None:
     """Warn of an obstacle that is many times as far away as the robot reaches."""
     placed = robot.model.frames[robot.frame_id(obstacle.frame)].placement * obstacle.placement
-    gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
     size = max(radius for _, radius in reaches)
+    if np.linalg.norm(reaches[0][0] - placed.translation) <= _ASTRAY * size:
+        return  # soon told of the many pieces of a large scene
+    gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
     if gap > _ASTRAY * size:
         warn_caller(
             f"obstacle {obstacle.name!r}: {gap:.4g} m beyond all that robot {robot.name!r} reaches, whose "

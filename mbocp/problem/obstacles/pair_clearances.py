@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.exceptions import NativeMismatch
 from mbocp.robot import joints
 from mbocp.robot.joints import joint_kind
@@ -34,6 +34,7 @@ _KINDS = {
     "spherical": 4,
     "translation": 5,
 }
+_LOOKED_AT = 200  # configurations at which centres of spheres are in a tree
 _MOVED = 0.5  # [rad, m] of the joint whose twist is looked at: exact, for it is constant
 
 
@@ -55,6 +56,29 @@ class WaySize:
     resolution: float
     most: int
     cuts: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapes:
+    """Shapes of pairs: one at a distance r of its middle is slope r - around away at least, less all radii.
+
+    Attributes
+    ----------
+    middles : ndarray, shape (n, 3)
+        In the world, of those that stand there [m].
+    slopes, around : ndarray, shape (n,)
+        Around includes the largest radius [m].
+    moves : ndarray of bool, shape (n,)
+        Whether it moves.
+    of_pairs : ndarray of int, shape (P,)
+        Shape of each pair.
+    """
+
+    middles: Array
+    slopes: Array
+    around: Array
+    moves: BoolArray
+    of_pairs: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +112,57 @@ class PairClearances:
         """Clearances, shape (n, P) [m]; larger ones than `near` may be any number between `near` and them."""
         return np.asarray(self._room.values(_flat(qs), near)).reshape(len(qs), len(self.rows))
 
+    def near(self, qs: Array, near: float) -> IntArray:
+        """Pairs that may be nearer than `near` [m] at some of n configurations, and all that move both.
+
+        A tree of the centres of spheres tells how far each shape is from the nearest of them.
+        """
+        from scipy.spatial import cKDTree  # slow to import, and wanted only where there are many pairs
+
+        found = self._shapes
+        joints, spheres = self.joint_placements(qs), self._spheres
+        centers = np.concatenate(
+            [joints[:, j, :, :3] @ center + joints[:, j, :, 3] for j, center in spheres]
+        ).reshape(len(spheres), len(qs), 3)
+        stride = -(-len(qs) // _LOOKED_AT)
+        looked_at = np.minimum(np.arange(len(qs)) // stride * stride + stride // 2, len(qs) - 1)
+        moved = float(np.linalg.norm(centers - centers[:, looked_at], axis=2).max())
+        tree = cKDTree(centers[:, np.unique(looked_at)].reshape(-1, 3))
+        away = tree.query(found.middles)[0] - moved
+        return np.flatnonzero((found.moves | (found.slopes * away - found.around < near))[found.of_pairs])
+
+    @cached_property
+    def _spheres(self) -> list[tuple[int, Array]]:
+        """Joint that carries a sphere, and where on it its centre is [m], of all spheres."""
+        centers = {(row.place, row.center.tobytes()): row for row in self.rows}.values()
+        frames = [None, *(self.model.frames[k] for k in self.frames)]
+        at = [(frames[row.place], row.center) for row in centers]
+        return [(f.parentJoint, f.placement.act(np.array(c))) if f else (0, c) for f, c in at]
+
+    @cached_property
+    def _shapes(self) -> _Shapes:
+        numbers: dict[tuple[int, bytes, int], int] = {}
+        rows, of_pairs = list[ClearanceRow](), np.zeros(len(self.rows), dtype=np.intp)
+        for k, row in enumerate(self.rows):
+            key = (row.other, row.at.tobytes(), id(row.core))
+            if key not in numbers:
+                numbers[key] = len(rows)
+                rows.append(row)
+            of_pairs[k] = numbers[key]
+        reach = np.array([_reach(row) for row in rows]).reshape(-1, 2)
+        radii = np.full(len(rows), -np.inf)
+        np.maximum.at(radii, of_pairs, self.radii)
+        middles, moves = np.array([row.at for row in rows]), np.array([row.other > 0 for row in rows])
+        return _Shapes(middles, reach[:, 0], reach[:, 1] + radii, moves, of_pairs)
+
+    def of_pairs(self, pairs: IntArray) -> PairClearances:
+        """The same of some of the pairs."""
+        return PairClearances(self.model, self.frames, tuple(self.rows[k] for k in pairs), self.radii[pairs])
+
     def joint_placements(self, qs: Array) -> Array:
         """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
-        return np.asarray(self._room.joints(_flat(qs))).reshape(len(qs), self.model.njoints, 3, 4)
+        found = _room_of(self.model).joints(_flat(qs))
+        return np.asarray(found).reshape(len(qs), self.model.njoints, 3, 4)
 
     def least(self, qs: Array, lower: Array, most: float = np.inf) -> Array:
         """Least clearance beyond `lower` at each configuration, `most` where it is larger, shape (n,) [m]."""
@@ -146,12 +218,6 @@ class PairClearances:
 
     @cached_property
     def _room(self) -> Room:
-        try:
-            from mbocp._native import _room
-        except ImportError as error:
-            raise NativeMismatch(
-                f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
-            ) from error
         places = [
             [self.model.frames[k].parentJoint, *placement_numbers(self.model.frames[k].placement)]
             for k in self.frames
@@ -168,15 +234,21 @@ class PairClearances:
             (spheres[sphere], shapes[shape], radius)
             for sphere, shape, radius in zip(of_spheres, of_shapes, self.radii, strict=True)
         ]
-        return _room.Room(
-            nq=self.model.nq,
-            joints=_flat(joint_table(self.model)),
-            places=_flat(places),
-            spheres=_flat(list(spheres)),
-            shapes=_flat(list(shapes)),
-            planes=_flat(np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])),
-            pairs=_flat(pairs),
-        )
+        planes = np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])
+        return _room_of(self.model, places, list(spheres), list(shapes), planes, pairs)
+
+
+def _room_of(model: pin.Model, *tables: Array | Sequence[object]) -> Room:
+    """A room of places, spheres, shapes, planes and pairs; of joints alone without them."""
+    try:
+        from mbocp._native import _room
+    except ImportError as error:
+        raise NativeMismatch(
+            f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
+        ) from error
+    names = ("places", "spheres", "shapes", "planes", "pairs")
+    given = dict(zip(names, map(_flat, tables or [[]] * len(names)), strict=True))
+    return _room.Room(nq=model.nq, joints=_flat(joint_table(model)), **given)
 
 
 def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:
@@ -193,12 +265,18 @@ def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:
     """
     placed = (row.other, *row.at.tolist(), *row.axes.ravel().tolist())
     if isinstance(row.core, HullCore):
-        planes, count = row.core.planes, len(row.core.planes)
-        reach = (row.core.slope, float(planes[:, 3].max()))
-        return (*placed, *[0.0] * CORE, first[id(row.core)], count, row.core.sharpness, *reach)
+        count = len(row.core.planes)
+        return (*placed, *[0.0] * CORE, first[id(row.core)], count, row.core.sharpness, *_reach(row))
+    return (*placed, *row.core.numbers.tolist(), 0, 0, 0.0, *_reach(row))
+
+
+def _reach(row: ClearanceRow) -> tuple[float, float]:
+    """Slope and around."""
+    if isinstance(row.core, HullCore):
+        return row.core.slope, float(row.core.planes[:, 3].max())
     core = row.core.numbers
     sides = core[:3] * np.array([1.0, 1.0 - core[3], 1.0])  # across a cylinder its radius counts alone
-    return (*placed, *core.tolist(), 0, 0, 0.0, 1.0, float(np.linalg.norm(sides)))
+    return 1.0, float(np.linalg.norm(sides))
 
 
 def _flat(table: Array | Sequence[object]) -> Array:

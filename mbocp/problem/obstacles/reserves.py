@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.problem.obstacles.approach import poses_between
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import between
@@ -47,9 +47,11 @@ def with_first_reserve(problem: Problem, ts: Array, qs: Array) -> Problem:
     if rows is None or not _is_exact(rows):
         return problem
     middles = between(problem.robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
-    values = rows.pair_values(qs, ts=ts)
-    cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles, ts=(ts[:-1] + ts[1:]) / 2.0)
-    wanted = _CLOSER * np.maximum(cut.max(axis=0), 0.0) + _RESERVE
+    near, half = float(rows.margins.max(initial=0.0)) + _NEAR, (ts[:-1] + ts[1:]) / 2.0
+    pairs, wanted = rows.pairs_near(qs, near, ts), np.full(rows.num_pairs, _RESERVE)
+    values = rows.pair_values(qs, ts=ts, pairs=pairs)
+    cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles, ts=half, pairs=pairs)
+    wanted[pairs] += _CLOSER * np.maximum(cut.max(axis=0), 0.0)
     return _with(problem, rows, rows.chosen, np.minimum(wanted, _FIRST))
 
 
@@ -118,13 +120,20 @@ def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, touching: str) 
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
     near = float(rows.margins.max(initial=0.0)) + _MOST
     times, sampled = poses_between(rows.robot, t, qs)
-    least = rows.pair_values(sampled, near, times).min(axis=0) - rows.margins
-    meant = np.array([words == touching for words in rows.links_of_pairs])
-    near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
-    more = np.where(near, lacks + _RESERVE, 0.0)
+    pairs, least = _least(rows, times, sampled, near)
+    meant = np.array([rows.links_of(k) == touching for k in pairs], dtype=np.bool_)
+    is_near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
+    more = np.zeros(rows.num_pairs)
+    more[pairs] = np.where(is_near, lacks + _RESERVE, 0.0)
     if _is_exact(rows):
-        more = np.maximum(more, np.where(least < 0.0, _RESERVE - least, 0.0))
-    return np.asarray(more)
+        more[pairs] = np.maximum(more[pairs], np.where(least < 0.0, _RESERVE - least, 0.0))
+    return more
+
+
+def _least(clearance: Clearance, ts: Array, qs: Array, near: float) -> tuple[IntArray, Array]:
+    """Pairs that come nearer than `near` [m], and some others; least clearance of each beyond its margin."""
+    pairs = clearance.pairs_near(qs, near, ts)
+    return pairs, clearance.pair_values(qs, near, ts, pairs).min(axis=0) - clearance.margins[pairs]
 
 
 def _reserves(problem: Problem) -> Array:
@@ -160,10 +169,10 @@ def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, res
 def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
     """Pairs that come near along some configurations at their times, the nearest first."""
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(qs, near, ts) - clearance.margins).min(axis=0)
+    pairs, least = _least(clearance, ts, qs, near)
     order = np.argsort(least, kind="stable")
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST_PAIRS))
-    return tuple(order[:count].tolist())
+    return tuple(pairs[order[:count]].tolist()) or (0,)  # there is a row in any case
 
 
 def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
@@ -176,11 +185,11 @@ def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
     sampled = np.vstack([between(problem.robot, qs[first], qs[first + 1], shares), qs[-1:]])
     times = np.append((1.0 - shares) * ts[first] + shares * ts[first + 1], ts[-1])
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    least = (clearance.pair_values(sampled, near, times) - clearance.margins).min(axis=0)
-    least[list(rows.chosen)] = np.inf
-    if least.min() >= 0.0:
+    pairs, least = _least(clearance, times, sampled, near)
+    least[np.isin(pairs, rows.chosen)] = np.inf
+    if least.min(initial=np.inf) >= 0.0:
         return ()
-    order = np.argsort(least, kind="stable")
+    order = pairs[np.argsort(least, kind="stable")]
     ends = [np.count_nonzero(least < limit) for limit in (_MISSED, _NEAR)]
     every = rows.fill([*rows.chosen, *order[: ends[0]].tolist()], order[ends[0] : ends[1]].tolist())
     return tuple(set(every) - set(rows.chosen))

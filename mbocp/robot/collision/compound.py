@@ -8,9 +8,11 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from typing import Any
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._processes import python_command
@@ -19,7 +21,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.meshes.parts import Indices
 from mbocp.meshes.volume import weld
 from mbocp.robot.collision.geometry import mesh_of
-from mbocp.robot.collision.hull import Hull, hull_of
+from mbocp.robot.collision.hull import Hull, box_of, hull_of
 from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import points_on
 
@@ -75,6 +77,24 @@ class Compound:
         if not (faces.min() >= 0 and faces.max() < len(self.vertices)):
             raise InvalidValue("faces", "a corner that is not there", f"0 to {len(self.vertices) - 1}")
         object.__setattr__(self, "vertices", frozen_array(self.vertices, shape=(None, 3), name="vertices"))
+
+    @property
+    def pieces(self) -> list[Hull | tuple[pin.SE3, Array]]:
+        """Its parts; of those that are boxes the middles and axes, and the sides [m]."""
+        return [box_of(part) or part for part in self.parts]
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """What it is in a problem file."""
+        parts = [np.asarray(part.vertices).tolist() for part in self.parts]
+        return {"vertices": np.asarray(self.vertices), "faces": self.faces, "parts": parts}
+
+    @property
+    def words(self) -> str:
+        """What the summary says of it."""
+        out, left = (f"{1e3 * length:.2f} mm" for length in (self.sticks_out, self.uncovered))
+        what = f"{len(self.parts)} convex parts stick out of its surface by {out}"
+        return f"{what} and leave {left} of it uncovered at most"
 
     @cached_property
     def shape(self) -> coal.BVHModelOBBRSS:

@@ -15,8 +15,9 @@ from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
+from mbocp.robot.collision.boxes import CLOUD, HEIGHTS, Boxes
 from mbocp.robot.collision.compound import Compound
-from mbocp.robot.collision.hull import Hull, box_of
+from mbocp.robot.collision.hull import Hull
 from mbocp.robot.collision.motion import ObstacleMotion
 
 # Keys of a shape's sizes, and how many lengths each has.
@@ -28,7 +29,8 @@ SIZES: dict[str, dict[str, int]] = {
     "halfspace": {},
 }
 MESH = "mesh"  # the shape that has corners in the place of sizes
-SHAPES = (*SIZES, MESH)
+GRIDS = (CLOUD, HEIGHTS)  # those that boxes cover
+SHAPES = (*SIZES, MESH, *GRIDS)
 SMOOTHING = 2e-3  # [m] over which edges of shapes are rounded in the equations
 _LATER = ("plane", "cone", "ellipsoid", "octree", "heightfield")
 _LARGEST = 1e6  # [m]
@@ -42,7 +44,7 @@ class Obstacle:
     Parameters
     ----------
     name : str
-    shape : {"sphere", "capsule", "box", "cylinder", "halfspace", "mesh"}
+    shape : {"sphere", "capsule", "box", "cylinder", "halfspace", "mesh", "cloud", "heights"}
         Capsules and cylinders are along z; a halfspace fills what is below z = 0; a mesh is a convex hull, or
         a compound of some.
     sizes : array_like
@@ -63,8 +65,8 @@ class Obstacle:
         nothing compiles anew.
     hull : Hull, optional
         Of a mesh.
-    compound : Compound, optional
-        Of a mesh that is not convex, in the place of its hull.
+    compound : Compound or Boxes, optional
+        Of a mesh that is not convex, in the place of its hull; of a cloud and a height map.
     motion : ObstacleMotion, optional
         Of a frame in the world that carries it.
     excess : float
@@ -87,7 +89,7 @@ class Obstacle:
     smoothing: float = SMOOTHING
     movable: bool = False
     hull: Hull | None = None
-    compound: Compound | None = None
+    compound: Compound | Boxes | None = None
     excess: float = 0.0
     motion: ObstacleMotion | None = None
 
@@ -99,8 +101,8 @@ class Obstacle:
         if self.shape not in SHAPES:
             raise InvalidValue.of_choice(f"{key}: shape", self.shape, SHAPES, "")
         bodies = sum(body is not None for body in (self.hull, self.compound))
-        if bodies != (self.shape == MESH):
-            expected = "a hull or a compound of a mesh, and of no other shape"
+        if bodies != (self.shape not in SIZES) or isinstance(self.compound, Boxes) != (self.shape in GRIDS):
+            expected = "a hull or a compound of a mesh, boxes of a cloud or heights, nothing of other shapes"
             raise InvalidValue(f"{key}: hull and compound", f"{bodies} of them", expected)
         self._take("sizes", sum(SIZES.get(self.shape, {}).values()), "m")
         if np.any(np.asarray(self.sizes) <= 0.0):
@@ -161,17 +163,15 @@ class Obstacle:
         """Convex obstacles that stand for it where solvers see it; what is a box is one."""
         if self.compound is None:
             return (self,)
-        return tuple(self._piece(number, part) for number, part in enumerate(self.compound.parts))
+        return tuple(self._piece(number, part) for number, part in enumerate(self.compound.pieces))
 
-    def _piece(self, number: int, part: Hull) -> Obstacle:
-        found, same = box_of(part), replace(self, name=f"{self.name}[{number}]", compound=None, hull=part)
-        if found is None:
-            return same
-        place, sizes = self.placement * found[0], found[1]
-        turned = pin.Quaternion(place.rotation).coeffs()
-        return replace(
-            same, shape="box", sizes=sizes, position=place.translation, orientation=turned, hull=None
-        )
+    def _piece(self, number: int, part: Hull | tuple[pin.SE3, Array]) -> Obstacle:
+        name = f"{self.name}[{number}]"
+        if isinstance(part, Hull):
+            return replace(self, name=name, compound=None, hull=part)
+        place = self.placement * part[0]
+        placed = {"position": place.translation, "orientation": pin.Quaternion(place.rotation).coeffs()}
+        return replace(self, name=name, shape="box", sizes=part[1], compound=None, **placed)
 
     @property
     def table(self) -> dict[str, Any]:
@@ -181,8 +181,7 @@ class Obstacle:
         if self.hull is not None:
             found["vertices"] = np.asarray(self.hull.vertices)
         if self.compound is not None:
-            found["vertices"], found["faces"] = np.asarray(self.compound.vertices), self.compound.faces
-            found["parts"] = [np.asarray(part.vertices).tolist() for part in self.compound.parts]
+            found |= self.compound.keys
         for key, count in SIZES.get(self.shape, {}).items():
             values = np.asarray(self.sizes)[at : at + count].tolist()
             found[key] = values[0] if count == 1 else values
