@@ -8,6 +8,7 @@ the same is solved again from where it is. Other ways, where one comes to nothin
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,12 +21,11 @@ from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
+from mbocp.problem.obstacles.approach import depths_along
 from mbocp.problem.obstacles.reserves import (
     largest_reserve,
-    missing_pairs,
     rows_of,
     with_first_reserve,
-    with_pairs,
     with_room,
     with_rows_and_room,
 )
@@ -184,22 +184,34 @@ def _may_be_rough(near: Problem) -> bool:
 
 
 def _find_rows(near: Job, before: list[Attempt]) -> Job:
-    """The job with the rows that rough solutions ask for; these are added to `before`.
+    """The job with the rows and the room that rough solutions ask for; these are added to `before`.
 
-    Each begins at the guess: what is deep in something has come there on a way that is no good any more.
+    What is deep in something has come there on a way that is no good any more, and begins at the guess again.
     """
     for _ in range(_ROUNDS):
         before.append(attempt(replace(near, rough=_ROUGH, brief=near.brief or _BRIEF)))
-        if not before[-1].is_converged or near.is_late:
+        if near.is_late or not (before[-1].is_converged or near.start is not None):
             break
+        if not before[-1].is_converged:
+            near = replace(near, start=None)
+            continue
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
         t = times_of(near.problem, motion.dts)
-        missing = missing_pairs(near.problem, t, motion.qs)
-        rows = rows_of(near.problem)
-        if not missing or rows is None or rows.chosen is None:
+        depths = _depths(near.problem, t, motion.qs)
+        wider = with_rows_and_room(near.problem, t, motion.qs, depths)
+        if wider is None:
             return replace(near, problem=with_first_reserve(near.problem, t, motion.qs))
-        near = replace(near, problem=with_pairs(near.problem, {*rows.chosen, *missing}))
+        larger, has_more_rows = wider
+        is_deep = max(depths.values(), default=0.0) > _DEEP
+        near = replace(near, problem=larger, start=None if is_deep else before[-1].carried)
+        if not (has_more_rows or is_deep):
+            break
     return near
+
+
+def _depths(problem: Problem, t: Array, qs: Array) -> Mapping[str, float]:
+    """How deep things are in each other along a motion [m]."""
+    return {} if problem.clearance is None else depths_along(problem.clearance, t, qs)
 
 
 def _count(before: list[Attempt], solution: Solution) -> Solution:
@@ -258,8 +270,8 @@ class _Clearing:
     def _improve(self) -> bool:
         """Solve with more rows or more room; return whether that was asked for, and could be had."""
         lacks = _depth(self.solution)
-        touching = self.solution.clearance_between if lacks else ""
-        wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, lacks, touching)
+        depths = _depths(self.near, self.solution.t, self.solution.qs) if lacks else {}
+        wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, depths)
         if wider is None:
             return False
         larger, has_more_rows = wider

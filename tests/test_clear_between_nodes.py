@@ -111,7 +111,7 @@ def test_rows_at_their_bound_say_their_margin(around_a_post):
 
 
 def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
-    """Without any row at first, the motion is that of all rows."""
+    """Without any row at first, the motion is as good as that of all rows."""
     problem, asked = around_a_post(30), []
 
     def missing(*arguments):
@@ -122,13 +122,33 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
     monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, ts, qs: ())
     monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, ts, qs: problem)
-    monkeypatch.setattr("mbocp.clearing.missing_pairs", missing)
+    monkeypatch.setattr("mbocp.problem.obstacles.reserves.missing_pairs", missing)
     solution = mbocp.solve(problem)
     assert solution.converged
     assert any(asked)
     assert not asked[-1]
     assert solution.clearance >= 0.0
-    assert solution.cost == pytest.approx(expected.cost, rel=1e-2)
+    assert solution.cost <= 1.01 * expected.cost  # they jump over the post at different nodes
+
+
+def test_rough_motions_say_how_much_room_there_has_to_be(around_a_post, monkeypatch):
+    """Then one motion is solved to the end."""
+    asked = []
+
+    def attempt(job):
+        asked.append(job.rough)
+        return clearing_attempt(job)
+
+    clearing_attempt = clearing.attempt
+    monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
+    for module in ("clearing", "guesses.around"):
+        monkeypatch.setattr(f"mbocp.{module}.with_first_reserve", lambda problem, ts, qs: problem)
+    monkeypatch.setattr("mbocp.clearing.attempt", attempt)
+    solution = mbocp.solve(around_a_post(30))
+    assert solution.converged
+    assert solution.clearance >= 0.0
+    assert asked == [*[clearing._ROUGH] * (len(asked) - 1), 0.0]
+    assert "margins at nodes were raised by" in solution.advice
 
 
 def test_a_first_reserve_is_what_the_way_cuts_off(around_a_post, monkeypatch):
@@ -266,6 +286,7 @@ def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):
 
     read = Job.read
     monkeypatch.setattr(Job, "read", touching)
+    monkeypatch.setattr("mbocp.clearing.depths_along", lambda *motion: {"l3 and post": 1e-4})
     solution = mbocp.solve(problem.with_(guess={"kind": "line"}))
     assert solution.clearance == -1e-4
     assert list(depths) == [0.0]

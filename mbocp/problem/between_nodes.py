@@ -9,17 +9,22 @@ controls are differences of steps by their definition, and have no value between
 Where cubics leave a limit of speed by more than they are exact, or are kept within it, steps are followed
 along the flow of the robot itself, as far as it is an open chain: those that may come nearest to a limit by
 their cubics, and by what these are wrong by, a fourth of the step times their accelerations' errors at most.
-What decays within a thousandth of a step is not followed.
+Damping may stop a light joint within a small part of a step: the flow takes its decay exactly. Accelerations
+at the nodes say nothing then of the step between: where they made the cubic, the flow alone counts.
+
+References
+----------
+Cox, Matthews, "Exponential time differencing for stiff systems", 2002, Eqs. (26) to (29).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
+from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.rates import accelerations, powers
 from mbocp.problem.problem import Problem
@@ -36,8 +41,8 @@ _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
 _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
 _FOLLOWED = 8  # steps
-_LEAST_PARTS, _MOST_PARTS = 16, 1024  # that a step is followed in
-_RESOLVED = 1.0  # part of a step by the time constant of what decays fastest
+_PARTS = 16  # that a step is followed in
+_CHANGE = 1e-4  # [rad/s] of a speed, for the slope of accelerations
 
 Sides = tuple[Array, Array]
 
@@ -143,15 +148,8 @@ def largest_excess(
         problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
     )
     looks = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
-    found = _excesses(looks)
-    is_coarse = any(one.kind == "speed" and one.ratio > _COARSE for one in found)
-    if "v" in limits and (is_coarse or problem.limits_within) and _is_open(problem):
-        found += _excesses(motion.speeds_followed(widest_within(limits["v"], steps)))
+    found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
-
-
-def _excesses(looks: Iterable[_Look]) -> list[LimitExcess]:
-    return [one for look in looks for one in look.excesses() if one.ratio > _NONE]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +171,11 @@ class _Look:
         size = np.maximum(np.where(is_range, upper - lower, largest), 1e-9)
         for bound, over in ((lower, lower - self.values), (upper, self.values - upper)):
             yield bound, np.where(np.isfinite(bound), over, -np.inf) / size
+
+    def of_steps(self, which: BoolArray) -> _Look:
+        """Of some steps alone."""
+        sides = self.sides[0][which], self.sides[1][which]
+        return replace(self, values=self.values[which], times=self.times[which], sides=sides)
 
     def excesses(self) -> Iterator[LimitExcess]:
         """The largest excess of either side."""
@@ -206,22 +209,33 @@ class _Steps:
 
     def _speeds(self, sides: Sides) -> Iterator[_Look]:
         s = self.cubics.extremes_of_speeds()
-        yield _Look("speed", self.cubics.speeds(s), self.cubics.times(s), sides, self.problem.robot.v_labels)
-
-    def speeds_followed(self, sides: Sides) -> Iterator[_Look]:
-        """Along the flow of the robot, in the steps that may come nearest to a limit."""
-        robot, cubics = self.problem.robot, self.cubics
-        chosen = np.argsort(-self._nearest(sides))[:_FOLLOWED]
-        qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
-        lengths, within = cubics.lengths[chosen], (sides[0][chosen], sides[1][chosen])
-        fastest = float(lengths.max()) * _fastest_decay(robot, qs, vs, self._controls(0.0)[chosen])
-        parts = max(_LEAST_PARTS, int(np.ceil(min(fastest, 2.0 * _MOST_PARTS) / _RESOLVED)))
-        if parts > _MOST_PARTS:  # too stiff to be followed: cubics alone tell of it
+        of_cubics = _Look(
+            "speed", self.cubics.speeds(s), self.cubics.times(s), sides, self.problem.robot.v_labels
+        )
+        largest = np.max([ratios.max(axis=1) for _, ratios in of_cubics.ratios()], axis=0)
+        is_coarse = largest > _COARSE
+        if not (is_coarse.any() or self.problem.limits_within) or not _is_open(self.problem):
+            yield of_cubics
             return
-        controls = [self._controls(k / (2 * parts))[chosen] for k in range(2 * parts + 1)]
-        for k in range(parts):
-            qs, vs = _runge_kutta(robot, qs, vs, controls[2 * k : 2 * k + 3], lengths / parts)
-            times = np.broadcast_to(begins + lengths * (k + 1) / parts, vs.shape)
+        followed = np.argsort(-self._nearest(sides))[: max(_FOLLOWED, np.count_nonzero(is_coarse))]
+        looks = list(self._speeds_followed(followed, (sides[0][followed], sides[1][followed])))
+        yield from looks
+        counts = np.ones(len(largest), dtype=np.bool_)
+        is_known = np.isfinite(looks[-1].values).all(axis=1)
+        counts[followed] = ~is_known | (SCHEMES[self.problem.scheme].order > 2)
+        if counts.any():
+            yield of_cubics.of_steps(counts)
+
+    def _speeds_followed(self, chosen: IntArray, within: Sides) -> Iterator[_Look]:
+        """Along the flow of the robot in some steps."""
+        robot, cubics = self.problem.robot, self.cubics
+        qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
+        lengths = cubics.lengths[chosen]
+        flow = _Flow.of(robot, qs, vs, self._controls(0.0)[chosen], lengths / _PARTS)
+        controls = [self._controls(k / (2 * _PARTS))[chosen] for k in range(2 * _PARTS + 1)]
+        for k in range(_PARTS):
+            qs, vs = flow.step(qs, vs, controls[2 * k : 2 * k + 3])
+            times = np.broadcast_to(begins + lengths * (k + 1) / _PARTS, vs.shape)
             yield _Look("speed", vs, times, within, robot.v_labels)
 
     def _nearest(self, sides: Sides) -> Array:
@@ -282,28 +296,74 @@ def _is_open(problem: Problem) -> bool:
     return not (problem.robot.nc or problem.robot.drives or problem.timeline.switches)
 
 
-def _fastest_decay(robot: Robot, qs: Array, vs: Array, us: Array) -> float:
-    """Largest rate of what damping decays with, over all rows [1/s]; an estimate that resolves steps."""
-    change, rest = 1e-4, accelerations(robot, qs, vs, us)
-    columns = [(accelerations(robot, qs, vs + change * e, us) - rest) / change for e in np.eye(robot.nv)]
-    slopes = np.stack(columns, axis=-1)
-    return float(np.abs(np.linalg.eigvals(slopes)).max()) if np.isfinite(slopes).all() else np.inf
+@dataclass(frozen=True, eq=False)
+class _Flow:
+    r"""Steps along the flow of a robot, v' = L v + N(q, v, u), of which the decay L is taken exactly.
+
+    Without decay they are those of the classical Runge-Kutta method of fourth order.
+
+    Attributes
+    ----------
+    robot : Robot
+    slopes : ndarray, shape (n, nv, nv)
+        L, of each row [1/s].
+    lengths : ndarray, shape (n, 1)
+        h [s].
+    whole, half : tuple of ndarray, shape (n, nv, nv)
+        exp(hL), phi_1(hL), phi_2(hL) and phi_3(hL), and those of h/2.
+    """
+
+    robot: Robot
+    slopes: Array
+    lengths: Array
+    whole: tuple[Array, ...]
+    half: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, robot: Robot, qs: Array, vs: Array, us: Array, lengths: Array) -> _Flow:
+        """With the slopes of accelerations at some states, row by row."""
+        rest = accelerations(robot, qs, vs, us)
+        changed = [accelerations(robot, qs, vs + change, us) for change in _CHANGE * np.eye(robot.nv)]
+        slopes, h = (np.stack(changed, axis=-1) - rest[..., None]) / _CHANGE, lengths[..., None]
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+        return cls(robot, slopes, lengths, _exponentials(h * slopes), _exponentials(h / 2.0 * slopes))
+
+    def step(self, qs: Array, vs: Array, us: Sequence[Array]) -> tuple[Array, Array]:
+        """States, row by row, after a step under controls at its begin, middle and end."""
+        h, (e, p1, p2, p3), (e_half, p_half, *_) = self.lengths, self.whole, self.half
+        n1 = self._rest(qs, vs, us[0])
+        v2 = _times(e_half, vs) + h / 2.0 * _times(p_half, n1)
+        n2 = self._rest(self._moved(qs, h / 2.0 * vs), v2, us[1])
+        v3 = _times(e_half, vs) + h / 2.0 * _times(p_half, n2)
+        n3 = self._rest(self._moved(qs, h / 2.0 * v2), v3, us[1])
+        v4 = _times(e_half, v2) + h / 2.0 * _times(p_half, 2.0 * n3 - n1)
+        n4 = self._rest(self._moved(qs, h * v3), v4, us[2])
+        ends = _times(p1 - 3.0 * p2 + 4.0 * p3, n1) + _times(4.0 * p3 - p2, n4)
+        after = _times(e, vs) + h * (ends + _times(2.0 * p2 - 4.0 * p3, n2 + n3))
+        return self._moved(qs, h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), after
+
+    def _rest(self, qs: Array, vs: Array, us: Array) -> Array:
+        found: Array = accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
+        return found
+
+    def _moved(self, qs: Array, ways: Array) -> Array:
+        return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
 
 
-def _runge_kutta(robot: Robot, qs: Array, vs: Array, us: Sequence[Array], h: Array) -> tuple[Array, Array]:
-    """States, row by row, after a time h [s] under controls at its begin, middle and end."""
+def _exponentials(matrices: Array) -> tuple[Array, ...]:
+    """exp, phi_1, phi_2 and phi_3 of some matrices: the first row of the exponential of a block matrix."""
+    from scipy.linalg import expm  # slow to import, and wanted only where limits are nearly left
 
-    def move(ways: Array) -> Array:
-        return np.array([robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
+    n, nv, _ = matrices.shape
+    blocks = np.zeros((n, 4 * nv, 4 * nv))
+    blocks[:, :nv, :nv] = matrices
+    blocks += np.eye(4 * nv, k=nv)
+    return tuple(np.split(expm(blocks)[:, :nv], 4, axis=-1))
 
-    a1 = accelerations(robot, qs, vs, us[0])
-    v2 = vs + h / 2.0 * a1
-    a2 = accelerations(robot, move(h / 2.0 * vs), v2, us[1])
-    v3 = vs + h / 2.0 * a2
-    a3 = accelerations(robot, move(h / 2.0 * v2), v3, us[1])
-    v4 = vs + h * a3
-    a4 = accelerations(robot, move(h * v3), v4, us[2])
-    return move(h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), vs + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    found: Array = np.einsum("nij,nj->ni", matrices, vectors)
+    return found
 
 
 def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, us: Array) -> StepCubics:

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 
 from mbocp import solve
 from mbocp.problem import Problem
-from mbocp.problem.obstacles.approach import clearances_along, keeps_clear, nearest_approach, poses_between
+from mbocp.problem.obstacles.approach import (
+    clearances_along,
+    depths_along,
+    keeps_clear,
+    nearest_approach,
+    poses_between,
+)
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import ShapeDistances
 from mbocp.solution.later import is_there
@@ -80,6 +86,9 @@ def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
     times, sampled = poses_between(clearance.robot, t, qs)
     along = (beyond + pairs_of(clearance)[1]).min(axis=1)
     assert clearances_along(clearance, times, sampled) == pytest.approx(along, abs=2e-6)
+    depths, deepest = depths_along(clearance, t, qs), -(beyond + pairs_of(clearance)[1]).min(axis=0)
+    assert sorted(depths.values()) == pytest.approx(sorted(deepest[deepest > 0.0]), abs=2e-6)
+    assert found.distance >= 0.0 or depths[found.between] == pytest.approx(-found.distance, abs=2e-6)
 
 
 @settings(max_examples=8)

@@ -7,7 +7,7 @@ the link's own shapes. At other poses these are not nearer by more than their po
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -98,6 +98,29 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     search.bounds += (search.margins - lowered)[:, None]
     search.margins = lowered
     return search.nearest(-tolerance, is_any=True) is None
+
+
+def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
+    """How deep things are in each other [m], by `Approach.between`; nothing of what touches nothing.
+
+    Parameters
+    ----------
+    clearance : Clearance
+    t, qs : ndarray, shapes (N + 1,) and (N + 1, nq)
+        Times of the nodes [s] and configurations there.
+    """
+    found = dict[str, float]()
+    if not clearance.rows or not np.isfinite(qs).all():
+        return found
+    search = _Search.of(clearance, t, qs, _NEAR)
+    for k in np.flatnonzero((search.bounds < -search.margins).any(axis=0)):
+        bounds, margins = search.bounds[:, [k]], search.margins[[k]]
+        nearest = replace(search, pairs=[search.pairs[k]], bounds=bounds, margins=margins).nearest(
+            -margins[0]
+        )
+        if nearest is not None:
+            found[nearest.between] = -nearest.distance
+    return found
 
 
 def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:

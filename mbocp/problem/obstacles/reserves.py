@@ -6,7 +6,7 @@ dozen. The others have no rows as long as no motion comes near them, too.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
 
 
-_RESERVE = 1e-3  # [m] beyond what a motion lacks between nodes
-_MOST = 0.03  # [m]
+_RESERVE = 1e-3  # [m] beyond what a way lacks between nodes
+_SPARE = 2e-3  # [m] beyond what a motion lacks there: the next one cuts another corner
+_MOST = 0.05  # [m]
 _FIRST = 5e-3  # [m] that is worth having before anything is known
 _CLOSER = 2.0  # times what a way cuts off: the motion comes nearer than that
 _EXACT = 1e-4  # [m]: spheres that stick out no farther are the links' shapes
 MANY = 48  # pairs, from which on they are chosen
-_NEAR = 0.05  # [m]
+_NEAR, _BESIDE = 0.05, 0.2  # [m]
 _MOST_PAIRS = 64  # chosen pairs at first
 _BETWEEN = 4  # configurations of a step
 _MISSED = 0.01  # [m] from what is missing, what is taken, too
@@ -52,7 +53,7 @@ def with_first_reserve(problem: Problem, ts: Array, qs: Array) -> Problem:
     values = rows.pair_values(qs, ts=ts, pairs=pairs)
     cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles, ts=half, pairs=pairs)
     wanted[pairs] += _CLOSER * np.maximum(cut.max(axis=0), 0.0)
-    return _with(problem, rows, rows.chosen, np.minimum(wanted, _FIRST))
+    return _with(problem, rows, rows.chosen, np.maximum(rows.reserves, np.minimum(wanted, _FIRST)))
 
 
 def room_of(problem: Problem) -> Array:
@@ -80,7 +81,7 @@ def with_room(problem: Problem, room: Array, ts: Array, qs: Array) -> Problem:
 
 
 def with_rows_and_room(
-    problem: Problem, t: Array, qs: Array, lacks: float, touching: str
+    problem: Problem, t: Array, qs: Array, depths: Mapping[str, float]
 ) -> tuple[Problem, bool] | None:
     """The problem with rows for what a motion touches that had none, and room where it cuts corners.
 
@@ -90,10 +91,8 @@ def with_rows_and_room(
     t : ndarray, shape (N + 1,)
         [s].
     qs : ndarray, shape (N + 1, nq)
-    lacks : float
-        How deep the shapes of two things are in each other [m]; 0: they are not.
-    touching : str
-        Which, as `mbocp.problem.obstacles.approach.Approach` says it.
+    depths : mapping of str to float
+        How deep things are in each other [m], see `mbocp.problem.obstacles.approach.depths_along`.
 
     Returns
     -------
@@ -104,11 +103,11 @@ def with_rows_and_room(
     if rows is None or not np.isfinite(qs).all():
         return None
     missing, reserve, chosen = set(missing_pairs(problem, t, qs)), rows.reserves, rows.chosen
-    if lacks > 0.0:
-        more = _lacking(rows, t, qs, lacks, touching)
+    if depths:
+        more = _lacking(rows, t, qs, depths)
         missing |= set(np.flatnonzero(more).tolist())
-        if (reserve + more).max(initial=0.0) <= _MOST:  # else it jumps over something: that takes more steps
-            reserve = reserve + more
+        # With more it jumps over something: that takes more steps.
+        reserve = np.where(reserve + more <= _MOST, reserve + more, reserve)
     has_more_rows = chosen is not None and not missing <= set(chosen)
     found = _with(problem, rows, None if chosen is None else tuple({*chosen, *missing}), reserve)
     if not has_more_rows and np.allclose(_reserves(found), rows.reserves, rtol=0.0, atol=1e-9):
@@ -116,15 +115,16 @@ def with_rows_and_room(
     return found, has_more_rows
 
 
-def _lacking(rows: Clearance, t: Array, qs: Array, lacks: float, touching: str) -> Array:
+def _lacking(rows: Clearance, t: Array, qs: Array, depths: Mapping[str, float]) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
     near = float(rows.margins.max(initial=0.0)) + _MOST
     times, sampled = poses_between(rows.robot, t, qs)
     pairs, least = _least(rows, times, sampled, near)
-    meant = np.array([rows.links_of(k) == touching for k in pairs], dtype=np.bool_)
-    is_near = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
-    more = np.zeros(rows.num_pairs)
-    more[pairs] = np.where(is_near, lacks + _RESERVE, 0.0)
+    words, more = np.array([rows.links_of(k) for k in pairs]), np.zeros(rows.num_pairs)
+    for touching, depth in depths.items():
+        meant = words == touching
+        nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
+        more[pairs[nearest]] = depth + _SPARE
     if _is_exact(rows):
         more[pairs] = np.maximum(more[pairs], np.where(least < 0.0, _RESERVE - least, 0.0))
     return more
@@ -167,12 +167,12 @@ def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, res
 
 
 def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
-    """Pairs that come near along some configurations at their times, the nearest first."""
-    near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    pairs, least = _least(clearance, ts, qs, near)
+    """Pairs that come near along some configurations at their times, and others as far as there are rows."""
+    pairs, least = _least(clearance, ts, qs, float(clearance.margins.max(initial=0.0)) + _BESIDE)
     order = np.argsort(least, kind="stable")
+    nearest = pairs[order].tolist()
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST_PAIRS))
-    return tuple(pairs[order[:count]].tolist()) or (0,)  # there is a row in any case
+    return clearance.fill(nearest[:count] or [0], nearest[count : np.count_nonzero(least < _BESIDE)])
 
 
 def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
