@@ -24,24 +24,24 @@ class ModelNumber(NamedTuple):
 
     Attributes
     ----------
-    of : {"inertia", "joint_placement", "frame_placement", "force", "payload"}
-        The last two are numbers of a robot beside its model, see `mbocp.robot.named_numbers`.
+    of : {"inertia", "joint_placement", "frame_placement", "force", "payload", "motor"}
+        The last three are numbers of a robot beside its model, see `mbocp.robot.named_numbers`.
     owner : int
-        Index of the joint or frame, of the force element or payload.
+        Index of the joint or frame, of the force element, payload or motor.
     entry : int
         Of an inertia: 0 the mass [kg], 1 to 3 the centre of mass [m], 4 to 9 the moments of inertia about it,
         xx, xy, yy, xz, yz, zz [kg m^2]. Of a placement: 0 to 8 the rotation by columns, 9 to 11 the
         translation [m].
     """
 
-    of: Literal["inertia", "joint_placement", "frame_placement", "force", "payload"]
+    of: Literal["inertia", "joint_placement", "frame_placement", "force", "payload", "motor"]
     owner: int
     entry: int
 
 
 def numbers_of_model(numbers: Iterable[ModelNumber]) -> tuple[ModelNumber, ...]:
     """Those of a `pinocchio.Model` itself."""
-    return tuple(number for number in numbers if number.of not in ("force", "payload"))
+    return tuple(number for number in numbers if number.of not in ("force", "payload", "motor"))
 
 
 def inertia_numbers(joint: int) -> tuple[ModelNumber, ...]:
