@@ -20,6 +20,7 @@ from mbocp.receding.kalman import LinearStage, lower_root
 from mbocp.receding.status import HorizonStatus
 from mbocp.receding.unknowns import unknowns_of, with_payloads
 from mbocp.robot import Robot, load_robot
+from mbocp.robot.kinematics import difference
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelHorizon, KernelProgramme
@@ -342,7 +343,7 @@ class MovingHorizonEstimator:
         if q is None:
             return
         row["moments"] += t ** np.arange(NUM_MOMENTS)
-        off = pin.difference(self._robot.model, row["reference"], q)
+        off = difference(self._robot.model, row["reference"], q)
         for values, weights, key in ((off, (1.0, t, t * t / 2), "of_q"), (v, (1.0, t), "of_v")):
             if values is not None:
                 row[key] += np.outer(weights, values).ravel()
