@@ -243,6 +243,11 @@ def test_loops_begin_where_motors_say() -> None:
     assert np.abs(solution.qs[0] - problem.q_start).max() > 0.1
     assert solution.constraint_violation < 1e-12
     assert plain_cost(problem, list(solution.parameters.values())) == pytest.approx(solution.cost, rel=1e-3)
+    further = mbocp.solve(solution.load_problem(), warm_start=solution)  # has the end that was chosen
+    assert further.iterations <= 1
+    assert further.cost == pytest.approx(solution.cost, rel=1e-12)
+    other = solution.load_problem().with_(goal={"frame": [{"name": "left_tip", "x": 0.28, "z": 0.58}], "v": 0})
+    assert mbocp.solve(other, warm_start=solution).converged
 
 
 @pytest.mark.parametrize("key", ["coefficient", "length"])
