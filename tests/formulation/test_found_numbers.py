@@ -246,7 +246,9 @@ def test_loops_begin_where_motors_say() -> None:
     further = mbocp.solve(solution.load_problem(), warm_start=solution)  # has the end that was chosen
     assert further.iterations <= 1
     assert further.cost == pytest.approx(solution.cost, rel=1e-12)
-    other = solution.load_problem().with_(goal={"frame": [{"name": "left_tip", "x": 0.28, "z": 0.58}], "v": 0})
+    other = solution.load_problem().with_(
+        goal={"frame": [{"name": "left_tip", "x": 0.28, "z": 0.58}], "v": 0}
+    )
     assert mbocp.solve(other, warm_start=solution).converged
 
 
