@@ -216,8 +216,9 @@ class JointMechanics:
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
         for index in range(len(self.robot.forces)):
             total += force_element_force(index, self, q, v)
-        for resistance in self.robot.resistances:
-            total[resistance.dof] += resistance_torque(resistance, v)
+        for index, resistance in enumerate(self.robot.resistances):
+            numbers = self._of_model([ModelNumber("resistance", index, entry) for entry in range(2)])
+            total[resistance.dof] += resistance_torque(resistance, v, ca.vertsplit(numbers))
         for joint in self.robot.elastic:
             effort, (link, motor) = joint.effort(self._configuration(q), v), joint.at_v
             total[link] += effort

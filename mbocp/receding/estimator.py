@@ -107,8 +107,8 @@ class MovingHorizonEstimator:
         begin near the first sample.
     unknowns : mapping of str to float, optional
         Constants to find, with the standard deviation of what the robot has for them:
-        `payload.NAME.mass`, `payload.NAME.com`, `friction.viscous`, `friction.coulomb`, and of one joint
-        `friction.viscous.JOINT`.
+        `robot.payload.NAME.mass` and `.com`, `robot.damping`, `robot.friction`, and of one joint
+        `robot.joint.JOINT.damping` and `.friction`.
     drift : mapping of str to float, optional
         Standard deviation of the change of some of them in a second; 0 by default.
     disturbance : float or array_like, shape (nv,)

@@ -306,8 +306,9 @@ class RobotModel:
         of_model = numbers_of_model(numbers)
         known = dict(zip(of_model, values_of(self.model, of_model), strict=True))
         for number in numbers:
-            if number.of in ("force", "motor"):
-                element = (self.forces if number.of == "force" else self.motors)[number.owner]
+            if number.of in ("force", "motor", "resistance"):
+                of_all = {"force": self.forces, "motor": self.motors, "resistance": self.resistances}
+                element: Any = of_all[number.of][number.owner]
                 known[number] = getattr(element, list(element.units)[number.entry])
             elif number.of == "payload":
                 payload = self.payloads[number.owner]
@@ -317,7 +318,9 @@ class RobotModel:
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
-        return self._digest(self.model.saveToString(), self.forces, self.actuation.selection)
+        return self._digest(
+            self.model.saveToString(), self.forces, self.actuation.selection, self.resistances
+        )
 
     @cached_property
     def shape_fingerprint(self) -> str:
@@ -330,7 +333,12 @@ class RobotModel:
         text = text_without(self.model_without_rotors, numbers_of_model(self.varying))
         if self.opened_motors:
             text += repr(self._without_opened("motor", self.motors))
-        return self._digest(text, self._without_opened("force", self.forces), selection)
+        return self._digest(
+            text,
+            self._without_opened("force", self.forces),
+            selection,
+            self._without_opened("resistance", self.resistances),
+        )
 
     @property
     def opened_motors(self) -> tuple[Motor, ...]:
@@ -361,7 +369,7 @@ class RobotModel:
             for k, element in enumerate(elements)
         ]
 
-    def _digest(self, model: str, forces: object, selection: Array) -> str:
+    def _digest(self, model: str, forces: object, selection: Array, resistances: object) -> str:
         digest = hashlib.sha256(model.encode())
         digest.update(selection.tobytes())
         for actuator in self.actuation.frame_actuators:
@@ -370,7 +378,7 @@ class RobotModel:
         if self.redundant_rows:
             digest.update(repr(self.redundant_rows).encode())
         if self.resistances:
-            digest.update(repr(self.resistances).encode())
+            digest.update(repr(resistances).encode())
         if self.elastic:
             digest.update(repr(self.elastic).encode())
         for drive in self.drives:

@@ -18,6 +18,7 @@ from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot import kinematics
 from mbocp.robot.parts import Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import INERTIA_KEYS, Payload, shape_name
+from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
 from mbocp.symbolic import (
     ModelNumber,
@@ -29,6 +30,7 @@ from mbocp.symbolic import (
     with_values,
 )
 
+OF_ROBOT = "robot."  # what words begin with where a problem has others, too
 _AXES = "xyz"
 _COM = {f"com.{axis}": "m" for axis in _AXES}
 _OF_PAYLOAD = {"mass": "kg", **_COM, **{f"inertia.{key}": "kg m^2" for key in INERTIA_KEYS}}
@@ -71,6 +73,8 @@ def named_numbers(robot: Robot) -> dict[str, NamedNumber]:
             found |= _of_payload(robot, index, payload)
     found |= _of_elements("spring", "force", robot.forces)
     found |= _of_elements("motor", "motor", robot.motors)
+    turns = [loss if robot.v_labels[loss.dof].unit == "rad/s" else None for loss in robot.resistances]
+    found |= _of_elements("joint", "resistance", turns)
     laden = {int(model.frames[robot.frame_id(payload.frame)].parentJoint) for payload in robot.payloads}
     for joint in range(1, model.njoints):
         if model.inertias[joint].mass > 0.0 and joint not in laden:
@@ -157,11 +161,20 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     visuals = pin.GeometryModel(robot.visual_model)
     _move_visuals(robot, model, visuals, values)
     forces, motors = _changed(now, "force", robot.forces), _changed(now, "motor", robot.motors)
+    losses = _changed(now, "resistance", robot.resistances)
     payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     spec = {**robot.spec, "numbers": {**robot.spec.get("numbers", {}), **values}}
     if "payload" in spec:
         spec["payload"] = [payload.table for payload in payloads]
-    other = replace(robot, model=model, visual_model=visuals, forces=forces, payloads=payloads, spec=spec)
+    other = replace(
+        robot,
+        model=model,
+        visual_model=visuals,
+        forces=forces,
+        resistances=losses,
+        payloads=payloads,
+        spec=spec,
+    )
     other = geared(other, motors) if motors != robot.motors else other
     is_open = other.nc and np.abs(other.constraint_residual(other.q0)).max() > _ROUND_OFF
     return replace(other, q0=other.assemble(other.q0)) if is_open else other
@@ -240,11 +253,14 @@ def _of_place(word: str, placement: Sequence[ModelNumber], model: pin.Model) -> 
 
 
 def _of_elements(
-    word: str, of: Literal["force", "motor"], elements: Sequence[SpringDamper | QuarticSpring | Motor]
+    word: str,
+    of: Literal["force", "motor", "resistance"],
+    elements: Sequence[SpringDamper | QuarticSpring | Motor | JointResistance | None],
 ) -> dict[str, NamedNumber]:
     return {
         f"{word}.{element.name}.{key}": _plain(ModelNumber(of, index, entry), unit, moves=False)
         for index, element in enumerate(elements)
+        if element is not None
         for entry, (key, unit) in enumerate(element.units.items())
     }
 

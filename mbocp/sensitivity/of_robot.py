@@ -16,7 +16,7 @@ from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import number_of, numbers_behind, put
+from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put
 from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.sensitivity.numbers import Change
 from mbocp.sensitivity.parameter import Parameter
@@ -96,7 +96,7 @@ class PayloadNumbers(OfRobot):
         if NUMBERS in formulation.pieces.parameters.theta:
             for payload in payloads:
                 if payload.name not in carrying:
-                    yield from (f"robot.payload.{payload.name}.{key}" for key in _NAMES)
+                    yield from (f"{OF_ROBOT}payload.{payload.name}.{key}" for key in _NAMES)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ class PayloadNumbers(OfRobot):
         return next(payload for payload in robot.payloads if payload.name == name)
 
     def _numbers_of(self, robot: Robot) -> tuple[ca.SX, ca.SX]:
-        return _numbers_with(robot, self.word.removeprefix("robot."), self.names)
+        return _numbers_with(robot, self.word.removeprefix(OF_ROBOT), self.names)
 
     @property
     def in_numbers(self) -> Array:

@@ -70,6 +70,27 @@ OF_MOTOR = [
         "cost": {"square": 400.0, "reference": 9.0},
     },
 ]
+LOCKED = [*(f"panda_joint{k}" for k in (1, 3, 5, 6, 7)), "panda_finger_joint1", "panda_finger_joint2"]
+LOSSY: dict[str, Any] = {
+    **ARM,
+    "robot": {"name": "panda", "friction": "smooth", "lock": LOCKED},
+    "start": {"q": [0, -1.5]},
+    "goal": {"q": [0.5, -1.0], "v": 0},
+}
+OF_LOSSES = [
+    {
+        "of": ["robot.joint.panda_joint2.damping", "robot.joint.panda_joint4.damping"],
+        "min": 0.0,
+        "max": 2.0,
+        "cost": {"square": 300.0, "reference": 1.0},
+    },
+    {
+        "of": "robot.joint.panda_joint2.friction",
+        "min": 0.0,
+        "max": 2.0,
+        "cost": {"square": 300.0, "reference": 1.0},
+    },
+]
 SPRUNG: dict[str, Any] = {
     "robot": "elastic_pendulum",
     "duration": 2.0,
@@ -95,6 +116,7 @@ def plain_cost(problem: Problem, values: list[float], **changes: Any) -> float:
     [
         *((ARM, OF_ARM, scheme) for scheme in ("se1", "midpoint", "gauss2", "rk4")),
         *((GEARED, OF_MOTOR, scheme) for scheme in ("se1", "gauss2", "rk4")),
+        (LOSSY, OF_LOSSES, "midpoint"),
     ],
 )
 def test_is_the_optimum_of_plain_solves(
