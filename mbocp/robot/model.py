@@ -353,6 +353,8 @@ class RobotModel:
     @cached_property
     def model_without_rotors(self) -> pin.Model:
         """Model without the rotors of such motors."""
+        if not self.opened_motors:
+            return self.model
         model, armature = pin.Model(self.model), np.array(self.model.armature)
         armature[[motor.dof for motor in self.opened_motors]] = 0.0
         model.armature = armature

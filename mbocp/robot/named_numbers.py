@@ -156,28 +156,29 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     at = {n: ca.SX(value) for n, value in zip(numbers, robot.values_of(numbers), strict=True)}
     found = put(robot, at, [(word, ca.SX(value)) for word, value in values.items()])
     now = {number: float(ca.evalf(ca.SX(value))) for number, value in found.items()}
-    of_model = numbers_of_model(numbers)
-    model = with_values(robot.model, of_model, [now[number] for number in of_model])
+    other = with_numbers_of_model(robot, now)
     visuals = pin.GeometryModel(robot.visual_model)
-    _move_visuals(robot, model, visuals, values)
-    forces, motors = _changed(now, "force", robot.forces), _changed(now, "motor", robot.motors)
-    losses = _changed(now, "resistance", robot.resistances)
+    _move_visuals(robot, other.model, visuals, values)
     payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     spec = {**robot.spec, "numbers": {**robot.spec.get("numbers", {}), **values}}
     if "payload" in spec:
         spec["payload"] = [payload.table for payload in payloads]
-    other = replace(
-        robot,
-        model=model,
-        visual_model=visuals,
-        forces=forces,
-        resistances=losses,
-        payloads=payloads,
-        spec=spec,
-    )
-    other = geared(other, motors) if motors != robot.motors else other
+    other = replace(other, visual_model=visuals, payloads=payloads, spec=spec)
     is_open = other.nc and np.abs(other.constraint_residual(other.q0)).max() > _ROUND_OFF
     return replace(other, q0=other.assemble(other.q0)) if is_open else other
+
+
+def with_numbers_of_model(robot: Robot, now: Mapping[ModelNumber, float]) -> Robot:
+    """Copy of a robot in which numbers of its model, springs, motors and losses have other values."""
+    of_model = numbers_of_model(now)
+    motors = _changed(now, "motor", robot.motors)
+    other = replace(
+        robot,
+        model=with_values(robot.model, of_model, [now[number] for number in of_model]),
+        forces=_changed(now, "force", robot.forces),
+        resistances=_changed(now, "resistance", robot.resistances),
+    )
+    return geared(other, motors) if motors != robot.motors else other
 
 
 def _changed(now: Mapping[ModelNumber, float], of: str, elements: Sequence[E]) -> tuple[E, ...]:

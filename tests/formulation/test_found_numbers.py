@@ -15,7 +15,7 @@ from mbocp.formulation import formulate
 from mbocp.problem import Problem, problem_to_toml
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.parameter import with_values
-from mbocp.robot.named_numbers import number_of, opened_for, with_numbers
+from mbocp.robot.named_numbers import number_of, opened_for, with_numbers, with_numbers_of_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "design"
 LOAD = {"name": "load", "frame": "tool0", "mass": 2.0, "com": [0.0, 0.0, 0.05]}
@@ -197,6 +197,15 @@ def test_a_motor_before_its_gear() -> None:
     assert larger.limits.velocity[dof] == pytest.approx(bare.limits.velocity[dof] / 2.0)
     assert larger.model.armature[dof] == pytest.approx(5.0)
     assert larger.limits.effort[dof] == 3.0
+
+
+def test_numbers_of_all_kinds_are_put_where_they_belong() -> None:
+    robot = Problem.create(**GEARED, parameter=OF_MOTOR).robot
+    own = dict(zip(robot.varying, robot.varying_values.tolist(), strict=True))
+    assert with_numbers_of_model(robot, own).fingerprint == robot.fingerprint
+    doubled = with_numbers_of_model(robot, {n: 2.0 * x if n.of == "motor" else x for n, x in own.items()})
+    assert doubled.motors[0].gear_ratio == 2.0 * robot.motors[0].gear_ratio
+    assert doubled.shape_fingerprint == robot.shape_fingerprint
 
 
 @pytest.mark.parametrize("of", ["robot.motor.elbow_joint.gear_ratio", "robot.motor.elbow_joint.inertia"])
