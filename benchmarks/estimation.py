@@ -51,8 +51,8 @@ def estimated(steps: int, samples: int, seed: int) -> tuple[np.ndarray, np.ndarr
         horizon=0.2,
         steps=steps,
         measured={"q": _NOISE},
-        unknowns={"payload.load.mass": 3.0, "friction.viscous": 3.0},
-        drift={"payload.load.mass": 3.0},
+        unknowns={"robot.payload.load.mass": 3.0, "robot.damping": 3.0},
+        drift={"robot.payload.load.mass": 3.0},
         disturbance=_TORQUE_NOISE * np.sqrt(PERIOD),
     )
     turns, q, v, u = rng.uniform(1.5, 4.5, 6), _START, np.zeros(6), np.zeros(6)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +34,7 @@ SCHEMES = ("", "se1", "midpoint", "gauss2", "rk4")
 COORDINATES = ("joint", "natural")
 WORDS = ("start.q", "start.v", "goal.q", "goal.v", "cost.effort", "horizon.duration", "limits.velocity.upper")
 TOLERANCE = 1e-6  # relative
-STEP = 2e-4
+STEPS = (2e-4, 2e-5)  # the shorter where other limits become active within the longer
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 
 
@@ -83,14 +84,21 @@ def verdict(problem: mbocp.Problem, rng: np.random.Generator) -> tuple[str, floa
         exact = found.push([value], [move])
         if any("one side alone" in str(one.message) for one in told):
             return "degenerate", np.nan
-        again = [found([value + at * STEP * move]) for at, _ in POINTS]
-    worst = 0.0
+        worst = np.inf
+        for step in STEPS:
+            again = [found([value + at * step * move]) for at, _ in POINTS]
+            worst = min(worst, max(_error(exact, again, step)))
+            if worst <= TOLERANCE:
+                break
+    return ("agrees" if worst <= TOLERANCE else f"differs in {word}"), worst
+
+
+def _error(exact: dict[str, np.ndarray], again: list[dict[str, np.ndarray]], step: float) -> Iterator[float]:
     for name in ("cost", "qs", "vs", "us"):
         pairs = zip(again, POINTS, strict=True)
-        expected = sum(weight * out[name] for out, (_, weight) in pairs) / STEP
+        expected = sum(weight * out[name] for out, (_, weight) in pairs) / step
         size = max(np.abs(expected).max(initial=0.0), 1e-3)
-        worst = max(worst, float(np.abs(exact[name] - expected).max(initial=0.0)) / size)
-    return ("agrees" if worst <= TOLERANCE else f"differs in {word}"), worst
+        yield float(np.abs(exact[name] - expected).max(initial=0.0)) / size
 
 
 def main() -> None:

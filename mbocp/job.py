@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
 
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import Formulation
+from mbocp.formulation.iterates import end_as_solved
 from mbocp.problem import Problem
+from mbocp.problem.file.goal_table import write_goal
 from mbocp.programme.carried import Carried
 from mbocp.solution import Solution
 from mbocp.solution.reading import Attempt, read_solution
@@ -20,6 +25,8 @@ from mbocp.solvers.strategies.patience import Patience
 
 if TYPE_CHECKING:
     from mbocp.problem.reasons.cause import Cause
+
+_SAME = 1e-9  # [rad, m]
 
 Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
 
@@ -83,7 +90,8 @@ class Job:
         """
         start, deadline = _start_of(warm_start, at), _deadline(problem.solver.time_limit, time_limit)
         has_gains = has_gains or problem.accuracy is not None
-        return cls(problem, problem, start, deadline, _patience(problem, deadline), callback, has_gains)
+        near = _with_end_of(problem, start) if isinstance(start, Solution) else problem
+        return cls(problem, near, start, deadline, _patience(problem, deadline), callback, has_gains)
 
     def with_steps_of(self, problem: Problem, start: Warm) -> Job:
         """Return the job of the same problem with steps that were found; its patience begins anew."""
@@ -141,6 +149,23 @@ def _deadline(*limits: float | None) -> float:
         if not limit > 0.0:
             raise InvalidValue("time_limit", limit, "a positive number of seconds")
     return time.perf_counter() + min(given, default=math.inf)
+
+
+def _with_end_of(problem: Problem, before: Solution) -> Problem:
+    """The problem with the end that a solution of it has found, where it is asked for the same ends."""
+    carried, known = before.iterate, before.problem
+    if carried is None or not carried.q_end.size or len(problem.parameter) != carried.first.size:
+        return problem
+    starts = (before.qs[0], carried.q_start) if problem.parameter else (problem.q_start,)
+    is_same = [one.name for one in problem.parameter] == [one.name for one in known.parameter]
+    is_same &= problem.robot.shape_fingerprint == known.robot.shape_fingerprint
+    is_same &= any(np.allclose(problem.q_start, q, rtol=0.0, atol=_SAME) for q in starts)
+    is_same &= _written(write_goal(problem)) == _written(write_goal(known))
+    return end_as_solved(problem, carried) if is_same else problem
+
+
+def _written(table: dict[str, Any]) -> str:
+    return json.dumps(table, default=np.ndarray.tolist)
 
 
 def _start_of(warm_start: Solution | None, at: float | None) -> Solution | Rest | None:

@@ -33,8 +33,8 @@ def follow(seconds, goes_by_estimate):
         horizon=0.1,
         steps=25,  # as long as a control holds
         measured={"q": NOISE},
-        unknowns={"payload.load.mass": 3.0, "friction.viscous": 3.0},
-        drift={"payload.load.mass": 3.0},
+        unknowns={"robot.payload.load.mass": 3.0, "robot.damping": 3.0},
+        drift={"robot.payload.load.mass": 3.0},
         disturbance=0.02,
     )
     data, q, v = light.model.createData(), np.array(problem.q_start), np.zeros(6)

@@ -12,6 +12,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.step_lengths import lengths_of_states
 from mbocp.formulation.layout import StateLayout
+from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
 from mbocp.programme.carried import Carried
@@ -33,6 +34,18 @@ def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
         q_start=problem.q_start if problem.parameter else nothing,
         first=frozen_array([one.start for one in problem.parameter]),
     )
+
+
+def end_as_solved(problem: Problem, carried: Carried) -> Problem:
+    """A solution's problem with conditions of the end where its solve chose them."""
+    if carried.q_end.size:
+        is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
+        problem = replace(problem, goal=replace(problem.goal, q=carried.q_end, q_is_reached=is_reached))
+    if carried.first.size:
+        names = [one.name for one in problem.parameter]
+        problem = problem.with_found(dict(zip(names, carried.first.tolist(), strict=True)))
+        problem = replace(problem, q_start=carried.q_start)
+    return problem
 
 
 def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:

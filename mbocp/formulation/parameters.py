@@ -56,6 +56,7 @@ def parameter_layout(signature: FunctionSignature, sizes: Sizes) -> ParameterLay
     for feature in signature.features:
         _add(stage, feature.stage_parameters)
         _add(theta, feature.parameters)
+        weights.update(feature.weights)
     _add(theta, signature.steps.parameters)
     for feature in signature.features:
         _add(theta, {unit_of(block.name): 1 for block in feature.blocks(0, 0) if block.has_unit})

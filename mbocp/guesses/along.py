@@ -11,6 +11,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.guesses.ways import Way, position_limits, straight, straight_to
 from mbocp.problem import PathConstraint, Problem
+from mbocp.robot.kinematics import difference
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.rows import PoseRows
 from mbocp.robot.poses.search import joint_bounds, reach
@@ -107,12 +108,12 @@ def along_poses(
         q, has_arrived = reach(PoseRows(robot, targets), first, bounds, held, _TOLERANCE)
         if not has_arrived:
             return None
-        found[n], aside = q, pin.difference(robot.model, near[n], q)
+        found[n], aside = q, difference(robot.model, near[n], q)
     return None if _leaps(robot.model, found, near) else found
 
 
 def _leaps(model: pin.Model, qs: Array, near: Array) -> bool:
     steps, usual = (
-        np.array([np.abs(pin.difference(model, a, b)).max() for a, b in pairwise(way)]) for way in (qs, near)
+        np.array([np.abs(difference(model, a, b)).max() for a, b in pairwise(way)]) for way in (qs, near)
     )
     return bool((steps > _LEAP + _FACTOR * usual).any())

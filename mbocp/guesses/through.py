@@ -15,6 +15,7 @@ from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +97,8 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
     vs = np.zeros((len(times), robot.nv))
     for k, stop in enumerate(stops[1:-1], start=1):
         before, after = times[k] - times[k - 1], times[k + 1] - times[k]
-        rate_before = -pin.difference(robot.model, qs[k], qs[k - 1]) / before
-        rate_after = pin.difference(robot.model, qs[k], qs[k + 1]) / after
+        rate_before = -difference(robot.model, qs[k], qs[k - 1]) / before
+        rate_after = difference(robot.model, qs[k], qs[k + 1]) / after
         vs[k] = (after * rate_before + before * rate_after) / (before + after)
         if stop.goal is not None:
             asked = stop.goal.rate_active

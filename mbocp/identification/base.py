@@ -13,6 +13,7 @@ from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import difference
 from mbocp.robot.parts import Label
 
 FRICTIONS = ("none", "viscous", "coulomb", "both")
@@ -261,7 +262,7 @@ def _random_poses(dynamics: InverseDynamics, count: int, rng: np.random.Generato
         except InvalidValue:
             drift = rng.standard_normal(dynamics.n)
             continue
-        moved = pin.difference(dynamics.model, now, there)
+        moved = difference(dynamics.model, now, there)
         if np.abs(moved).max() > _JUMP:  # near a singular pose, or on another branch
             drift = rng.standard_normal(dynamics.n)
             continue

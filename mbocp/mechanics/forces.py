@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -55,7 +55,7 @@ def force_element_force(index: int, mechanics: Frames, q: ca.SX, v: ca.SX) -> ca
     return -dd_dq.T @ direction * (stiffness * (distance - length) + damping * rate)
 
 
-def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
+def resistance_torque(resistance: JointResistance, v: ca.SX, numbers: Sequence[ca.SX] | None = None) -> ca.SX:
     """Force or torque of a joint's damping and friction on the velocity component that it acts on [N, N m].
 
     Parameters
@@ -63,11 +63,14 @@ def resistance_torque(resistance: JointResistance, v: ca.SX) -> ca.SX:
     resistance : JointResistance
     v : casadi.SX, shape (nv,)
         Velocities of the joints.
+    numbers : sequence of casadi.SX, optional
+        Damping and friction in place of those that it has.
     """
+    damping, friction = numbers or (ca.SX(resistance.damping), ca.SX(resistance.friction))
     w = resistance.ratio * v[resistance.dof]
-    lost = resistance.damping * w
-    if resistance.friction:
-        lost += resistance.friction * ca.tanh(w / resistance.speed)
+    lost = damping * w
+    if not friction.is_zero():
+        lost += friction * ca.tanh(w / resistance.speed)
     return -resistance.ratio * lost
 
 

@@ -67,7 +67,8 @@ class JointMechanics:
         of_model = numbers_of_model(robot.varying)
         self._at = [robot.varying.index(number) for number in of_model]
         given = () if numbers is None else of_model
-        self.functions = model_functions(robot.model, given)
+        self._motors = robot.opened_motors if numbers is not None else ()
+        self.functions = model_functions(robot.model_without_rotors if self._motors else robot.model, given)
         self._take(numbers)
         self._dcm = [part for part in self.space.parts if part.at_matrix >= 0]
 
@@ -161,19 +162,38 @@ class JointMechanics:
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """Joint-space mass matrix M(q), shape (nv, nv)."""
-        return self._call(self.functions.crba, q)[0]
+        return self._call(self.functions.crba, q)[0] + ca.diag(self._rotors)
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, force: ca.SX) -> ca.SX:
         """Acceleration under a generalised force, without constraints, shape (nv,) [m/s^2, rad/s^2]."""
+        if self._motors:
+            rest = self.inverse_dynamics(q, v, ca.SX.zeros(self.nv))
+            return ca.ldl_solve(force - rest, *ca.ldl(self.mass_matrix(q)))
         return self._call(self.functions.aba, q, v, force)[0]
 
     def inverse_mass_matrix(self, q: ca.SX) -> ca.SX:
         """M(q)^-1, shape (nv, nv)."""
+        if self._motors:
+            return ca.ldl_solve(ca.SX.eye(self.nv), *ca.ldl(self.mass_matrix(q)))
         return self._call(self.functions.minverse, q)[0]
+
+    @property
+    def _rotors(self) -> ca.SX:
+        """What motors that have parameters add to the diagonal of M, shape (nv,)."""
+        found = ca.SX(self.nv, 1)
+        for motor in self._motors:
+            J = self._of_model([ModelNumber("motor", self.robot.motors.index(motor), 1)])
+            found[motor.dof] = self.gear_ratio(motor.dof) ** 2 * J
+        return found
+
+    def gear_ratio(self, dof: int) -> ca.SX:
+        """Turns of the motor for one of a joint with this velocity; 1 without a gear."""
+        motors = [k for k, motor in enumerate(self.robot.motors) if motor.dof == dof]
+        return self._of_model([ModelNumber("motor", motors[0], 0)]) if motors else ca.SX(1)
 
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Kinetic energy, armature included [J]."""
-        return self._call(self.functions.kinetic_energy, q, v)[0]
+        return self._call(self.functions.kinetic_energy, q, v)[0] + ca.dot(self._rotors, v**2) / 2
 
     def gravity(self, q: ca.SX) -> ca.SX:
         """Derivative of the potential of gravity along the tangent space, shape (nv,) [N, N m]."""
@@ -181,12 +201,14 @@ class JointMechanics:
 
     def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
         """Generalised force M(q) a + C(q, v) v + gravity, shape (nv,) [N, N m]."""
-        return self._call(self.functions.rnea, q, v, a)[0]
+        return self._call(self.functions.rnea, q, v, a)[0] + self._rotors * a
 
     def force(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Applied generalised force B(q) u plus that of force elements and losses, shape (nv,) [N, N m]."""
         actuation = self.robot.actuation
         selection = ca.sparsify(ca.SX(ca.DM(np.asarray(actuation.selection))))
+        for geared in self._motors:
+            selection[geared.dof, geared.column] = self.gear_ratio(geared.dof)
         num_joint = selection.shape[1]
         total = selection @ u[:num_joint] if num_joint else ca.SX.zeros(self.nv)
         for k, actuator in enumerate(actuation.frame_actuators):
@@ -194,8 +216,9 @@ class JointMechanics:
             total += jacobian.T @ ca.DM(np.asarray(actuator.direction)) * u[num_joint + k]
         for index in range(len(self.robot.forces)):
             total += force_element_force(index, self, q, v)
-        for resistance in self.robot.resistances:
-            total[resistance.dof] += resistance_torque(resistance, v)
+        for index, resistance in enumerate(self.robot.resistances):
+            numbers = self._of_model([ModelNumber("resistance", index, entry) for entry in range(2)])
+            total[resistance.dof] += resistance_torque(resistance, v, ca.vertsplit(numbers))
         for joint in self.robot.elastic:
             effort, (link, motor) = joint.effort(self._configuration(q), v), joint.at_v
             total[link] += effort

@@ -14,6 +14,7 @@ from mbocp._linear import null_space
 from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
+from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import follow, violations
 
 MAX_PATH_LENGTH = 300.0  # [rad, m] 48 turns, which take a second or two
@@ -75,9 +76,9 @@ def path_towards(
         there = pin.integrate(robot.model, q_start, share * whole)
         near = loops.led_to(q, there, last)
         found = follow(robot, q, there, wanted) if near is None else near
-        if np.abs(pin.difference(robot.model, found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
+        if np.abs(difference(robot.model, found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
-        last = np.zeros(robot.nv) if near is None else pin.difference(robot.model, q, found)
+        last = np.zeros(robot.nv) if near is None else difference(robot.model, q, found)
         q = found
         qs.append(q)
     is_closed = not qs or not violations(robot, q)
@@ -145,12 +146,12 @@ class _Loops:
         """
         gone, step, rate = 0.0, 1.0, last
         while gone < 1.0:
-            left = pin.difference(self._model, q, there)
+            left = difference(self._model, q, there)
             ahead = np.where(self._led, left * (step / (1.0 - gone)), step * rate)
             leaps = np.abs(ahead[self._led]).max(initial=0.0) >= _MAX_LEAP  # wherever the others end
             found = None if leaps else self._close(q, ahead)
             if found is not None:
-                rate = pin.difference(self._model, q, found) / step
+                rate = difference(self._model, q, found) / step
                 q, gone, step = found, gone + step, min(2.0 * step, 1.0 - gone - step)
             elif step > _MIN_STEP:
                 step /= 2.0
@@ -169,7 +170,7 @@ class _Loops:
             self._q[:] = found
             self._evaluate()
             if np.abs(self._phi).max() < _CLOSURE_TOLERANCE:
-                is_near = np.abs(pin.difference(self._model, q, found)).max() < _MAX_LEAP
+                is_near = np.abs(difference(self._model, q, found)).max() < _MAX_LEAP
                 return found if is_near else None
             step[self._free] = -_least_squares(self._dPhi_dq[:, self._free], self._phi)
             if not np.abs(step).max() <= _MAX_LEAP:

@@ -13,9 +13,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import number_of, opened_for, take, with_numbers
-
-OF_ROBOT = "robot."
+from mbocp.robot.named_numbers import OF_ROBOT, number_of, opened_for, take, with_numbers
 
 
 @dataclass(frozen=True)

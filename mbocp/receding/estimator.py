@@ -20,6 +20,7 @@ from mbocp.receding.kalman import LinearStage, lower_root
 from mbocp.receding.status import HorizonStatus
 from mbocp.receding.unknowns import unknowns_of, with_payloads
 from mbocp.robot import Robot, load_robot
+from mbocp.robot.kinematics import difference
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelHorizon, KernelProgramme
@@ -106,8 +107,8 @@ class MovingHorizonEstimator:
         begin near the first sample.
     unknowns : mapping of str to float, optional
         Constants to find, with the standard deviation of what the robot has for them:
-        `payload.NAME.mass`, `payload.NAME.com`, `friction.viscous`, `friction.coulomb`, and of one joint
-        `friction.viscous.JOINT`.
+        `robot.payload.NAME.mass` and `.com`, `robot.damping`, `robot.friction`, and of one joint
+        `robot.joint.JOINT.damping` and `.friction`.
     drift : mapping of str to float, optional
         Standard deviation of the change of some of them in a second; 0 by default.
     disturbance : float or array_like, shape (nv,)
@@ -342,7 +343,7 @@ class MovingHorizonEstimator:
         if q is None:
             return
         row["moments"] += t ** np.arange(NUM_MOMENTS)
-        off = pin.difference(self._robot.model, row["reference"], q)
+        off = difference(self._robot.model, row["reference"], q)
         for values, weights, key in ((off, (1.0, t, t * t / 2), "of_q"), (v, (1.0, t), "of_v")):
             if values is not None:
                 row[key] += np.outer(weights, values).ravel()

@@ -12,10 +12,12 @@ import pinocchio as pin
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
+from mbocp.robot.named_numbers import OF_ROBOT
 from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 
 _PAYLOAD = {"mass": ("",), "com": (".x", ".y", ".z")}  # keys, and what the names of their numbers end with
-_FRICTION = ("viscous", "coulomb")
+_LOSSES = ("damping", "friction")
+_OLD = {"friction.viscous": "damping", "friction.coulomb": "friction"}  # words that were
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Unknown:
         The word that asked for it.
     value : float
         What the robot has [kg, m, N m s/rad, N m; N s/m, N of joints that slide].
-    kind : {"mass", "com", "viscous", "coulomb"}
+    kind : {"mass", "com", "damping", "friction"}
     owner : int
         Which payload, or which component of the velocity.
     entry : int
@@ -57,13 +59,15 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
         For a word that the robot has nothing for, or one that is said twice.
     """
     known = dict(_known(robot))
-    for joint in (unknown for word in _FRICTION for unknown in known.get(f"friction.{word}", ())):
+    for joint in (unknown for word in _LOSSES for unknown in known.get(OF_ROBOT + word, ())):
         known[joint.name] = (joint,)
     found = list[Unknown]()
     for word in words:
         if word not in known:
-            options = ", ".join(known) or "nothing"
-            raise ProblemError(f"unknowns: got {word!r}; robot {robot.name!r} has {options}")
+            now = _word_now(word)
+            has = f"robot {robot.name!r} has {', '.join(known) or 'nothing'}"
+            advice = f"this is {now!r} now" if now in known else has
+            raise ProblemError(f"unknowns: got {word!r}; {advice}")
         found += [replace(unknown, group=word) for unknown in known[word]]
     names = [unknown.name for unknown in found]
     if len(set(names)) < len(names):
@@ -72,11 +76,19 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
     return tuple(found)
 
 
+def _word_now(word: str) -> str:
+    """Return the word of today for one that was."""
+    for old, key in _OLD.items():
+        if word.startswith(f"{old}."):
+            return f"{OF_ROBOT}joint.{word.removeprefix(old + '.')}.{key}"
+    return OF_ROBOT + _OLD.get(word, word)
+
+
 def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     for index, payload in enumerate(robot.payloads):
         carries = payload.name in {other.frame for other in robot.payloads}  # they would move with it
         for key, ends in (("mass", _PAYLOAD["mass"]),) if carries else _PAYLOAD.items():
-            word, values = f"payload.{payload.name}.{key}", np.atleast_1d(getattr(payload, key))
+            word, values = f"{OF_ROBOT}payload.{payload.name}.{key}", np.atleast_1d(getattr(payload, key))
             yield (
                 word,
                 tuple(
@@ -87,14 +99,14 @@ def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     places = {name: robot.velocity_indices(name) for name in robot.joint_names}
     single = {name: place.start for name, place in places.items() if place.stop - place.start == 1}
     own = {loss.dof: loss for loss in robot.resistances if single.get(loss.name) == loss.dof}
-    for kind, attribute in zip(_FRICTION, ("damping", "friction"), strict=True):
+    for kind in _LOSSES:
         found = list[Unknown]()
         for name, dof in single.items():
             loss = own.get(dof, JointResistance(name, dof))
-            value = float(getattr(loss, attribute))
-            found.append(Unknown(f"friction.{kind}.{name}", "", value, kind, dof, speed=loss.speed))
+            value, word = float(getattr(loss, kind)), f"{OF_ROBOT}joint.{name}.{kind}"
+            found.append(Unknown(word, "", value, kind, dof, speed=loss.speed))
         if found:
-            yield f"friction.{kind}", tuple(found)
+            yield OF_ROBOT + kind, tuple(found)
 
 
 def payload_forces(
@@ -155,10 +167,10 @@ def friction_in(unknowns: Iterable[Unknown], p: ca.SX, v: ca.SX) -> ca.SX:
     """Return the forces of friction beyond the robot's own, shape (nv,) [N, N m]."""
     force = ca.SX.zeros(v.shape)
     for k, unknown in enumerate(unknowns):
-        if unknown.kind in _FRICTION:
+        if unknown.kind in _LOSSES:
             w = v[unknown.owner]
             force[unknown.owner] -= (p[k] - unknown.value) * (
-                w if unknown.kind == "viscous" else ca.tanh(w / unknown.speed)
+                w if unknown.kind == "damping" else ca.tanh(w / unknown.speed)
             )
     return force
 

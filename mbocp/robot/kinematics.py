@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,8 @@ from mbocp.robot.parts import Connector, QuarticSpring, SpringDamper
 
 WORLD = "world"
 _MIN_EIGENVALUE = 1e-12  # smallest eigenvalue of the mass matrix scaled to a unit diagonal
+_ON_CIRCLES = ("continuous", "planar")
+_circles = WeakKeyDictionary[pin.Model, list[tuple[int, int, str]]]()  # where such joints are in q and in v
 _TURNING = ("revolute", "continuous", "spherical")
 
 
@@ -28,6 +31,37 @@ def frame_id(model: pin.Model, name: str, robot: str) -> int:
         raise UnknownFrame(name, robot, dict.fromkeys([WORLD, *(frame.name for frame in model.frames)]))
     bodies = [i for i in found if model.frames[i].type == pin.FrameType.BODY]
     return (bodies or found)[0]
+
+
+def difference(model: pin.Model, q0: Array, q1: Array) -> Array:
+    """Tangent vector at q0 that leads to q1, as `mbocp.lie` has it in symbols.
+
+    Pinocchio takes arccosines for the angles of continuous and planar joints, which have half the digits
+    near zero.
+    """
+    found: Array = pin.difference(model, q0, q1)
+    if model.nq == model.nv:
+        return found
+    if model not in _circles:  # Pinocchio's lists are slow to read
+        of_all = zip(model.idx_qs.tolist(), model.idx_vs.tolist(), range(model.njoints), strict=True)
+        kinds = {j: joints.joint_kind(model, j).word for j in range(1, model.njoints)}
+        _circles[model] = [(at, v, kinds[j]) for at, v, j in of_all if kinds.get(j) in _ON_CIRCLES]
+    a, b = q0.tolist(), q1.tolist()
+    for at, v, kind in _circles[model]:
+        if kind == "continuous":
+            found[v] = _angle(*a[at : at + 2], *b[at : at + 2])
+        else:
+            c, s = a[at + 2 : at + 4]
+            x, y, angle = b[at] - a[at], b[at + 1] - a[at + 1], _angle(c, s, *b[at + 2 : at + 4])
+            forward, aside, half = c * x + s * y, c * y - s * x, angle / 2.0
+            share = half / math.tan(half) if half else 1.0
+            found[v : v + 3] = share * forward + half * aside, share * aside - half * forward, angle
+    return found
+
+
+def _angle(c0: float, s0: float, c1: float, s1: float) -> float:
+    """Angle from one direction to another, in (-pi, pi]."""
+    return math.atan2(c0 * s1 - s0 * c1, c0 * c1 + s0 * s1)
 
 
 def mass_matrix(model: pin.Model, q: Array) -> Array:

@@ -35,7 +35,7 @@ class Mechanism(RobotModel):
     def difference(self, q0: ArrayLike, q1: ArrayLike) -> Array:
         """Tangent vector at `q0` that leads to `q1`, shape (nv,)."""
         q0, q1 = self._vector(q0, self.nq, "q0"), self._vector(q1, self.nq, "q1")
-        return frozen_array(pin.difference(self.model, q0, q1))
+        return frozen_array(kinematics.difference(self.model, q0, q1))
 
     def mass_matrix(self, q: ArrayLike) -> Array:
         """Joint-space mass matrix M(q), shape (nv, nv) [kg, kg m, kg m^2]."""

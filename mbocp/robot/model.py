@@ -17,7 +17,7 @@ from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
 from mbocp.robot.loops.kinds.base import Constraint
-from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, QuarticSpring, SpringDamper
+from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
@@ -79,6 +79,8 @@ class RobotModel:
         Damping and friction of joints: the part of f(q, v) that acts on one velocity each.
     elastic : tuple of ElasticJoint
         Springs between joints and their motors.
+    motors : tuple of Motor
+        Motors with gears; `model`, `actuation` and `limits` have these already.
     payloads : tuple of Payload
         Bodies that it carries; `model` and `visual_model` have them already.
     parts : tuple of PlacedRobot
@@ -114,6 +116,7 @@ class RobotModel:
     redundant_rows: tuple[int, ...] = ()
     resistances: tuple[JointResistance, ...] = ()
     elastic: tuple[ElasticJoint, ...] = ()
+    motors: tuple[Motor, ...] = ()
     payloads: tuple[Payload, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
     shapes: tuple[ShapeSource, ...] = ()
@@ -303,8 +306,9 @@ class RobotModel:
         of_model = numbers_of_model(numbers)
         known = dict(zip(of_model, values_of(self.model, of_model), strict=True))
         for number in numbers:
-            if number.of == "force":
-                element = self.forces[number.owner]
+            if number.of in ("force", "motor", "resistance"):
+                of_all = {"force": self.forces, "motor": self.motors, "resistance": self.resistances}
+                element: Any = of_all[number.of][number.owner]
                 known[number] = getattr(element, list(element.units)[number.entry])
             elif number.of == "payload":
                 payload = self.payloads[number.owner]
@@ -314,37 +318,69 @@ class RobotModel:
     @cached_property
     def fingerprint(self) -> str:
         """SHA-256 over all that shapes the equations: model, actuation, constraints, forces, losses."""
-        return self._digest(self.model.saveToString(), self.forces)
+        return self._digest(
+            self.model.saveToString(), self.forces, self.actuation.selection, self.resistances
+        )
 
     @cached_property
     def shape_fingerprint(self) -> str:
         """The same without the values of the numbers that vary; robots with none have one fingerprint."""
         if not self.varying:
             return self.fingerprint
+        selection = np.array(self.actuation.selection)
+        for motor in self.opened_motors:
+            selection[motor.dof, motor.column] = np.nan
+        text = text_without(self.model_without_rotors, numbers_of_model(self.varying))
+        if self.opened_motors:
+            text += repr(self._without_opened("motor", self.motors))
         return self._digest(
-            text_without(self.model, numbers_of_model(self.varying)), self._forces_without_opened()
+            text,
+            self._without_opened("force", self.forces),
+            selection,
+            self._without_opened("resistance", self.resistances),
         )
 
-    def _forces_without_opened(self) -> object:
-        opened = {(number.owner, number.entry) for number in self.opened if number.of == "force"}
+    @property
+    def opened_motors(self) -> tuple[Motor, ...]:
+        """Motors of which functions take a number as a parameter."""
+        return tuple(self.motors[k] for k in sorted({n.owner for n in self.opened if n.of == "motor"}))
+
+    @property
+    def found_gears(self) -> tuple[Motor, ...]:
+        """Motors whose gear ratio is such a parameter."""
+        return tuple(self.motors[n.owner] for n in self.opened if n.of == "motor" and n.entry == 0)
+
+    @cached_property
+    def model_without_rotors(self) -> pin.Model:
+        """Model without the rotors of such motors."""
+        if not self.opened_motors:
+            return self.model
+        model, armature = pin.Model(self.model), np.array(self.model.armature)
+        armature[[motor.dof for motor in self.opened_motors]] = 0.0
+        model.armature = armature
+        return model
+
+    def _without_opened(self, of: str, elements: Sequence[Any]) -> object:
+        """Springs or motors without the numbers that functions take."""
+        opened = {(number.owner, number.entry) for number in self.opened if number.of == of}
         if not opened:
-            return self.forces
+            return elements
         return [
-            [element.kind, element.frame_a, element.frame_b]
+            [element.kind, *element.place]
             + [None if (k, i) in opened else getattr(element, key) for i, key in enumerate(element.units)]
-            for k, element in enumerate(self.forces)
+            for k, element in enumerate(elements)
         ]
 
-    def _digest(self, model: str, forces: object) -> str:
+    def _digest(self, model: str, forces: object, selection: Array, resistances: object) -> str:
         digest = hashlib.sha256(model.encode())
-        digest.update(self.actuation.selection.tobytes())
+        digest.update(selection.tobytes())
         for actuator in self.actuation.frame_actuators:
             digest.update(repr(actuator.frame_id).encode() + actuator.direction.tobytes())
         digest.update(repr((self.actuation.labels, self.constraints, forces)).encode())
         if self.redundant_rows:
             digest.update(repr(self.redundant_rows).encode())
         if self.resistances:
-            digest.update(repr(self.resistances).encode())
+            digest.update(repr(resistances).encode())
         if self.elastic:
             digest.update(repr(self.elastic).encode())
         for drive in self.drives:

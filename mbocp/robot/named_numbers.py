@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, Literal, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -16,11 +16,13 @@ import pinocchio as pin
 
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot import kinematics
-from mbocp.robot.parts import QuarticSpring, SpringDamper
+from mbocp.robot.parts import Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import INERTIA_KEYS, Payload, shape_name
+from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
 from mbocp.symbolic import (
     ModelNumber,
+    inertia_numbers,
     joint_placement_numbers,
     numbers_of_model,
     placement_numbers,
@@ -28,11 +30,13 @@ from mbocp.symbolic import (
     with_values,
 )
 
+OF_ROBOT = "robot."  # what words begin with where a problem has others, too
 _AXES = "xyz"
 _COM = {f"com.{axis}": "m" for axis in _AXES}
 _OF_PAYLOAD = {"mass": "kg", **_COM, **{f"inertia.{key}": "kg m^2" for key in INERTIA_KEYS}}
 _ROUND_OFF = 1e-12  # [m]
 
+E = TypeVar("E")
 Numbers = Mapping[ModelNumber, ca.SX]
 
 
@@ -67,11 +71,14 @@ def named_numbers(robot: Robot) -> dict[str, NamedNumber]:
     for index, payload in enumerate(robot.payloads):
         if all(other.frame != payload.name for other in robot.payloads):  # else that would move with it
             found |= _of_payload(robot, index, payload)
-    for index, element in enumerate(robot.forces):
-        for entry, (key, unit) in enumerate(element.units.items()):
-            number = ModelNumber("force", index, entry)
-            found[f"spring.{element.name}.{key}"] = _plain(number, unit, moves=False)
+    found |= _of_elements("spring", "force", robot.forces)
+    found |= _of_elements("motor", "motor", robot.motors)
+    turns = [loss if robot.v_labels[loss.dof].unit == "rad/s" else None for loss in robot.resistances]
+    found |= _of_elements("joint", "resistance", turns)
+    laden = {int(model.frames[robot.frame_id(payload.frame)].parentJoint) for payload in robot.payloads}
     for joint in range(1, model.njoints):
+        if model.inertias[joint].mass > 0.0 and joint not in laden:
+            found[f"joint.{model.names[joint]}.mass"] = _of_body(joint)
         found |= _of_place(f"joint.{model.names[joint]}", joint_placement_numbers(joint), model)
     taken = {payload.name for payload in robot.payloads} | {payload.frame for payload in robot.payloads}
     standing = {int(frame.parentFrame) for frame in model.frames[1:]}
@@ -97,7 +104,8 @@ def take(robot: Robot, word: str) -> NamedNumber:
         raise InvalidValue(
             f"number of robot {robot.name!r}",
             repr(word),
-            "payload.NAME.mass or .com.x, spring.NAME.stiffness, joint.NAME.length or .x, frame.NAME.length "
+            "payload.NAME.mass or .com.x, spring.NAME.stiffness, motor.JOINT.gear_ratio, joint.NAME.mass, "
+            ".length or .x, frame.NAME.length "
             f"or .x, base.x and the like; {suggest(word, known)}",
         )
     return known[word]
@@ -148,26 +156,57 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     at = {n: ca.SX(value) for n, value in zip(numbers, robot.values_of(numbers), strict=True)}
     found = put(robot, at, [(word, ca.SX(value)) for word, value in values.items()])
     now = {number: float(ca.evalf(ca.SX(value))) for number, value in found.items()}
-    of_model = numbers_of_model(numbers)
-    model = with_values(robot.model, of_model, [now[number] for number in of_model])
+    other = with_numbers_of_model(robot, now)
     visuals = pin.GeometryModel(robot.visual_model)
-    _move_visuals(robot, model, visuals, values)
-    forces = tuple(_changed_element(now, k, element) for k, element in enumerate(robot.forces))
+    _move_visuals(robot, other.model, visuals, values)
     payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     spec = {**robot.spec, "numbers": {**robot.spec.get("numbers", {}), **values}}
     if "payload" in spec:
         spec["payload"] = [payload.table for payload in payloads]
-    other = replace(robot, model=model, visual_model=visuals, forces=forces, payloads=payloads, spec=spec)
+    other = replace(other, visual_model=visuals, payloads=payloads, spec=spec)
     is_open = other.nc and np.abs(other.constraint_residual(other.q0)).max() > _ROUND_OFF
     return replace(other, q0=other.assemble(other.q0)) if is_open else other
 
 
-def _changed_element(
-    now: Mapping[ModelNumber, float], index: int, element: QuarticSpring | SpringDamper
-) -> QuarticSpring | SpringDamper:
-    keys = list(element.units)
-    own = {keys[n.entry]: value for n, value in now.items() if n.of == "force" and n.owner == index}
-    return replace(cast(Any, element), **own) if own else element
+def with_numbers_of_model(robot: Robot, now: Mapping[ModelNumber, float]) -> Robot:
+    """Copy of a robot in which numbers of its model, springs, motors and losses have other values."""
+    of_model = numbers_of_model(now)
+    motors = _changed(now, "motor", robot.motors)
+    other = replace(
+        robot,
+        model=with_values(robot.model, of_model, [now[number] for number in of_model]),
+        forces=_changed(now, "force", robot.forces),
+        resistances=_changed(now, "resistance", robot.resistances),
+    )
+    return geared(other, motors) if motors != robot.motors else other
+
+
+def _changed(now: Mapping[ModelNumber, float], of: str, elements: Sequence[E]) -> tuple[E, ...]:
+    """Springs or motors with other numbers."""
+    found = list(elements)
+    for number, value in now.items():
+        if number.of == of:
+            element: Any = found[number.owner]
+            found[number.owner] = replace(element, **{list(element.units)[number.entry]: value})
+    return tuple(found)
+
+
+def geared(robot: Robot, motors: tuple[Motor, ...]) -> Robot:
+    """Copy of a robot with these motors: torques, rotors and speeds of the joints follow from their gears."""
+    model, selection = pin.Model(robot.model), np.array(robot.actuation.selection)
+    armature, speeds = np.array(model.armature), np.array(robot.limits.velocity)
+    for motor in motors:
+        selection[motor.dof, motor.column] = motor.gear_ratio
+        armature[motor.dof] = motor.gear_ratio**2 * motor.inertia
+        speeds[motor.dof] = motor.speed / motor.gear_ratio
+    model.armature = armature
+    return replace(
+        robot,
+        model=model,
+        motors=motors,
+        actuation=replace(robot.actuation, selection=selection),
+        limits=replace(robot.limits, velocity=speeds),
+    )
 
 
 def _changed_payload(now: Mapping[ModelNumber, float], index: int, payload: Payload) -> Payload:
@@ -212,6 +251,29 @@ def _of_place(word: str, placement: Sequence[ModelNumber], model: pin.Model) -> 
 
         found[f"{word}.length"] = NamedNumber("m", own, length, stretch)
     return found
+
+
+def _of_elements(
+    word: str,
+    of: Literal["force", "motor", "resistance"],
+    elements: Sequence[SpringDamper | QuarticSpring | Motor | JointResistance | None],
+) -> dict[str, NamedNumber]:
+    return {
+        f"{word}.{element.name}.{key}": _plain(ModelNumber(of, index, entry), unit, moves=False)
+        for index, element in enumerate(elements)
+        if element is not None
+        for entry, (key, unit) in enumerate(element.units.items())
+    }
+
+
+def _of_body(joint: int) -> NamedNumber:
+    """Mass of what a joint moves; its moments of inertia grow with it."""
+    mass, *moments = takes = [n for n in inertia_numbers(joint) if n.entry not in (1, 2, 3)]
+
+    def scale(at: Numbers, value: ca.SX) -> Numbers:
+        return {mass: value, **{number: at[number] * (value / at[mass]) for number in moments}}
+
+    return NamedNumber("kg", tuple(takes), lambda at: at[mass], scale, moves=False)
 
 
 def _bases(robot: Robot) -> dict[str, str]:

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.robot.kinematics import difference
 from mbocp.robot.model import RobotModel
 
 
@@ -41,7 +42,7 @@ def steps_between(robot: RobotModel, qs: Array) -> Array:
     """Tangent vectors from each configuration to the next, shape (n - 1, nv)."""
     if _is_plain(robot):
         return np.diff(qs, axis=0)
-    return _rows([pin.difference(robot.model, *at) for at in pairwise(qs)], robot.nv)
+    return _rows([difference(robot.model, *at) for at in pairwise(qs)], robot.nv)
 
 
 def _is_plain(robot: RobotModel) -> bool:

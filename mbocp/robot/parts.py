@@ -211,6 +211,11 @@ class QuarticSpring:
         _require_positive(f"spring {self.name!r}: coefficient", self.coefficient)
         _require_not_negative(f"spring {self.name!r}: length", self.length)
 
+    @property
+    def place(self) -> tuple[int, int]:
+        """Where it acts."""
+        return self.frame_a, self.frame_b
+
 
 @dataclass(frozen=True)
 class SpringDamper:
@@ -251,6 +256,53 @@ class SpringDamper:
     def __post_init__(self) -> None:
         for key in ("stiffness", "damping", "length"):
             _require_not_negative(f"spring_damper {self.name!r}: {key}", getattr(self, key))
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Where it acts."""
+        return self.frame_a, self.frame_b
+
+
+@dataclass(frozen=True)
+class Motor:
+    r"""A motor that turns a joint by a gear; its control is the torque before the gear.
+
+    .. math:: \tau = n u, \qquad |n v| \le \omega_{\max}, \qquad M_{ii} = \ldots + n^2 J
+
+    Parameters
+    ----------
+    name : str
+        The joint.
+    dof : int
+        Its component of v.
+    column : int
+        Of B.
+    gear_ratio : float
+        n, turns of the motor for one of the joint.
+    inertia : float
+        J, of the rotor [kg m^2].
+    speed : float
+        Largest speed of the motor [rad/s].
+    """
+
+    name: str
+    dof: int
+    column: int
+    gear_ratio: float
+    inertia: float
+    speed: float = np.inf
+
+    kind = "motor"
+    units: ClassVar[dict[str, str]] = {"gear_ratio": "", "inertia": "kg m^2"}
+
+    def __post_init__(self) -> None:
+        _require_positive(f"motor of {self.name!r}: gear_ratio", self.gear_ratio)
+        _require_not_negative(f"motor of {self.name!r}: inertia", self.inertia)
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Where it acts."""
+        return self.dof, self.column
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +48,14 @@ class JointResistance:
     damping: float = 0.0
     friction: float = 0.0
     speed: float = FRICTION_SPEED
+
+    kind = "resistance"
+    units: ClassVar[dict[str, str]] = {"damping": "N m s/rad", "friction": "N m"}  # where it turns
+
+    @property
+    def place(self) -> tuple[int, float, float]:
+        """Where it acts, and how."""
+        return self.dof, self.ratio, self.speed
 
     def __post_init__(self) -> None:
         for key in ("damping", "friction"):

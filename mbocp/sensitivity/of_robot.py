@@ -16,11 +16,10 @@ from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import number_of, numbers_behind, put
+from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model
 from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.sensitivity.numbers import Change
 from mbocp.sensitivity.parameter import Parameter
-from mbocp.symbolic.numbers import with_values
 
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
@@ -61,6 +60,8 @@ class NumbersOfRobot(OfRobot):
             "frame_placement": [frame.name for frame in model.frames],
             "force": [element.name for element in robot.forces],
             "payload": [payload.name for payload in robot.payloads],
+            "motor": [motor.name for motor in robot.motors],
+            "resistance": [loss.name for loss in robot.resistances],
         }
         pairs = ((n, owners.get(n.of, joints)) for n in robot.varying)
         return tuple(f"{n.of} of {of_kind[n.owner]}: {n.entry}" for n, of_kind in pairs)
@@ -81,7 +82,7 @@ class NumbersOfRobot(OfRobot):
 
 
 def _with_numbers(robot: Robot, values: Array) -> Robot:
-    return replace(robot, model=with_values(robot.model, robot.varying, values))
+    return with_numbers_of_model(robot, dict(zip(robot.varying, values.tolist(), strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ class PayloadNumbers(OfRobot):
         if NUMBERS in formulation.pieces.parameters.theta:
             for payload in payloads:
                 if payload.name not in carrying:
-                    yield from (f"robot.payload.{payload.name}.{key}" for key in _NAMES)
+                    yield from (f"{OF_ROBOT}payload.{payload.name}.{key}" for key in _NAMES)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,7 +113,7 @@ class PayloadNumbers(OfRobot):
         return next(payload for payload in robot.payloads if payload.name == name)
 
     def _numbers_of(self, robot: Robot) -> tuple[ca.SX, ca.SX]:
-        return _numbers_with(robot, self.word.removeprefix("robot."), self.names)
+        return _numbers_with(robot, self.word.removeprefix(OF_ROBOT), self.names)
 
     @property
     def in_numbers(self) -> Array:

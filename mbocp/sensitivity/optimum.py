@@ -12,10 +12,9 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
-from mbocp.problem import Problem
+from mbocp.formulation.iterates import end_as_solved
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.programme.carried import Carried
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held import active_limits
@@ -82,7 +81,7 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = _as_solved(solution.problem, carried)
+    problem = replace(end_as_solved(solution.problem, carried), limits_within=carried.limits_within)
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
@@ -91,19 +90,6 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")
     return formulation, carried.into(formulation.programme)
-
-
-def _as_solved(problem: Problem, carried: Carried) -> Problem:
-    """A solution's problem with what its solve had chosen."""
-    problem = replace(problem, limits_within=carried.limits_within)
-    if carried.q_end.size:
-        is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
-        problem = replace(problem, goal=replace(problem.goal, q=carried.q_end, q_is_reached=is_reached))
-    if carried.first.size:
-        names = [one.name for one in problem.parameter]
-        problem = problem.with_found(dict(zip(names, carried.first.tolist(), strict=True)))
-        problem = replace(problem, q_start=carried.q_start)
-    return problem
 
 
 def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.problem import Problem
 from mbocp.programme.carried import Carried
+from mbocp.robot.kinematics import difference
 from mbocp.solution.solution import Solution
 
 _AGREES = 0.05  # of the motion's extent and of its largest velocity: what a start is away from it at most
@@ -65,11 +65,11 @@ def place_of_start(saved: Solution, problem: Problem) -> float:
     if problem.start_free is not None:
         return 0.0
     model, start = problem.robot.model, np.asarray(problem.q_start)
-    moved = np.array([pin.difference(model, saved.qs[0], q) for q in saved.qs])
+    moved = np.array([difference(model, saved.qs[0], q) for q in saved.qs])
     extent, fastest = (np.linalg.norm(rows, axis=1).max() for rows in (moved, saved.vs))
     if not (np.isfinite(extent + fastest) and extent and fastest):
         return 0.0
-    away = np.array([pin.difference(model, start, q) for q in saved.qs])
+    away = np.array([difference(model, start, q) for q in saved.qs])
     gaps = np.hstack([away / extent, (saved.vs - problem.v_start) / fastest])
     moves = np.diff(gaps, axis=0)
     lengths = np.einsum("ni,ni->n", moves, moves)

@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 _MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # in Pinocchio's order
+_OF_MODEL = ("inertia", "joint_placement", "frame_placement")
 _TRANSLATION = range(9, 12)  # after the rotation
 
 
@@ -24,24 +25,24 @@ class ModelNumber(NamedTuple):
 
     Attributes
     ----------
-    of : {"inertia", "joint_placement", "frame_placement", "force", "payload"}
-        The last two are numbers of a robot beside its model, see `mbocp.robot.named_numbers`.
+    of : {"inertia", "joint_placement", "frame_placement", "force", "payload", "motor", "resistance"}
+        The last four are numbers of a robot beside its model, see `mbocp.robot.named_numbers`.
     owner : int
-        Index of the joint or frame, of the force element or payload.
+        Index of the joint or frame, of the force element, payload, motor or resistance.
     entry : int
         Of an inertia: 0 the mass [kg], 1 to 3 the centre of mass [m], 4 to 9 the moments of inertia about it,
         xx, xy, yy, xz, yz, zz [kg m^2]. Of a placement: 0 to 8 the rotation by columns, 9 to 11 the
         translation [m].
     """
 
-    of: Literal["inertia", "joint_placement", "frame_placement", "force", "payload"]
+    of: Literal["inertia", "joint_placement", "frame_placement", "force", "payload", "motor", "resistance"]
     owner: int
     entry: int
 
 
 def numbers_of_model(numbers: Iterable[ModelNumber]) -> tuple[ModelNumber, ...]:
     """Those of a `pinocchio.Model` itself."""
-    return tuple(number for number in numbers if number.of not in ("force", "payload"))
+    return tuple(number for number in numbers if number.of in _OF_MODEL)
 
 
 def inertia_numbers(joint: int) -> tuple[ModelNumber, ...]:

@@ -31,6 +31,7 @@ from mbocp.terms.frame_path import (
 )
 from mbocp.terms.braking import Braking as Braking
 from mbocp.terms.motor import Motor as Motor
+from mbocp.terms.motor import MotorSpeed as MotorSpeed
 from mbocp.terms.kept import Line as Line, OrientationKept as OrientationKept
 from mbocp.terms.follow import Follow as Follow
 from mbocp.terms.height import Height as Height

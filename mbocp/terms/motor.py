@@ -26,7 +26,7 @@ _ROUND_OFF = 1e-9  # relative, by which slopes of a table may be less steep than
 
 @dataclass(frozen=True)
 class Motor(PathTerm):
-    r"""Torque of a joint with the voltage of its motor, seen behind the gear.
+    r"""Torque with the voltage of a motor, seen behind its gear; of a `[[robot.motor]]` before it.
 
     .. math:: -\tau_0 \le \tau + \frac{\tau_0}{v_0} v \le \tau_0
 
@@ -118,11 +118,49 @@ class Motor(PathTerm):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Torque that the voltage would give at rest, by each line [N m]."""
-        model = at.mechanics.robot.model
-        place = model.joints[model.frames[self.frame].parentJoint].idx_v
-        torque = (at.pushes() @ at.control)[place]
+        place, n = _gear(self.frame, at)
+        torque = (at.pushes() @ at.control)[place] / n
         slopes: ca.SX = _slopes(p["speeds"], p["torques"])
-        return torque + slopes * at.joint_velocity()[place]
+        return torque + slopes * n * at.joint_velocity()[place]
+
+
+@dataclass(frozen=True)
+class MotorSpeed(PathTerm):
+    r"""Speed of a motor before its gear, :math:`|n v| \le \omega_{\max}`."""
+
+    kind = "motor_speed"
+    unit = "rad/s"
+    has_velocity = True
+    of_joint = True
+
+    class Keys(Table):
+        """Keys."""
+
+        max: Annotated[Bound, Key('of a `"motor_speed"`', "rad/s")] = None
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Bounds of both directions."""
+        if not given.get("max", 0.0) > 0.0:
+            raise InvalidValue(f"{key}.max", given.get("max"), "a speed above 0 [rad/s]")
+        return {"lower": [-given["max"]], "upper": [given["max"]]}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """The greatest speed."""
+        return {"max": float(given.upper[0])}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Speed before the gear [rad/s]."""
+        place, n = _gear(self.frame, at)
+        return n * at.joint_velocity()[place]
+
+
+def _gear(frame: int, at: Point) -> tuple[int, ca.SX]:
+    """Where a joint has its velocity, and the ratio of its gear."""
+    model = at.mechanics.robot.model
+    place = int(model.joints[model.frames[frame].parentJoint].idx_v)
+    return place, at.mechanics.gear_ratio(place)
 
 
 def falling_lines(curve: Array, key: str) -> Array:

@@ -10,11 +10,12 @@ import pytest
 from scipy.optimize import minimize, minimize_scalar
 
 import mbocp
-from mbocp.exceptions import InvalidValue, ProblemError, ProblemFileError
+from mbocp.exceptions import InvalidValue, ProblemError, ProblemFileError, RobotError
 from mbocp.formulation import formulate
-from mbocp.problem import Problem
+from mbocp.problem import Problem, problem_to_toml
+from mbocp.problem.file.load import parse_problem
 from mbocp.problem.parameter import with_values
-from mbocp.robot.named_numbers import number_of, opened_for
+from mbocp.robot.named_numbers import number_of, opened_for, with_numbers, with_numbers_of_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "design"
 LOAD = {"name": "load", "frame": "tool0", "mass": 2.0, "com": [0.0, 0.0, 0.05]}
@@ -46,6 +47,50 @@ OF_ARM = [
         "cost": {"square": 3e3, "reference": 0.4},
     },
 ]
+GEARED = {
+    **ARM,
+    "robot": {
+        **ARM["robot"],
+        "motor": [{"joint": "elbow_joint", "gear_ratio": 50.0, "inertia": 5e-4, "effort": 3.0}],
+    },
+    "cost": {"effort": [1.0, 1.0, 2e3], "velocity": 3.0},
+}
+OF_MOTOR = [
+    {"of": "robot.motor.elbow_joint.gear_ratio", "min": 20.0, "max": 120.0},
+    {
+        "of": "robot.motor.elbow_joint.inertia",
+        "min": 1e-4,
+        "max": 1e-2,
+        "cost": {"square": 1e8, "reference": 5e-3},
+    },
+    {
+        "of": "robot.joint.shoulder_lift_joint.mass",
+        "min": 4.0,
+        "max": 12.0,
+        "cost": {"square": 400.0, "reference": 9.0},
+    },
+]
+LOCKED = [*(f"panda_joint{k}" for k in (1, 3, 5, 6, 7)), "panda_finger_joint1", "panda_finger_joint2"]
+LOSSY: dict[str, Any] = {
+    **ARM,
+    "robot": {"name": "panda", "friction": "smooth", "lock": LOCKED},
+    "start": {"q": [0, -1.5]},
+    "goal": {"q": [0.5, -1.0], "v": 0},
+}
+OF_LOSSES = [
+    {
+        "of": ["robot.joint.panda_joint2.damping", "robot.joint.panda_joint4.damping"],
+        "min": 0.0,
+        "max": 2.0,
+        "cost": {"square": 300.0, "reference": 1.0},
+    },
+    {
+        "of": "robot.joint.panda_joint2.friction",
+        "min": 0.0,
+        "max": 2.0,
+        "cost": {"square": 300.0, "reference": 1.0},
+    },
+]
 SPRUNG: dict[str, Any] = {
     "robot": "elastic_pendulum",
     "duration": 2.0,
@@ -66,9 +111,18 @@ def plain_cost(problem: Problem, values: list[float], **changes: Any) -> float:
     return solution.cost + sum(more)
 
 
-@pytest.mark.parametrize("scheme", ["se1", "midpoint", "gauss2", "rk4"])
-def test_is_the_optimum_of_plain_solves(scheme: str) -> None:
-    problem = Problem.create(**ARM, parameter=OF_ARM, scheme=scheme)
+@pytest.mark.parametrize(
+    ("keys", "parameter", "scheme"),
+    [
+        *((ARM, OF_ARM, scheme) for scheme in ("se1", "midpoint", "gauss2", "rk4")),
+        *((GEARED, OF_MOTOR, scheme) for scheme in ("se1", "gauss2", "rk4")),
+        (LOSSY, OF_LOSSES, "midpoint"),
+    ],
+)
+def test_is_the_optimum_of_plain_solves(
+    keys: dict[str, Any], parameter: list[dict[str, Any]], scheme: str
+) -> None:
+    problem = Problem.create(**keys, parameter=parameter, scheme=scheme)
     solution = mbocp.solve(problem)
     found = list(solution.parameters.values())
     assert solution.converged
@@ -130,9 +184,63 @@ def search(problem: Problem) -> tuple[float, np.ndarray]:
     return best.fun, lower + best.x * (upper - lower)
 
 
-@pytest.mark.parametrize("name", ["counterweight", "base_placement"])
-def test_agrees_with_a_search(name: str) -> None:
-    problem = mbocp.load_problem(EXAMPLES / f"{name}.toml")
+def test_a_motor_before_its_gear() -> None:
+    plain, problem = Problem.create(**ARM), Problem.create(**GEARED)
+    robot, bare, dof = problem.robot, plain.robot, 2
+    q, v = problem.q_start, np.arange(3.0)
+    rotor = robot.momentum(q, v) - bare.momentum(q, v)
+    assert rotor == pytest.approx([0.0, 0.0, 50.0**2 * 5e-4 * v[2]], abs=1e-12)
+    assert robot.actuation_matrix(q) == pytest.approx(np.diag([1.0, 1.0, 50.0]))
+    assert robot.limits.effort[dof] == 3.0
+    assert robot.limits.velocity == pytest.approx(bare.limits.velocity)
+    larger = with_numbers(robot, {"motor.elbow_joint.gear_ratio": 100.0})
+    assert larger.limits.velocity[dof] == pytest.approx(bare.limits.velocity[dof] / 2.0)
+    assert larger.model.armature[dof] == pytest.approx(5.0)
+    assert larger.limits.effort[dof] == 3.0
+
+
+def test_numbers_of_all_kinds_are_put_where_they_belong() -> None:
+    robot = Problem.create(**GEARED, parameter=OF_MOTOR).robot
+    own = dict(zip(robot.varying, robot.varying_values.tolist(), strict=True))
+    assert with_numbers_of_model(robot, own).fingerprint == robot.fingerprint
+    doubled = with_numbers_of_model(robot, {n: 2.0 * x if n.of == "motor" else x for n, x in own.items()})
+    assert doubled.motors[0].gear_ratio == 2.0 * robot.motors[0].gear_ratio
+    assert doubled.shape_fingerprint == robot.shape_fingerprint
+
+
+@pytest.mark.parametrize("of", ["robot.motor.elbow_joint.gear_ratio", "robot.motor.elbow_joint.inertia"])
+def test_a_file_has_what_its_gears_keep(of: str) -> None:
+    table = {"of": of, "min": 1e-5, "max": 60.0}
+    problem = Problem.create(**GEARED, parameter=[table], limits={"velocity": True})
+    again = parse_problem(problem_to_toml(problem))
+    is_gear = of.endswith("ratio")
+    for one in (problem, again):
+        assert [path.kind for path in one.path] == ["motor_speed"] * is_gear
+        assert np.isinf(one.limits.v_upper).tolist() == [False, False, is_gear]
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ({"joint": "elbow"}, "elbow.*did you mean"),
+        ({"joint": "elbow_joint", "gear_ratio": 0.0}, "gear_ratio.*0"),
+        ({"joint": "elbow_joint", "ratio": 2.0}, r"ratio.*unknown key"),
+        ([{"joint": "elbow_joint"}] * 2, r"motor\[1\].joint: 'elbow_joint' is named twice"),
+    ],
+)
+def test_motors_that_cannot_be_are_refused(row: Any, words: str) -> None:
+    with pytest.raises(RobotError, match=words):
+        mbocp.load_robot("ur5", motor=row if isinstance(row, list) else [row])
+    with pytest.raises(RobotError, match=r"motor\[0\].joint: got 'hook'|'hook'"):
+        mbocp.load_robot("ur5", motor=[{"joint": "hook"}])
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [("counterweight", {}), ("base_placement", {}), ("gear_ratio", {"horizon.steps": 12})],
+)
+def test_agrees_with_a_search(name: str, changes: dict[str, Any]) -> None:
+    problem = mbocp.load_problem(EXAMPLES / f"{name}.toml", changes)
     solution = mbocp.solve(problem)
     least, where = search(problem)
     assert solution.cost == pytest.approx(least, rel=1e-6)
@@ -166,6 +274,13 @@ def test_loops_begin_where_motors_say() -> None:
     assert np.abs(solution.qs[0] - problem.q_start).max() > 0.1
     assert solution.constraint_violation < 1e-12
     assert plain_cost(problem, list(solution.parameters.values())) == pytest.approx(solution.cost, rel=1e-3)
+    further = mbocp.solve(solution.load_problem(), warm_start=solution)  # has the end that was chosen
+    assert further.iterations <= 1
+    assert further.cost == pytest.approx(solution.cost, rel=1e-12)
+    other = solution.load_problem().with_(
+        goal={"frame": [{"name": "left_tip", "x": 0.28, "z": 0.58}], "v": 0}
+    )
+    assert mbocp.solve(other, warm_start=solution).converged
 
 
 @pytest.mark.parametrize("key", ["coefficient", "length"])

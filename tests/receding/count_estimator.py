@@ -17,7 +17,7 @@ def main() -> None:
     count.restype = ctypes.c_long
     arm = mbocp.load_robot("ur5", payload=[{"frame": "tool0", "name": "load", "mass": 1.0}])
     estimator = mbocp.MovingHorizonEstimator(
-        arm, measured={"q": 1e-4}, unknowns={"payload.load.mass": 1.0}, disturbance=0.01
+        arm, measured={"q": 1e-4}, unknowns={"robot.payload.load.mass": 1.0}, disturbance=0.01
     )
     q, rng = np.array(arm.q0), np.random.default_rng(0)
     for _ in range(30):

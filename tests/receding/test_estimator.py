@@ -48,7 +48,7 @@ def arm() -> Robot:
 def of_arm(arm: Robot, **changes) -> MovingHorizonEstimator:
     said = {
         "measured": {"q": 1e-4},
-        "unknowns": {"payload.load.mass": 3.0},
+        "unknowns": {"robot.payload.load.mass": 3.0},
         "disturbance": 0.3 * math.sqrt(PERIOD),
         **changes,
     }
@@ -124,10 +124,10 @@ def test_an_arm_tells_its_payload_and_friction(arm):
     q = np.array([0.0, -1.3, 1.4, -1.6, -1.5, 0.0])
     estimator = of_arm(
         arm,
-        unknowns={"payload.load.mass": 3.0, "friction.viscous": 3.0},
-        drift={"payload.load.mass": 3.0},
+        unknowns={"robot.payload.load.mass": 3.0, "robot.damping": 3.0},
+        drift={"robot.payload.load.mass": 3.0},
     )
-    assert estimator.names[:2] == ("payload.load.mass", "friction.viscous.shoulder_pan_joint")
+    assert estimator.names[:2] == ("robot.payload.load.mass", "robot.joint.shoulder_pan_joint.damping")
     found = estimator.update(q)
     assert set(found.unobserved) == set(estimator.names)
     for own in (arm, heavy):
@@ -140,9 +140,9 @@ def test_an_arm_tells_its_payload_and_friction(arm):
     truth = np.concatenate([q, v, [2.0], np.full(6, friction)])
     off = np.abs(np.concatenate([found.q, found.v, list(found.parameters.values())]) - truth)
     assert (off < 4.0 * found.standard_deviations).all(), off / found.standard_deviations
-    assert found.deviations["payload.load.mass"] < 0.3
-    assert "payload.load.mass" not in found.unobserved
-    assert estimator.robot().payloads[0].mass == found.parameters["payload.load.mass"]
+    assert found.deviations["robot.payload.load.mass"] < 0.3
+    assert "robot.payload.load.mass" not in found.unobserved
+    assert estimator.robot().payloads[0].mass == found.parameters["robot.payload.load.mass"]
     taken = mbocp.RecedingHorizon(
         mbocp.load_problem("examples/receding/ur5_follow.toml").with_(robot=arm)
     ).step(found.q, found.v, robot=estimator.robot())
@@ -165,7 +165,7 @@ def test_deviations_are_honest(arm):
             noise = 0.3 * rng.standard_normal(6)
             ((q, v, y),) = simulate(own, q, v, [force + noise], rng, 1e-4)
             found = estimator.update(y, force, dt=PERIOD)
-        off = np.concatenate([found.q - q, found.v - v, [found.parameters["payload.load.mass"] - mass]])
+        off = np.concatenate([found.q - q, found.v - v, [found.parameters["robot.payload.load.mass"] - mass]])
         errors.append(off / found.standard_deviations)
     squares = np.array(errors) ** 2
     assert 0.85 < squares.mean() < 1.15
@@ -184,7 +184,7 @@ def test_attitudes_and_circles_are_estimated_on_their_groups(period):
         horizon=0.04,
         steps=10,
         measured={"q": 1e-4},
-        unknowns={"payload.load.mass": 2.0},
+        unknowns={"robot.payload.load.mass": 2.0},
         disturbance=1e-2,
         speed=4.0,
         iterations=3,
@@ -201,10 +201,10 @@ def test_attitudes_and_circles_are_estimated_on_their_groups(period):
     assert np.linalg.norm(found.q[3:7]) == pytest.approx(1.0, abs=1e-9)
     assert np.linalg.norm(found.q[7:]) == pytest.approx(1.0, abs=1e-9)
     off = np.concatenate(
-        [pin.difference(model, found.q, q), found.v - v, [found.parameters["payload.load.mass"] - 2.5]]
+        [pin.difference(model, found.q, q), found.v - v, [found.parameters["robot.payload.load.mass"] - 2.5]]
     )
     assert (np.abs(off) < 4.0 * found.standard_deviations).all(), off / found.standard_deviations
-    assert found.deviations["payload.load.mass"] < 0.3
+    assert found.deviations["robot.payload.load.mass"] < 0.3
 
 
 def test_the_place_of_a_weight_and_dry_friction_are_found():
@@ -215,11 +215,16 @@ def test_the_place_of_a_weight_and_dry_friction_are_found():
     estimator = MovingHorizonEstimator(
         guess,
         measured={"q": 1e-5},
-        unknowns={"payload.load.com": 0.5, "friction.coulomb.0_RY": 5.0},
+        unknowns={"robot.payload.load.com": 0.5, "robot.joint.0_RY.friction": 5.0},
         disturbance=1e-3,
         steps=50,
     )
-    names = ("payload.load.com.x", "payload.load.com.y", "payload.load.com.z", "friction.coulomb.0_RY")
+    names = (
+        "robot.payload.load.com.x",
+        "robot.payload.load.com.y",
+        "robot.payload.load.com.z",
+        "robot.joint.0_RY.friction",
+    )
     assert estimator.names == names
     rng, q, v, dry = np.random.default_rng(6), np.zeros(1), np.zeros(1), 2.0
     estimator.update(q)
@@ -229,7 +234,7 @@ def test_the_place_of_a_weight_and_dry_friction_are_found():
         ((q, v, y),) = simulate(heavy, q, v, [force], rng, 1e-5, substeps=1)
         found = estimator.update(y, given, dt=PERIOD)
     off = np.abs(np.array(list(found.parameters.values())) - [0.4, 0.0, -0.1, dry])
-    assert found.unobserved == ("payload.load.com.y",)  # along the axis
+    assert found.unobserved == ("robot.payload.load.com.y",)  # along the axis
     assert (off < [0.01, 0.01, 0.01, 0.05]).all(), off
     laden = estimator.robot()
     np.testing.assert_allclose(
@@ -246,25 +251,25 @@ def test_what_no_sample_tells_is_named():
     for x in (0.0, 0.5):
         laden = own.with_payload(Payload(frame="body", name="load", mass=1.0, com=(x, 0.0, 0.2)))
         estimator = MovingHorizonEstimator(
-            laden, measured={"q": 1e-5}, unknowns={"payload.load.mass": 0.5}, disturbance=1e-3
+            laden, measured={"q": 1e-5}, unknowns={"robot.payload.load.mass": 0.5}, disturbance=1e-3
         )
         estimator.update(np.zeros(1))
         for q, _, _ in simulate(
             laden, np.zeros(1), np.zeros(1), [force] * 300, np.random.default_rng(0), 0.0
         ):
             found[x] = estimator.update(q, force, dt=PERIOD)
-    assert found[0.0].unobserved == ("payload.load.mass",)
-    assert found[0.0].deviations["payload.load.mass"] == pytest.approx(0.5)
-    assert found[0.0].parameters["payload.load.mass"] == pytest.approx(1.0)
+    assert found[0.0].unobserved == ("robot.payload.load.mass",)
+    assert found[0.0].deviations["robot.payload.load.mass"] == pytest.approx(0.5)
+    assert found[0.0].parameters["robot.payload.load.mass"] == pytest.approx(1.0)
     assert found[0.5].unobserved == ()
-    assert found[0.5].deviations["payload.load.mass"] < 0.05
+    assert found[0.5].deviations["robot.payload.load.mass"] < 0.05
 
 
 def test_derivatives_are_those_of_differences_on_the_group():
     """Of rows and gradient, in both states along their tangents, in noise and in constants."""
     model, _ = chain("FreeFlyer RUBY")
     own = robot(model).with_payload(Payload(frame="body", name="load", mass=0.7, com=(0.1, 0.2, 0.3)))
-    words = ("payload.load.mass", "payload.load.com", "friction.viscous", "friction.coulomb")
+    words = ("robot.payload.load.mass", "robot.payload.load.com", "robot.damping", "robot.friction")
     constants = unknowns_of(own, words)
     at = EstimatorLayout(own.nq, own.nv, own.nu, len(constants))
     of = load_estimator_functions(own, constants, has_v=True).stage_function
@@ -366,11 +371,16 @@ REFUSED = {
     "measured.q: missing": {"measured": {"v": 1.0}},
     "measured: got 'tau', expected some of: q, v": {"measured": {"q": 1.0, "tau": 1.0}},
     "measured.q: got 0.0, expected a number that is positive, or 6": {"measured": {"q": 0.0}},
-    "unknowns: got 'payload.load.weight'": {"unknowns": {"payload.load.weight": 1.0}},
-    "is there twice": {"unknowns": {"friction.viscous": 1.0, "friction.viscous.elbow_joint": 1.0}},
-    "unknowns.payload.load.mass: got -1": {"unknowns": {"payload.load.mass": -1}},
-    "drift: got 'friction.viscous', expected some of: payload.load.mass": {
-        "drift": {"friction.viscous": 1.0}
+    "unknowns: got 'robot.payload.load.weight'": {"unknowns": {"robot.payload.load.weight": 1.0}},
+    "got 'payload.load.mass'; this is 'robot.payload.load.mass' now": {
+        "unknowns": {"payload.load.mass": 1.0}
+    },
+    "got 'friction.viscous'; this is 'robot.damping' now": {"unknowns": {"friction.viscous": 1.0}},
+    "this is 'robot.joint.elbow_joint.friction' now": {"unknowns": {"friction.coulomb.elbow_joint": 1.0}},
+    "is there twice": {"unknowns": {"robot.damping": 1.0, "robot.joint.elbow_joint.damping": 1.0}},
+    "unknowns.robot.payload.load.mass: got -1": {"unknowns": {"robot.payload.load.mass": -1}},
+    "drift: got 'robot.damping', expected some of: robot.payload.load.mass": {
+        "drift": {"robot.damping": 1.0}
     },
     "disturbance: got nan, expected a number that is not negative": {"disturbance": math.nan},
     "steps: got 0, expected a whole number from 1": {"steps": 0},

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import mbocp
+from mbocp.lie import ConfigurationSpace
+from mbocp.robot.kinematics import difference
 from mbocp.robot.nodes import interpolate, move, steps_between
 
 
@@ -26,3 +29,25 @@ def test_nodes_are_pinocchios(name: str, seed: int) -> None:
     between = [pin.difference(model, a, b) for a, b in pairwise(qs)]
     assert steps_between(robot, qs).tobytes() == np.array(between).tobytes()
     assert steps_between(robot, qs[:1]).shape == (0, robot.nv)
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [pin.JointModelRUBX(), pin.JointModelRUBZ(), pin.JointModelPlanar()],
+)
+def test_differences_have_all_digits(joint: pin.JointModel) -> None:
+    """Also where Pinocchio's have half of them, of angles near zero; in symbols likewise."""
+    model, rng = pin.Model(), np.random.default_rng(0)
+    model.addJoint(0, joint, pin.SE3.Identity(), "joint")
+    space = ConfigurationSpace(model)
+    a, b, w = (ca.SX.sym(*named) for named in (("a", model.nq), ("b", model.nq), ("w", model.nv)))
+    move = ca.Function("move", [a, w], [space.integrate(a, w)])
+    symbolic = ca.Function("symbolic", [a, b], [space.difference(a, b)])
+    for exponent in np.linspace(-12, 0, 60):
+        moved = 10.0**exponent * rng.uniform(-1.0, 1.0, size=model.nv)
+        q0 = pin.integrate(model, pin.neutral(model), 3.0 * rng.uniform(-1.0, 1.0, size=model.nv))
+        q0[-2:] /= np.hypot(*q0[-2:])
+        q1 = np.asarray(move(q0, moved)).ravel()
+        assert difference(model, q0, q1) == pytest.approx(moved, rel=0, abs=1e-15)
+        assert np.asarray(symbolic(q0, q1)).ravel() == pytest.approx(moved, rel=0, abs=1e-15)
+        assert (difference(model, q0, q0) == 0.0).all()

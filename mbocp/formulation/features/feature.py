@@ -98,6 +98,11 @@ class Feature(ABC):
         return 0
 
     @property
+    def weights(self) -> frozenset[str]:
+        """Those of its parameters in which the costs are linear."""
+        return frozenset()
+
+    @property
     def parameters(self) -> Mapping[str, int]:
         """Names and sizes of parameters of the horizon."""
         return _NOTHING

@@ -64,6 +64,11 @@ class FoundNumbers(Feature):
         return dict.fromkeys((_LEAST, _RANGE, _LINEAR, _SQUARE, _REFERENCE), len(self.words))
 
     @property
+    def weights(self) -> frozenset[str]:
+        """What scales with the costs."""
+        return frozenset({_LINEAR, _SQUARE})
+
+    @property
     def end_parameters(self) -> Mapping[str, int]:
         """Bounds."""
         return dict.fromkeys((_LEAST, _RANGE), len(self.words))

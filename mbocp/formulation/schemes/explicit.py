@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals
@@ -34,6 +33,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
+from mbocp.robot.kinematics import difference
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -150,7 +150,7 @@ class ExplicitFormulation(JointFormulation):
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """With the step's own increment for f and the adjoint after it, to first order in dt."""
         at, dts = self.layout, motion.dts
-        turned = np.array([pin.difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
+        turned = np.array([difference(self.problem.robot.model, a, b) for a, b in pairwise(motion.qs)])
         speeds = iterate.xs[:, at.s] if self.problem.robot.drives else motion.vs
         moved = np.hstack([turned, np.diff(speeds, axis=0)])
         rows = tangent_duals(self.space, at, iterate.xs[1:, at.z], iterate.ms[:, : at.ndx])

@@ -177,6 +177,10 @@ class NaturalMechanics(NaturalKinematics):
         """dPhi_dq, shape (nc, nv); linear in q but for couplings."""
         return self.derivative(self.constraints, q)
 
+    def gear_ratio(self, dof: int) -> ca.SX:
+        """Turns of the motor for one of a joint with this velocity; 1 without a gear."""
+        return ca.SX(next((motor.gear_ratio for motor in self.robot.motors if motor.dof == dof), 1.0))
+
     # Parts
 
     def _rotors(self, q: ca.SX) -> tuple[Array, ca.SX]:

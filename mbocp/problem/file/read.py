@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array
@@ -20,7 +21,7 @@ from mbocp.problem.file.goal_table import read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
-from mbocp.problem.file.limits_table import read_limits
+from mbocp.problem.file.limits_table import LimitsTable, read_limits
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.obstacle_table import (
     obstacles_from,
@@ -96,6 +97,7 @@ def _path(
     path_table: list[Any],
     phases_on_ground: list[PhaseTable],
     forces_of_feet: list[Any],
+    limits_table: LimitsTable,
     profile: Profile | None,
     robot: Robot,
     said_q_start: Array,
@@ -103,7 +105,12 @@ def _path(
     folder: Path,
 ) -> tuple[Any, ...]:
     of_profile = [PathTable(**table) for table in profile.paths(robot)] if profile is not None else []
-    tables = [*with_paths(path_table, phases_on_ground), *forces_of_feet, *of_profile]
+    speeds = [
+        PathTable.model_validate({"kind": "motor_speed", "frame": motor.name, "max": motor.speed})
+        for motor in (robot.found_gears if limits_table.velocity is True else ())
+        if np.isfinite(motor.speed)
+    ]
+    tables = [*with_paths(path_table, phases_on_ground), *forces_of_feet, *of_profile, *speeds]
     return path_from(robot, tables, said_q_start, said_goal, folder)
 
 

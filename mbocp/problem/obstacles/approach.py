@@ -91,9 +91,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
     """
     if not clearance.rows or not np.isfinite(qs).all():
         return True
-    gaps = 2.0 * max(_gaps(clearance)) + max(map(_uncovered, clearance.obstacles), default=0.0)
-    near = max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
-    search = _Search.of(clearance, t, qs, near)
+    search = _Search.of(clearance, t, qs, _touching(clearance))
     lowered = np.maximum(search.margins, 0.0)
     search.bounds += (search.margins - lowered)[:, None]
     search.margins = lowered
@@ -112,15 +110,21 @@ def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
     found = dict[str, float]()
     if not clearance.rows or not np.isfinite(qs).all():
         return found
-    search = _Search.of(clearance, t, qs, _NEAR)
-    for k in np.flatnonzero((search.bounds < -search.margins).any(axis=0)):
-        bounds, margins = search.bounds[:, [k]], search.margins[[k]]
+    search = _Search.of(clearance, t, qs, _touching(clearance))
+    for k in np.flatnonzero((search.bounds < -search.margins[:, None]).any(axis=1)):
+        bounds, margins = search.bounds[[k]], search.margins[[k]]
         nearest = replace(search, pairs=[search.pairs[k]], bounds=bounds, margins=margins).nearest(
             -margins[0]
         )
         if nearest is not None:
             found[nearest.between] = -nearest.distance
     return found
+
+
+def _touching(clearance: Clearance) -> float:
+    """Spheres of things that touch, or are nearer than their margin, are nearer than this [m]."""
+    gaps = 2.0 * max(_gaps(clearance)) + max(map(_uncovered, clearance.obstacles), default=0.0)
+    return max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
 
 
 def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:

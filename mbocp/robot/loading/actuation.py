@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -12,13 +12,16 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._measured import plain_number
+from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.limits import limit_of
 from mbocp.robot.loading.model_changes import unit_rotors
-from mbocp.robot.loading.robot_tables import motor_of
+from mbocp.robot.loading.robot_tables import MotorTable, motor_of
 from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label
+from mbocp.robot.named_numbers import geared
+from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor
+from mbocp.robot.robot import Robot
 
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}
@@ -284,3 +287,30 @@ def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
         limit = plain_number(effort, label.unit, f"actuator: effort of {label.name!r}")
         found.append((label, np.eye(6)[order.index(c)], limit))
     return found
+
+
+def with_gears(robot: Robot, rows: Sequence[MotorTable], gone: Sequence[str]) -> Robot:
+    """Return the robot with gears between motors and joints; limits that are not said stay those of joints.
+
+    Raises
+    ------
+    RobotError
+        For a joint that is named twice, and one that no motor turns.
+    """
+    motors, efforts = dict[str, Motor](), np.array(robot.limits.effort)
+    labels = [label.name if label.unit == "N m" else "" for label in robot.u_labels]
+    for number, row in enumerate(rows):
+        where = f"robot {robot.name!r}: motor[{number}].joint"
+        if row.joint in gone:
+            continue
+        if row.joint in motors:
+            raise RobotError(f"{where}: {row.joint!r} is named twice")
+        dof, n = robot.velocity_indices(row.joint).start, row.gear_ratio
+        if row.joint not in labels:
+            raise UnsupportedRobot(f"{where}: got {row.joint!r}, expected a joint that its own motor turns")
+        column, limit = labels.index(row.joint), robot.limits.velocity[dof]
+        inertia = robot.model.armature[dof] / n**2 if row.inertia is None else row.inertia
+        efforts[column] = efforts[column] / n if row.effort is None else row.effort
+        speed = limit * n if row.speed is None else row.speed
+        motors[row.joint] = Motor(row.joint, dof, column, n, float(inertia), float(speed))
+    return geared(replace(robot, limits=replace(robot.limits, effort=efforts)), tuple(motors.values()))

@@ -15,7 +15,7 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, RobotFileError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.kinematics import placement_from
-from mbocp.robot.loading.actuation import ActuationReader
+from mbocp.robot.loading.actuation import ActuationReader, with_gears
 from mbocp.robot.loading.checks import check_drives, check_mechanics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import (
@@ -98,6 +98,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
         given_spheres=spheres_of(names, table),
         decided_by_locks=decided,
     )
+    robot = with_gears(robot, table.motor, gone) if table.motor else robot
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
     held = joints_to_hold(robot) if table.undriven == "hold" else Held()

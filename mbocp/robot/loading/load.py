@@ -17,7 +17,13 @@ from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
-from mbocp.robot.loading.robot_tables import payloads_of, read_elastic, read_inertias
+from mbocp.robot.loading.robot_tables import (
+    ElasticTable,
+    MotorTable,
+    payloads_of,
+    read_inertias,
+    read_rows,
+)
 from mbocp.robot.loading.schema import tables_from
 from mbocp.robot.loading.sources import find_source
 from mbocp.robot.named_numbers import take, with_numbers
@@ -27,7 +33,7 @@ from mbocp.robot.robot import Robot
 # Keys of each part; beside several parts they would not say whose.
 _OF_PARTS = ("name", *OF_FILES, "package_dirs")
 # They take the place of what the tables of a robot say.
-_OF_THE_WHOLE = ("lock", "gravity", "rotations", "elastic")
+_OF_THE_WHOLE = ("lock", "gravity", "rotations", "elastic", "motor")
 
 
 def load_robot(
@@ -49,6 +55,7 @@ def load_robot(
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] | None = None,
     elastic: Sequence[Mapping[str, Any]] | None = None,
+    motor: Sequence[Mapping[str, Any]] | None = None,
     numbers: Mapping[str, float] | None = None,
     base: Path | None = None,
 ) -> Robot:
@@ -105,6 +112,9 @@ def load_robot(
     elastic : sequence of mapping, optional
         Joints that springs join to their motors: tables with ``joint``, ``stiffness`` [N m/rad, N/m],
         ``damping`` [N m s/rad, N s/m] and ``motor_inertia`` [kg m^2, kg]. Default: what robot.toml says.
+    motor : sequence of mapping, optional
+        Motors that turn joints by gears: tables with ``joint``, ``gear_ratio``, ``inertia`` [kg m^2],
+        ``effort`` [N m] and ``speed`` [rad/s], all before the gear. Default: what robot.toml says.
     numbers : mapping, optional
         Other values of numbers by their words, see `mbocp.robot.with_numbers`.
     base : Path, optional
@@ -150,7 +160,8 @@ def load_robot(
             package_dirs=[str(folder) for folder in package_dirs],
             rotations=rotations,
             payload=payload,
-            elastic=read_elastic(elastic),
+            elastic=read_rows(ElasticTable, "elastic", elastic),
+            motor=read_rows(MotorTable, "motor", motor),
             numbers=plain(numbers),
         ),
         base,
@@ -166,6 +177,7 @@ def load_parts(
     rotations: str | None = None,
     payload: Sequence[Payload | Mapping[str, Any]] = (),
     elastic: Sequence[Mapping[str, Any]] | None = None,
+    motor: Sequence[Mapping[str, Any]] | None = None,
     constraint: Sequence[Mapping[str, Any]] = (),
     initial: Mapping[str, Any] | None = None,
     name: str | None = None,
@@ -192,7 +204,7 @@ def load_parts(
         See `load_robot`.
     payload : sequence of Payload or mapping, optional
         Bodies that frames carry, by their names in the whole, beside those of the parts.
-    elastic : sequence of mapping, optional
+    elastic, motor : sequence of mapping, optional
         See `load_robot`; in names of the whole, beside those of the parts.
     constraint : sequence of mapping, optional
         What joins frames of the parts: tables as ``[[constraint]]`` of a robot.toml, in names of the whole.
@@ -225,7 +237,8 @@ def load_parts(
             label=name,
             rotations=rotations,
             payload=payload or None,
-            elastic=read_elastic(elastic),
+            elastic=read_rows(ElasticTable, "elastic", elastic),
+            motor=read_rows(MotorTable, "motor", motor),
             constraint=plain(constraint) or None,
             initial=plain(initial),
         ),
@@ -241,7 +254,7 @@ def robot_from_spec(spec: Mapping[str, Any], *, base: Path | None = None) -> Rob
     spec : mapping
         ``name`` (name or path) and the options of `load_robot`: free_flyer, lock, gravity, actuated, mimic,
         dynamics, inertias, damping, friction, friction_speed, arguments, package_dirs, rotations, payload,
-        elastic, numbers, and ``label``: what to call it. Or ``part`` and the options of `load_parts`.
+        elastic, motor, numbers, and ``label``: what to call it. Or ``part`` and the options of `load_parts`.
     base : Path, optional
         Folder that relative paths start from.
 

@@ -21,7 +21,13 @@ from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
-from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, PayloadTable, ShapeTable
+from mbocp.robot.loading.robot_tables import (
+    ElasticTable,
+    InertiasTable,
+    MotorTable,
+    PayloadTable,
+    ShapeTable,
+)
 from mbocp.robot.loading.table_types import Orientation, Position, refusal
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
@@ -241,6 +247,10 @@ class RobotKeys(ReadingKeys, _HeadKeys):
             default=f"{_OWN}, else none",
         ),
     ] = None
+    motor: Annotated[
+        list[MotorTable] | None,
+        Key("[motors with gears](robots.md#motors-with-gears)", "", f"{_OWN}, else none"),
+    ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
         Key(
@@ -285,7 +295,11 @@ def _said(value: Any) -> Any:
 
 def _allowed(loc: tuple[int | str, ...]) -> list[str]:
     """Keys of the table of a part, or of the one in it, that an unknown key stands in."""
-    tables: dict[str, type[BaseModel]] = {"inertias": InertiasTable, "elastic": ElasticTable}
+    tables: dict[str, type[BaseModel]] = {
+        "inertias": InertiasTable,
+        "elastic": ElasticTable,
+        "motor": MotorTable,
+    }
     return list(next((tables[key] for key in tables if key in loc[:-1]), PartTable).model_fields)
 
 

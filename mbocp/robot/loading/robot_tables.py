@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
@@ -130,7 +130,26 @@ class ElasticTable(KeyTable):
     motor_inertia: Annotated[_Positive, Key("of the rotor, at the joint's side of the gear", "kg m^2, kg")]
 
 
-def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> list[ElasticTable] | None:
+class MotorTable(KeyTable):
+    """A motor that turns a joint by a gear; its control is the torque before the gear."""
+
+    joint: Annotated[str, Key("a joint that turns, and has a motor")]
+    gear_ratio: Annotated[_Positive, Key("turns of the motor for one of the joint")] = 1.0
+    inertia: Annotated[
+        _NotNegative | None, Key("of the rotor, before the gear", "kg m^2", "that of its files")
+    ] = None
+    effort: Annotated[
+        _Positive | None, Key("largest torque of the motor", "N m", "the joint's by gear_ratio")
+    ] = None
+    speed: Annotated[
+        _Positive | None, Key("largest speed of the motor", "rad/s", "the joint's times gear_ratio")
+    ] = None
+
+
+T = TypeVar("T", ElasticTable, MotorTable)
+
+
+def read_rows(kind: type[T], key: str, rows: Sequence[T | Mapping[str, Any]] | None) -> list[T] | None:
     """Read the tables that Python gives.
 
     Raises
@@ -140,7 +159,7 @@ def read_elastic(rows: Sequence[ElasticTable | Mapping[str, Any]] | None) -> lis
     """
     if rows is None:
         return None
-    return [read_table(ElasticTable, row, f"elastic[{number}]") for number, row in enumerate(rows)]
+    return [read_table(kind, row, f"{key}[{number}]") for number, row in enumerate(rows)]
 
 
 def motor_of(joint: str) -> str:

@@ -21,7 +21,7 @@ from mbocp._files import read_toml
 from mbocp._measured import Measured
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
-from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, PayloadTable
+from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, MotorTable, PayloadTable
 from mbocp.robot.loading.table_types import (
     Component,
     FramePair,
@@ -219,6 +219,7 @@ class RobotTable(Table):
     drives: list[DriveTable] = Field(default=[], alias="drive")
     constraints: list[ConstraintTable] = Field(default=[], alias="constraint")
     elastic: list[ElasticTable] = Field(default=[])
+    motor: list[MotorTable] = Field(default=[])
     springs: list[QuarticSpringTable] = Field(default=[], alias="spring")
     spring_dampers: list[SpringDamperTable] = Field(default=[], alias="spring_damper")
     payloads: list[PayloadTable] = Field(default=[], alias="payload")
@@ -280,6 +281,7 @@ TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "drive": (DriveTable,),
     "constraint": tuple(kind.Keys for kind in CONSTRAINTS.values()),
     "elastic": (ElasticTable,),
+    "motor": (MotorTable,),
     "spring": (QuarticSpringTable,),
     "spring_damper": (SpringDamperTable,),
     "payload": (PayloadTable,),

@@ -21,7 +21,7 @@ _SHARED = {"gravity": (0.0, 0.0, -9.81), "rotations": "quaternion"}  # of all pa
 _UNIVERSE = "universe"  # what Pinocchio calls the frame that stands still; no other can have this name
 _LISTS = (
     *("actuators", "drives", "visuals", "collision_spheres"),
-    *("constraints", "springs", "spring_dampers", "elastic"),
+    *("constraints", "springs", "spring_dampers", "elastic", "motor"),
 )
 
 Table = TypeVar("Table", bound=BaseModel)

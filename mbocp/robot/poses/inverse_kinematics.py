@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
+from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
@@ -145,7 +145,7 @@ class _Search:
 
     def distance(self, q: Array) -> Array:
         """Displacement of each joint from the start."""
-        return np.array(pin.difference(self.robot.model, self.start, q))
+        return np.array(difference(self.robot.model, self.start, q))
 
 
 def solve_inverse_kinematics(
@@ -255,4 +255,4 @@ def _leaders_and_followers(robot: Mechanism) -> frozenset[int]:
 
 def _is_new(search: _Search, q: Array, found: Sequence[Array]) -> bool:
     model = search.robot.model
-    return all(np.abs(pin.difference(model, old, q)).max(initial=0.0) > _SAME for old in found)
+    return all(np.abs(difference(model, old, q)).max(initial=0.0) > _SAME for old in found)
