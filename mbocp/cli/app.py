@@ -512,7 +512,9 @@ def study(
 @_command
 def identify(
     name: Robot,
-    log: Annotated[Path, _argument("LOG", "What was recorded: CSV or Parquet, see docs/identification.md.")],
+    log: Annotated[
+        Path, _argument("LOG", "What was recorded: CSV, Parquet, MCAP; see docs/identification.md.")
+    ],
     held_out: Annotated[
         Path | None, _option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
     ] = None,
