@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks are not part of
 import mbocp
 from benchmarks.robust import robust_table, simulate
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
+from mbocp.formulation.gains import tangents
+from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robust import Tubes
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -293,6 +295,23 @@ def test_many_problems_are_as_robust_as_one():
     motions = mbocp.solve_many(problem, goals=goals)
     alone = solved(problem)
     np.testing.assert_allclose(motions.us[1], alone.us, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_feet_stray_in_flight_and_stay_where_they_land():
+    given = {"start": {"q": 3e-4, "v": 1e-3}, "disturbance": {"tau": 2e-4}}
+    solution = solved(mbocp.load_problem(EXAMPLES / "legged" / "solo12_jump.toml").with_(robust=given))
+    tubes, robot = Tubes.of(solution, solution.problem.robust), solution.problem.robot
+    along = np.linalg.pinv(tangents(tubes.formulation, tubes.tube.xs))
+    size = tubes.formulation.layout.nw
+    spread = []
+    for q, A, P in zip(solution.qs, along, tubes.tube.covariances[:, :size, :size], strict=True):
+        J = frame_jacobian(robot.model, q, robot.frame_id("FL_FOOT"), pin.LOCAL_WORLD_ALIGNED)[:3] @ A
+        spread.append(np.sqrt(np.diag(J @ P @ J.T)))
+    takes_off, lands = (np.searchsorted(solution.t, end - 1e-9) for end in solution.phase_times["flight"])
+    np.testing.assert_allclose(spread[:takes_off], spread[:1] * takes_off, rtol=1e-2)
+    assert np.abs(spread[lands] / spread[0] - 1.0).min() > 0.1
+    np.testing.assert_allclose(spread[lands + 2 :], spread[-1:] * (len(spread) - lands - 2), rtol=1e-2)
 
 
 @pytest.mark.slow
