@@ -2,6 +2,7 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
+    NearSpline            near the spline that tells most about the robot
     Refining              one number of steps after another, until the accuracy is reached
       RoomForTubes        again within tighter limits, until they leave room for what is uncertain
         WarmStart         from the warm start briefly, from the guess, from the warm start at length
@@ -47,11 +48,15 @@ def strategy_for(job: Job) -> Strategy:
         from mbocp.robust import RoomForTubes
 
         strategy = RoomForTubes(strategy)
-    if problem.accuracy is None:
-        return strategy
-    from mbocp.accuracy.refining import Refining
+    if problem.accuracy is not None:
+        from mbocp.accuracy.refining import Refining
 
-    return Refining(strategy)
+        strategy = Refining(strategy)
+    if problem.excite is None:
+        return strategy
+    from mbocp.identification.exciting import NearSpline
+
+    return NearSpline(strategy)
 
 
 @dataclass(frozen=True)
