@@ -145,7 +145,7 @@ def _step(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array, h: f
 
 
 def robust_table(runs: int, path: Path = EXAMPLE) -> Table:
-    """How many runs leave a limit somewhere, and the worst node of each limit."""
+    """How many runs leave a limit somewhere, and in the worst step of each limit."""
     problem = mbocp.load_problem(path)
     rows = []
     for name, sigmas in (("as near as limits allow", NONE), ("robust", problem.robust.sigmas)):
@@ -168,7 +168,7 @@ def robust_table(runs: int, path: Path = EXAMPLE) -> Table:
                 f"{100 * worst:.1f} %",
             ]
         )
-    columns = ["motion", "cost", "s", "runs that leave a limit", "of them", "at the worst node"]
+    columns = ["motion", "cost", "s", "runs that leave a limit", "of them", "in the worst step"]
     return Table(f"{runs} simulations of {path.stem}", columns, rows)
 
 
