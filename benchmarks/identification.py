@@ -2,7 +2,8 @@
 
 Logs of robots with other inertias than their files are simulated, with friction and with noise in positions
 and torques, each run with another robot, motion and noise. Stated intervals are those of the base parameters,
-from the log alone, and those of all parameters of real bodies, which hold the file for a measurement.
+from the log alone, by themselves and together (their ellipsoid), and those of all parameters of real bodies,
+which hold the file for a measurement. Beside them, the errors of a regression along the smoothed positions.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from benchmarks.machine import header, one_core
 from benchmarks.tables import Table, show
 from mbocp import identify, load_robot
-from mbocp.identification import simulate_log
+from mbocp._arrays import Array
+from mbocp.identification import Identification, Log, simulate_log
+from mbocp.identification.of_log import measured_of
+from mbocp.identification.trajectory import knots_for, regression, smooth
 from tests.identification.logs import changed, true_values
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
@@ -28,46 +33,63 @@ CASES: dict[str, dict[str, Any]] = {
     "five_bar": {"duration": 10.0, "period": 5.0, "amplitude": 0.4},
     "delta": {"duration": 10.0, "period": 5.0, "amplitude": 0.3, "rate": 50.0},
 }
-COLUMNS = ("base parameters in 95 %", "all in 95 %", "error by deviation", "held out by noise", "time [s]")
+COLUMNS = (
+    *("base parameters in 95 %", "together", "all in 95 %", "error by deviation", "that of a regression"),
+    *("held out by noise", "time [s]"),
+)
 
 
-def run(name: str, seed: int) -> tuple[float, float, float, float, float]:
-    """Shares within 95 %, of base parameters and of all; errors and residuals by deviations; time."""
+def run(name: str, seed: int, position_noise: float) -> tuple[float, ...]:
+    """Numbers of the columns for one log."""
     robot = load_robot(name, lock=FINGERS if name == "panda" else None)
     truth = changed(robot, seed)
-    log = simulate_log(truth, seed=seed, **CASES[name])
+    log = simulate_log(truth, seed=seed, position_noise=position_noise, **CASES[name])
     start = time.perf_counter()
     found = identify(robot, log)
     taken = time.perf_counter() - start
     true = true_values(found, truth)
-    off = (found.base_values - found.base.combinations @ true) / found.base_sd
+    errors = found.base_values - found.base.combinations @ true
+    off, distance = errors / found.base_sd, errors @ np.linalg.solve(found.base_covariance, errors)
+    plain = (regress(found, log) - found.base.combinations @ true) / found.base_sd
     inside = np.abs(found.values - true) < 1.96 * found.sd
     left = float(np.max(found.held_out.rms / found.torque_noise))
     return (
         float(np.mean(np.abs(off) < 1.96)),
+        float(distance < chi2.ppf(0.95, len(off))),
         float(inside.mean()),
-        float(np.sqrt(np.mean(off**2))),
+        float(np.mean(off**2)),
+        float(np.mean(plain**2)),
         left,
         taken,
     )
 
 
+def regress(found: Identification, log: Log) -> Array:
+    """Base parameters by a regression that takes the smoothed motion for true."""
+    data, dynamics = measured_of(log, found.dynamics, {}, []), found.dynamics
+    data = data.part(slice(len(found.fitted.t)))
+    y, yd, ydd, _ = smooth(data, knots_for(data))
+    motion = dynamics.motion(y, yd, ydd, dynamics.follow(y))
+    return regression(dynamics, found.unknowns, found.base, motion, data.u)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--position-noise", type=float, default=1e-4)
     parser.add_argument("--robots", nargs="+", choices=CASES, default=list(CASES))
     asked = parser.parse_args(arguments)
     one_core()
     show(header())
     for name in asked.robots:
-        rows = np.array([run(name, seed) for seed in range(asked.runs)])
-        base, every, off, left, taken = rows.mean(axis=0)
-        shares = (f"{100 * base:.1f} %", f"{100 * every:.1f} %")
+        rows = np.array([run(name, seed, asked.position_noise) for seed in range(asked.runs)])
+        *shares, off, plain, left, taken = rows.mean(axis=0)
+        numbers = (*(f"{100 * share:.1f} %" for share in shares), f"{off**0.5:.2f}", f"{plain**0.5:.2f}")
         show(
             Table(
                 f"{name}, {asked.runs} runs",
                 COLUMNS,
-                [(*shares, f"{off:.2f}", f"{left:.2f}", f"{taken:.1f}")],
+                [(*numbers, f"{left:.2f}", f"{taken:.1f}")],
             )
         )
 

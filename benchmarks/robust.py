@@ -32,16 +32,19 @@ NONE = 1e-9  # standard deviations: as good as no room
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """States at the nodes of a solution, and controls as the feedback asks for them.
+    """States at the nodes of a solution, speeds within its steps, controls as the feedback asks for them.
 
     Attributes
     ----------
     qs, vs, us : ndarray, shapes (runs, N + 1, nq), (runs, N + 1, nv), (runs, N, nu)
+    within : ndarray, shape (runs, N, finer, nv)
+        Speeds; the last of each step are those at the node.
     """
 
     qs: Array
     vs: Array
     us: Array
+    within: Array
 
     def away(self, problem: Problem, solution: Solution) -> tuple[Array, Array]:
         """Moves of q along its tangent, and of v, from the plan, shapes (runs, N + 1, nv)."""
@@ -51,11 +54,11 @@ class Runs:
         return np.array(pairs), self.vs - solution.vs
 
     def kept(self, problem: Problem) -> dict[str, Array]:
-        """Whether each node of each run keeps limits and distances, by what it is, shapes (runs, any)."""
+        """Whether each step of each run keeps limits, and its end distances, by what, shapes (runs, any)."""
         limits = problem.limits
         found = {
             "torque": ((self.us <= limits.u_upper) & (self.us >= limits.u_lower)).all(axis=2),
-            "speed": ((self.vs <= limits.v_upper) & (self.vs >= limits.v_lower)).all(axis=2)[:, 1:],
+            "speed": ((self.within <= limits.v_upper) & (self.within >= limits.v_lower)).all(axis=(2, 3)),
         }
         if problem.clearance is not None:
             runs, nodes, nq = self.qs.shape
@@ -82,8 +85,9 @@ def simulate(
     lengths, nv = np.diff(solution.t), robot.nv
     gains = solution.gains if robust.feedback == "gains" else np.zeros((len(lengths), robot.nu, 2 * nv))
     B = robot.actuation_matrix(solution.qs[0])
-    found = Runs(*(np.zeros((runs, *rows.shape)) for rows in (solution.qs, solution.vs, solution.us)))
-    for qs, vs, us in zip(found.qs, found.vs, found.us, strict=True):
+    within = np.zeros((len(lengths), finer, nv))
+    found = Runs(*(np.zeros((runs, *rows.shape)) for rows in (solution.qs, solution.vs, solution.us, within)))
+    for qs, vs, us, speeds in zip(found.qs, found.vs, found.us, found.within, strict=True):
         model = _drawn_model(problem, rng)
         data = model.createData()
         q = pin.integrate(model, solution.qs[0], robust.q * rng.standard_normal(nv))
@@ -99,6 +103,7 @@ def simulate(
             for k in range(finer):
                 tau = B @ (u + noise[k % len(noise)])
                 q, v = _step(model, data, q, v, tau, h)
+                speeds[n, k] = v
             qs[n + 1], vs[n + 1] = q, v
     return found
 
@@ -140,7 +145,7 @@ def _step(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array, h: f
 
 
 def robust_table(runs: int, path: Path = EXAMPLE) -> Table:
-    """How many runs leave a limit somewhere, and the worst node of each limit."""
+    """How many runs leave a limit somewhere, and in the worst step of each limit."""
     problem = mbocp.load_problem(path)
     rows = []
     for name, sigmas in (("as near as limits allow", NONE), ("robust", problem.robust.sigmas)):
@@ -163,7 +168,7 @@ def robust_table(runs: int, path: Path = EXAMPLE) -> Table:
                 f"{100 * worst:.1f} %",
             ]
         )
-    columns = ["motion", "cost", "s", "runs that leave a limit", "of them", "at the worst node"]
+    columns = ["motion", "cost", "s", "runs that leave a limit", "of them", "in the worst step"]
     return Table(f"{runs} simulations of {path.stem}", columns, rows)
 
 

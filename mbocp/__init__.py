@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from mbocp.bounds.of_problem import bound as bound
     from mbocp.exceptions import MbocpError as MbocpError
     from mbocp.exceptions import NotConverged as NotConverged
-    from mbocp.identification import excite as excite
     from mbocp.identification import identify as identify
     from mbocp.interactive import live as live
     from mbocp.many import Motions as Motions
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from mbocp.sensitivity import Sensitivities as Sensitivities
     from mbocp.sensitivity import sensitivities as sensitivities
     from mbocp.solution import Solution as Solution
+    from mbocp.solving import excite as excite
     from mbocp.solving import solve as solve
     from mbocp.stopping import stop as stop
     from mbocp.view.of_solution import replay_solution as replay_solution

@@ -109,6 +109,11 @@ class InvalidValue(MbocpError):
         near = f" ({hint})" if hint.startswith("did you mean") else ""
         return cls(name, show(got), f"{listed}{near}{'; ' + note if note else ''}")
 
+    @classmethod
+    def of_missing(cls, extra: str, error: ImportError) -> InvalidValue:
+        """Return the error for a format whose package is not installed."""
+        return cls("format", extra, f"an extra to be installed ({error}): pip install 'mbocp[{extra}]'")
+
 
 class MemoryLimitExceeded(MbocpError):
     """Something that would take more memory than the limit allows; nothing was allocated for it.

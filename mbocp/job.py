@@ -102,6 +102,10 @@ class Job:
         """Return the job with all its patience."""
         return replace(self, patience=_patience(self.problem, self.deadline))
 
+    def with_limits_within(self, letters: str) -> Job:
+        """Return the job with limits that hold within steps, by their letters."""
+        return replace(self, problem=replace(self.problem, limits_within=letters))
+
     @property
     def is_late(self) -> bool:
         """Whether the time is over."""

@@ -246,6 +246,7 @@ def _begins_with_newton(problem: Problem) -> bool:
         and options.starts == 1
         and problem.accuracy is None
         and problem.robust is None
+        and problem.excite is None
         and guess.q is None
         and guess_candidates(problem)[0] == "line"
     )

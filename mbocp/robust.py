@@ -25,6 +25,7 @@ from mbocp.formulation.tightening import margins_of, words_of
 from mbocp.job import Job, Strategy
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
+from mbocp.problem.between_nodes import can_hold_within
 from mbocp.problem.robust import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.functions import load_stage_functions
@@ -45,6 +46,8 @@ _DAMPED_FROM = 5  # rounds with the mean of the last two tubes: they go back and
 class RoomForTubes:
     """Solve; then again within limits that leave room for what the motion strays, until these settle.
 
+    Limits hold within steps, too, where they can; where that leads to no motion, at nodes alone.
+
     Attributes
     ----------
     once : Strategy
@@ -54,13 +57,21 @@ class RoomForTubes:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to sixteen times, and twice more where limits move too far for a warm start."""
-        robust = job.problem.robust
-        assert robust is not None
+        """Solve up to sixteen times, twice more where limits move too far for a warm start, or all again."""
         if job.problem.goals:
             raise ProblemError("robust: a motion to one goal is made robust; choose one of goal.any")
-        job = replace(job, has_gains=True)
-        solution, known = self.once.run(job), None
+        job, within = replace(job, has_gains=True), can_hold_within(job.problem)
+        solution = self._settle(job.with_limits_within(within))
+        if not within or solution.is_stationary or solution.status.is_stopped or job.is_late:
+            return solution
+        again = _count(solution, self._settle(job.anew()), "limits within steps")
+        return retold(again, advice=f"{again.advice}; limits leave room at nodes, and not within steps")
+
+    def _settle(self, job: Job) -> Solution:
+        """Solve until limits do not move any more."""
+        robust, known = job.problem.robust, None
+        assert robust is not None
+        solution = self.once.run(job)
         for number in range(_ROUNDS):
             if not solution.is_stationary:
                 return solution if known is None else _tell_in_vain(solution, known)
@@ -82,7 +93,7 @@ class RoomForTubes:
             for share in shares:
                 problem = replace(job.problem, tube=replace(tube, sigmas=share * tube.sigmas))
                 again = self.once.run(replace(job.anew(), problem=problem, start=solution))
-                solution = _count(solution, again)
+                solution = _count(solution, again, "wider limits")
                 if not again.is_stationary:
                     break
             if solution.is_stationary or job.is_late:
@@ -90,13 +101,13 @@ class RoomForTubes:
         return solution
 
 
-def _count(before: Solution, again: Solution) -> Solution:
+def _count(before: Solution, again: Solution, name: str) -> Solution:
     """A solution that was found after another, with what both took."""
     return retold(
         again,
         guess_used=before.guess_used,
         iterations=before.iterations + again.iterations,
-        phases=(Phase("wider limits", before.iterations, before.wall_time_s), *again.phases),
+        phases=(Phase(name, before.iterations, before.wall_time_s), *again.phases),
         history=(*before.history, *again.history),
         wall_time_s=before.wall_time_s + again.wall_time_s,
     )

@@ -5,8 +5,10 @@ The module is not called `solve`: importing it would put it into the place of th
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from mbocp.accuracy.of_solution import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
@@ -18,6 +20,39 @@ from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers.records import Callback
 from mbocp.strategies import strategy_for
+
+
+def excite(problem: Problem | str | Path, **options: Any) -> Solution:
+    """Find the D-optimal motion from start to goal, from rest to rest: log det of its information is largest.
+
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        With a configuration as goal, the same as the start for a periodic motion, and a duration. Its cost is
+        left out.
+    **options
+        Keys of ``[goal.excite]``, beside those that the problem has: ``torque_noise``, ``friction``,
+        ``knots``, ``starts``, ``rounds``, ``seed``.
+
+    Returns
+    -------
+    Solution
+        Converged or not: its `status` and `advice` tell. `mbocp.identification.information` says what it is
+        worth, and `problem` is that of the motion near the spline that was found.
+
+    Raises
+    ------
+    UnsupportedRobot, ProblemError, InvalidValue
+        For closed loops, phases, via points, several goals, a free duration, ends that are not at rest, and
+        where nothing limits how fast the robot moves.
+    """
+    return solve(to_excite(problem_from(problem), options))
+
+
+def to_excite(problem: Problem, options: Mapping[str, Any]) -> Problem:
+    """Return the problem with keys of ``[goal.excite]`` beside those that it has."""
+    own = {} if problem.excite is None else asdict(problem.excite)
+    return problem.with_(goal={"excite": {**own, **options}})
 
 
 def solve(

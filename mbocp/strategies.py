@@ -2,6 +2,7 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
+    NearSpline            near the spline that tells most about the robot
     Refining              one number of steps after another, until the accuracy is reached
       RoomForTubes        again within tighter limits, until they leave room for what is uncertain
         WarmStart         from the warm start briefly, from the guess, from the warm start at length
@@ -47,11 +48,15 @@ def strategy_for(job: Job) -> Strategy:
         from mbocp.robust import RoomForTubes
 
         strategy = RoomForTubes(strategy)
-    if problem.accuracy is None:
-        return strategy
-    from mbocp.accuracy.refining import Refining
+    if problem.accuracy is not None:
+        from mbocp.accuracy.refining import Refining
 
-    return Refining(strategy)
+        strategy = Refining(strategy)
+    if problem.excite is None:
+        return strategy
+    from mbocp.identification.exciting import NearSpline
+
+    return NearSpline(strategy)
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,7 @@ class WithinSteps:
         can = can_hold_within(job.problem)
         if "a" not in can or job.rough:
             return self._solve_in_turn(job)
-        solution = self.once.run(replace(_held(job, can), brief=job.brief or _WITHIN))
+        solution = self.once.run(replace(job.with_limits_within(can), brief=job.brief or _WITHIN))
         asked = job.problem.solver.max_iterations
         is_spent = asked is not None and solution.iterations >= asked
         if solution.is_stationary or solution.status.is_stopped or job.is_late or is_spent:
@@ -95,23 +100,18 @@ class WithinSteps:
         can = can_hold_within(job.problem)
         begun = job.start.iterate if isinstance(job.start, Solution) else None
         within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
-        solution = self.once.run(_held(job, within) if within else job)
+        solution = self.once.run(job.with_limits_within(within))
         while solution.status is Status.UNDER_RESOLVED and not (job.rough or job.is_late):
             letter = letter_of(solution.limit_excess_of)
             if letter not in set(can) - set(within):
                 break
             within = "".join(sorted(within + letter))
             start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
-            again = WarmStart(self.once, self.once).run(replace(_held(job, within), start=start))
+            again = WarmStart(self.once, self.once).run(replace(job.with_limits_within(within), start=start))
             if not (again.is_stationary and again.limit_excess < solution.limit_excess):
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution
-
-
-def _held(job: Job, within: str) -> Job:
-    """The job with limits that hold within steps, by their letters."""
-    return replace(job, problem=replace(job.problem, limits_within=within))
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,7 @@ LAYERS = (
     "view",
     "guesses",
     "clearing",
+    "identification",
     "robust",
     "strategies",
     "menus",
@@ -64,7 +65,6 @@ LAYERS = (
     "receding",
     "interactive",
     "explaining",
-    "identification",
     "study",
     "cli",
 )

@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # benchmarks are not part of
 import mbocp
 from benchmarks.robust import robust_table, simulate
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
+from mbocp.formulation.gains import tangents
+from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robust import Tubes
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -208,6 +210,20 @@ def test_limits_keep_off_and_the_next_motion_does_not_move():
 
 
 @pytest.mark.usefixtures("interpreted")
+def test_speeds_keep_off_within_coarse_steps(monkeypatch):
+    given = {"start": {"q": 0.005, "v": 0.01}, "disturbance": {"tau": 1e-4}}
+    problem = pendulum(steps=8, limits={"velocity": [0.45, 0.7]}, robust=given)
+
+    def beyond():
+        runs = simulate(problem, solved(problem), 100, finer=6).within
+        return (np.abs(runs) > problem.limits.v_upper).any(axis=3).mean(axis=0).max()
+
+    assert beyond() < 0.2  # at the worst place; 0.05 where steps are finer and better
+    monkeypatch.setattr("mbocp.robust.can_hold_within", lambda _: "")
+    assert beyond() > 0.8
+
+
+@pytest.mark.usefixtures("interpreted")
 def test_confidence_is_a_number_of_deviations_and_results_keep_tubes(tmp_path):
     problem = pendulum(limits={"velocity": [0.5, 0.85]})
     sure = problem.with_(robust={"confidence": 0.9772498680518208})
@@ -274,11 +290,28 @@ def test_what_has_no_tubes_is_refused():
 
 @pytest.mark.usefixtures("interpreted")
 def test_many_problems_are_as_robust_as_one():
-    problem = pendulum(limits={"velocity": [0.42, 0.6]}, steps=12)
+    problem = pendulum(limits={"velocity": [0.5, 0.85]}, steps=12)
     goals = np.array([[0.48, 0.08], [0.5, 0.1]])
     motions = mbocp.solve_many(problem, goals=goals)
-    alone = mbocp.solve(problem)
+    alone = solved(problem)
     np.testing.assert_allclose(motions.us[1], alone.us, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_feet_stray_in_flight_and_stay_where_they_land():
+    given = {"start": {"q": 3e-4, "v": 1e-3}, "disturbance": {"tau": 2e-4}}
+    solution = solved(mbocp.load_problem(EXAMPLES / "legged" / "solo12_jump.toml").with_(robust=given))
+    tubes, robot = Tubes.of(solution, solution.problem.robust), solution.problem.robot
+    along = np.linalg.pinv(tangents(tubes.formulation, tubes.tube.xs))
+    size = tubes.formulation.layout.nw
+    spread = []
+    for q, A, P in zip(solution.qs, along, tubes.tube.covariances[:, :size, :size], strict=True):
+        J = frame_jacobian(robot.model, q, robot.frame_id("FL_FOOT"), pin.LOCAL_WORLD_ALIGNED)[:3] @ A
+        spread.append(np.sqrt(np.diag(J @ P @ J.T)))
+    takes_off, lands = (np.searchsorted(solution.t, end - 1e-9) for end in solution.phase_times["flight"])
+    np.testing.assert_allclose(spread[:takes_off], spread[:1] * takes_off, rtol=1e-2)
+    assert np.abs(spread[lands] / spread[0] - 1.0).min() > 0.1
+    np.testing.assert_allclose(spread[lands + 2 :], spread[-1:] * (len(spread) - lands - 2), rtol=1e-2)
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gallery"
 ROOMS = (
     *("arms", "worlds", "free_flyer", "legged", "walking", "loops", "design"),
-    *("receding", "paper", "so3", "optima"),
+    *("receding", "paper", "so3", "optima", "identification"),
 )
 NO_SINGLE_MOTION = {"lattice"}  # thousands of tasks, for `mbocp study`
 SIZE = (840, 560)  # [pixels], of the window

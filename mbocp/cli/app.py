@@ -257,18 +257,20 @@ def excite(
     settings: Settings = None,
     output: Annotated[Path | None, _output("FILE.h5", "Save the motion as a result.")] = None,
     torque_noise: Annotated[
-        float, _option("--torque-noise", "VALUE", "Standard deviation of measured torques [N m, N].")
-    ] = 0.05,
-    starts: Annotated[int, _option("--starts", "N", "Random motions that are improved.")] = 5,
+        float | None, _option("--torque-noise", "VALUE", "Standard deviation of measured torques [N m, N].")
+    ] = None,
+    starts: Annotated[int | None, _option("--starts", "N", "Random motions that are improved.")] = None,
     as_json: Json = False,
 ) -> None:
     """Find the motion that tells most about masses and friction.
 
-    From start to goal within all limits; the cost is left out. Exit status: 0 converged, 1 not, 2 bad input.
+    From start to goal within all limits, by [goal.excite] and the options. Exit status: 0 converged, 1 not, 2
+    bad input.
     """
     from mbocp.cli.identify import print_exciting
 
-    raise typer.Exit(print_exciting(file, settings or [], output, torque_noise, starts, as_json=as_json))
+    options = {"torque_noise": torque_noise, "starts": starts}
+    raise typer.Exit(print_exciting(file, settings or [], output, options, as_json=as_json))
 
 
 @_command
@@ -512,7 +514,9 @@ def study(
 @_command
 def identify(
     name: Robot,
-    log: Annotated[Path, _argument("LOG", "What was recorded: CSV or Parquet, see docs/identification.md.")],
+    log: Annotated[
+        Path, _argument("LOG", "What was recorded: CSV, Parquet, MCAP; see docs/identification.md.")
+    ],
     held_out: Annotated[
         Path | None, _option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
     ] = None,

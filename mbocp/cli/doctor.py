@@ -28,6 +28,7 @@ EXTRAS = {
     "bench": "toppra",
     "live": "viser",
     "mcap": "mcap",
+    "parquet": "pyarrow",
     "rerun": "rerun",
     "scenes": "coacd",
     "jax": "jax",

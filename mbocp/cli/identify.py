@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -175,19 +175,23 @@ def print_exciting(
     file: Path,
     settings: Sequence[str],
     output: Path | None,
-    torque_noise: float,
-    starts: int,
+    options: Mapping[str, Any],
     *,
     as_json: bool,
 ) -> int:
     """Print the information of the motion, save it, and return the exit status."""
     if output is not None:
         check_output(output, "-o", RESULT_SUFFIXES)
-    from mbocp.identification import excite, information
+    from mbocp.identification import information
+    from mbocp.solving import solve, to_excite
 
     signals.leave_in_order()
-    solution = excite(problem_of(file, settings), torque_noise=torque_noise, starts=starts)
-    told = information(solution, torque_noise=torque_noise)
+    given = {key: value for key, value in options.items() if value is not None}
+    problem = to_excite(problem_of(file, settings), given)
+    asked = problem.excite
+    assert asked is not None
+    solution = solve(problem)
+    told = information(solution, torque_noise=asked.torque_noise, friction=asked.friction)
     if output is not None:
         solution.save(output)
         tell(f"result: {output}", as_json)

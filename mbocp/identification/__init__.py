@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from mbocp.identification.base import BaseParameters as BaseParameters
     from mbocp.identification.base import base_parameters as base_parameters
     from mbocp.identification.exciting import Information as Information
-    from mbocp.identification.exciting import excite as excite
     from mbocp.identification.exciting import information as information
     from mbocp.identification.log import Log as Log
     from mbocp.identification.log import read_log as read_log

@@ -12,11 +12,11 @@ from scipy.linalg import solve_triangular
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
+from mbocp.problem.excite import FRICTIONS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import difference
 from mbocp.robot.parts import Label
 
-FRICTIONS = ("none", "viscous", "coulomb", "both")
 _BODY = (
     *(("m", "kg"), ("mx", "kg m"), ("my", "kg m"), ("mz", "kg m")),
     *((name, "kg m^2") for name in ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")),

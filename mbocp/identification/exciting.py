@@ -1,11 +1,10 @@
-"""`excite`: the motion whose torques tell most about a robot's base parameters."""
+"""`[goal.excite]`: the motion whose torques tell most about a robot's base parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,12 +15,11 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
 from mbocp.identification.base import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
 from mbocp.problem.file.tables import written_tables
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
-from mbocp.solution.from_files import problem_from
-from mbocp.solving import solve
 
 _DEGREE = 5  # of splines: jerks are continuous
 _AT_REST = 3  # control points at each end that make velocity and acceleration zero there
@@ -68,60 +66,46 @@ class Information:
         return "\n".join([f"log det {self.log_det:.2f}, condition number {self.condition:.4g}", *rows])
 
 
-def excite(
-    problem: Problem | str | Path,
-    *,
-    torque_noise: ArrayLike = 0.05,
-    friction: str = "both",
-    knots: int = 15,
-    starts: int = 5,
-    rounds: int = 60,
-    seed: int = 0,
-) -> Solution:
-    """Find the D-optimal motion from start to goal, from rest to rest: log det of its information is largest.
+@dataclass(frozen=True)
+class NearSpline:
+    """Solve near the spline whose torques tell most about the robot: the D-optimal motion.
 
-    The motion is a spline, improved within limits of position, velocity, acceleration and torque; then the
-    problem is solved close to it, with all that it asks for. Its cost is left out.
+    The spline is improved within limits of position, velocity, acceleration and torque; the problem that is
+    solved has its distance from the spline as cost, and all that was asked for beside the cost.
 
-    Parameters
+    Attributes
     ----------
-    problem : Problem, str or Path
-        With a configuration as goal, the same as the start for a periodic motion, and a duration.
-    torque_noise : float or array_like, shape (nv,)
-        Standard deviation of measured torques [N m, N].
-    friction : {"both", "viscous", "coulomb", "none"}
-        Which is unknown, as in `identify`.
-    knots : int
-        Free control points of each joint's spline.
-    starts, rounds : int
-        Random motions that are improved, and how often at most.
-    seed : int
-
-    Returns
-    -------
-    Solution
-        Converged or not: its `status` and `advice` tell. `information` says what it is worth.
-
-    Raises
-    ------
-    UnsupportedRobot, ProblemError, InvalidValue
-        For closed loops, phases, via points, a free duration, ends that are not at rest, and where nothing
-        limits how fast the robot moves.
+    once : Strategy
+        For that.
     """
-    problem = problem_from(problem)
-    for name, value in (("knots", knots), ("starts", starts), ("rounds", rounds)):
-        if value < 1:
-            raise InvalidValue(f"excite: {name}", value, "a positive whole number")
-    search = _Search(problem, torque_noise, friction, knots)
-    rng = np.random.default_rng(seed)
-    found = max((search.climb(search.begin(rng), rounds) for _ in range(starts)), key=lambda pair: pair[0])[1]
-    return solve(search.problem_near(found))
+
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Improve random splines, and solve near the best.
+
+        Raises
+        ------
+        UnsupportedRobot, ProblemError, InvalidValue
+            For closed loops, phases, via points, a free duration, ends that are not at rest, and where
+            nothing limits how fast the robot moves.
+        """
+        asked = job.problem.excite
+        assert asked is not None
+        search = _Search(job.problem, asked.torque_noise, asked.friction, asked.knots)
+        rng, found = np.random.default_rng(asked.seed), []
+        for _ in range(asked.starts):
+            found.append(search.climb(search.begin(rng), asked.rounds))
+            if job.is_late:
+                break
+        near = search.problem_near(max(found, key=lambda pair: pair[0])[1])
+        return self.once.run(replace(job, asked=near, problem=near).anew())
 
 
 def information(
     solution: Solution, *, torque_noise: ArrayLike = 0.05, friction: str = "both", rate: float = 100.0
 ) -> Information:
-    """Say what torques along a motion tell, measured so often a second [1/s]; see `excite`."""
+    """Say what torques along a motion tell, measured so often a second [1/s]; see `mbocp.excite`."""
     if not rate > 0.0:
         raise InvalidValue("rate", rate, "a positive number [1/s]")
     dynamics = InverseDynamics(solution.load_robot())

@@ -1,14 +1,18 @@
-"""Logs of robots: what was measured, by joint, from CSV and Parquet."""
+"""Logs of robots: what was measured, by joint, from CSV, Parquet and MCAP."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import re
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +37,8 @@ _UNITS = {
     **dict.fromkeys(("ms", "mm", "mm/s", "mA"), 1e-3),
     "ns": 1e-9,
 }
+_JOINT_STATES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
+_TOPIC = "/joint_states"
 _SHORTEST = 50  # samples
 _GAP = 5.0  # median time steps
 _LIMIT = 2_000_000_000  # [bytes] of a file
@@ -98,12 +104,13 @@ class Log:
 
 
 def read_log(path: str | Path) -> Log:
-    """Read a log from CSV or Parquet.
+    """Read a log from CSV, Parquet or MCAP.
 
-    Columns are ``t`` [s], and by joint ``JOINT.q``, ``.v``, ``.a``, ``.tau``, ``.current``, or position,
-    velocity, acceleration, torque, effort in place of these letters; what `mbocp export` writes; or
-    JointState messages of ROS 2 as tools write them, ``/joint_states/JOINT/position``, or ``name[0]`` beside
-    ``position[0]``. A unit may stand in brackets behind a name, ``JOINT.q [deg]``.
+    MCAP has messages JointState in ROS 2's encoding or in JSON. Columns of the others are ``t`` [s], and by
+    joint ``JOINT.q``, ``.v``, ``.a``, ``.tau``, ``.current``, or position, velocity, acceleration, torque,
+    effort in place of these letters; what `mbocp export` writes; or JointState messages of ROS 2 as tools
+    write them, ``/joint_states/JOINT/position``, or ``name[0]`` beside ``position[0]``. A unit may stand in
+    brackets behind a name, ``JOINT.q [deg]``.
 
     Raises
     ------
@@ -112,7 +119,7 @@ def read_log(path: str | Path) -> Log:
     """
     path = Path(path)
     try:
-        read = _read_parquet if path.suffix.lower() == ".parquet" else _read_csv
+        read = {".parquet": _read_parquet, ".mcap": _read_mcap}.get(path.suffix.lower(), _read_csv)
         columns = read(path)
         t = _times(columns)
         joints = _by_joint(columns)
@@ -142,7 +149,7 @@ def write_log(log: Log, path: str | Path) -> Path:
     return replace_file(path, text.getvalue().encode())
 
 
-def _read_csv(path: Path) -> dict[str, Sequence[str]]:
+def _read_csv(path: Path) -> dict[str, Sequence[Any]]:
     text = read_text(path, expected="a log (CSV)", limit=_LIMIT)
     rows = [row for row in csv.reader(io.StringIO(text)) if row]
     if not rows:
@@ -158,12 +165,12 @@ def _read_csv(path: Path) -> dict[str, Sequence[str]]:
     return dict(zip(header, values, strict=True))
 
 
-def _read_parquet(path: Path) -> dict[str, Sequence[str]]:
+def _read_parquet(path: Path) -> dict[str, Sequence[Any]]:
     try:
         import pyarrow
         import pyarrow.parquet as parquet
     except ImportError as error:
-        raise InvalidValue("format", "parquet", "pyarrow to be installed: pip install pyarrow") from error
+        raise InvalidValue.of_missing("parquet", error) from error
     try:
         table = parquet.read_table(io.BytesIO(read_bytes(path, expected="a log (Parquet)", limit=_LIMIT)))
     except pyarrow.ArrowInvalid as error:
@@ -171,7 +178,66 @@ def _read_parquet(path: Path) -> dict[str, Sequence[str]]:
     return {name: table[name].to_pylist() for name in table.column_names}
 
 
-def _numbers(name: str, values: Sequence[str]) -> Array:
+def _read_mcap(path: Path) -> dict[str, Sequence[Any]]:
+    """Columns of the messages JointState, which are in one topic or in /joint_states."""
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError as error:
+        raise InvalidValue.of_missing("mcap", error) from error
+    content = io.BytesIO(read_bytes(path, expected="a log (MCAP)", limit=_LIMIT))
+    topics: dict[str, list[tuple[int, Any]]] = {}
+    ros2 = DecoderFactory()
+    try:
+        for schema, channel, message in make_reader(content).iter_messages():
+            if schema is None or schema.name not in _JOINT_STATES:
+                continue
+            if channel.message_encoding == "json":
+                state = json.loads(message.data, object_hook=lambda fields: SimpleNamespace(**fields))
+            elif decode := ros2.decoder_for(channel.message_encoding, schema):
+                state = decode(message.data)
+            else:
+                words = f"{channel.message_encoding}, schema in {schema.encoding}"
+                raise InvalidValue(
+                    f"{channel.topic}: encoding", words, "json, or cdr with a schema in ros2msg"
+                )
+            topics.setdefault(channel.topic, []).append((message.log_time, state))
+    except (McapError, ValueError, IndexError, struct.error) as error:
+        raise Unreadable(f"is no whole MCAP file with messages JointState: {error}") from error
+    topic = _TOPIC if _TOPIC in topics else "".join(topics)
+    if topic not in topics:
+        found = ", ".join(sorted(topics)) or "none"
+        raise InvalidValue("topics with messages JointState", found, f"one, or {_TOPIC} among them")
+    try:
+        return _columns_of(topic, topics[topic])
+    except (AttributeError, TypeError) as error:
+        raise Unreadable(f"has messages that are no JointState: {error}") from error
+
+
+def _columns_of(topic: str, messages: Sequence[tuple[int, Any]]) -> dict[str, Sequence[Any]]:
+    """Columns of messages; times are those of their headers, or of the recorder where these have none."""
+    first, columns = sorted(messages[0][1].name), dict[str, list[Any]]()
+    for k, (_, state) in enumerate(messages):
+        if sorted(state.name) != first:
+            where = f"{topic}: joints of message {k}"
+            raise InvalidValue(where, ", ".join(state.name), f"those of the first, {', '.join(first)}")
+        for field in ("position", "velocity", "effort"):
+            for name, value in zip(state.name, getattr(state, field, ()), strict=False):
+                columns.setdefault(f"{name}.{field}", []).append(value)
+    for column, values in columns.items():
+        if len(values) != len(messages):
+            raise InvalidValue(
+                f"{topic}: {column}", f"{len(values)} values", f"{len(messages)}, one a message"
+            )
+    stamps = [state.header.stamp for _, state in messages]
+    times = [10**9 * at.sec + (at.nsec if hasattr(at, "nsec") else at.nanosec) for at in stamps]
+    if not any(times):
+        times = [time for time, _ in messages]
+    return {"t": [1e-9 * (time - times[0]) for time in times], **columns}
+
+
+def _numbers(name: str, values: Sequence[Any]) -> Array:
     name, unit = _split_unit(name)
     if unit not in _UNITS:
         raise InvalidValue.of_choice(f"{name}: unit", unit, [each for each in _UNITS if each])
@@ -191,7 +257,7 @@ def _split_unit(name: str) -> tuple[str, str]:
     return (found[1], found[2]) if found else (name, "")
 
 
-def _times(columns: Mapping[str, Sequence[str]]) -> Array:
+def _times(columns: Mapping[str, Sequence[Any]]) -> Array:
     for name in columns:
         if _split_unit(name)[0].lower() in _TIMES:
             t = _numbers(name, columns[name])
@@ -205,7 +271,7 @@ def _times(columns: Mapping[str, Sequence[str]]) -> Array:
     return t - t[0] if len(t) else t
 
 
-def _by_joint(columns: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Array]]:
+def _by_joint(columns: Mapping[str, Sequence[Any]]) -> dict[str, dict[str, Array]]:
     found: dict[str, dict[str, Array]] = {}
     for column, values in columns.items():
         plain = _split_unit(column)[0]
@@ -226,7 +292,7 @@ def _by_joint(columns: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Array
     return found
 
 
-def _name_of(columns: Mapping[str, Sequence[str]], number: str) -> str:
+def _name_of(columns: Mapping[str, Sequence[Any]], number: str) -> str:
     for column, values in columns.items():
         if re.fullmatch(rf"(?:.*[./])?name[\[_.]{number}\]?", column):
             names = set(values)

@@ -11,6 +11,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
+from mbocp.problem.excite import Excite
 from mbocp.problem.goals.consistency import check_end_conditions
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
@@ -109,6 +110,8 @@ class ProblemData:
         g_T and gamma; of several goals the first that is not out of reach.
     goals : tuple of Goal
         Several of which the best is taken; empty where there is one goal.
+    excite : Excite, optional
+        The motion is to tell most about the robot, in the place of the cost.
     limits : Bounds
         On controls, velocities and configurations; none by default.
     robust : Robust, optional
@@ -173,6 +176,7 @@ class ProblemData:
     stabilisation: Stabilisation
     goal: Goal
     goals: tuple[Goal, ...]
+    excite: Excite | None
     chooses_scheme: bool
     scheme_reason: str
     clearance: Clearance | None

@@ -27,6 +27,7 @@ def check_can_recede(problem: Problem) -> None:
         ),
         "horizon.accuracy": (problem.accuracy is not None, "is to choose the steps; give their number"),
         "robust": (problem.robust is not None, "is of a whole motion; leave it out"),
+        "goal.excite": (problem.excite is not None, "is of a whole motion; leave it out"),
         "hold, release, impact": (
             problem.timeline.switches is not None,
             f"there are some; {_WHY}: leave them out",

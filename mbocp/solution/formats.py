@@ -327,7 +327,7 @@ def _parquet(motion: Sampled, solution: SolutionData) -> bytes:
         import pyarrow
         import pyarrow.parquet as parquet
     except ImportError as error:
-        raise InvalidValue("format", "parquet", "pyarrow to be installed: pip install pyarrow") from error
+        raise InvalidValue.of_missing("parquet", error) from error
     file = io.BytesIO()
     parquet.write_table(pyarrow.table(_table(motion)), file)
     return file.getvalue()

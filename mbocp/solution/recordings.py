@@ -142,7 +142,7 @@ class Mcap:
         try:
             from mcap.writer import CompressionType, Writer
         except ImportError as error:
-            raise _missing("mcap", error) from error
+            raise InvalidValue.of_missing("mcap", error) from error
         file = io.BytesIO()
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="mbocp")
@@ -208,7 +208,7 @@ class Rerun:
         try:
             import rerun as rr
         except ImportError as error:
-            raise _missing("rerun", error) from error
+            raise InvalidValue.of_missing("rerun", error) from error
         recording = rr.RecordingStream("mbocp")
         memory = recording.memory_recording()
         times = [rr.TimeColumn("time", duration=motion.t)]
@@ -231,10 +231,6 @@ class Rerun:
             recording.send_columns(path, times, rr.Scalars.columns(scalars=values))
         recording.flush()
         return bytes(memory.drain_as_bytes())
-
-
-def _missing(name: str, error: ImportError) -> InvalidValue:
-    return InvalidValue("format", name, f"an extra to be installed ({error}): pip install 'mbocp[{name}]'")
 
 
 RECORDINGS: Mapping[str, Recording] = MappingProxyType({"mcap": Mcap(), "rerun": Rerun()})

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 import mbocp
+from mbocp.exceptions import MbocpError
+from mbocp.problem.file.tables import written_tables
+from mbocp.problem.problem import problem_from_tables
+from mbocp.solving import to_excite
 
 FILE = """
 robot = "double_pendulum"
@@ -37,3 +43,24 @@ def test_the_command_prints_what_is_told_and_saves_the_motion(run, tmp_path):
     refused = run("excite", str(file), "-o", str(tmp_path / "swing.csv"))
     assert refused.exit_code == 2
     assert ".h5" in refused.stderr
+
+
+def test_solving_a_file_that_asks_for_it_finds_the_same(run, tmp_path):
+    file = tmp_path / "swing.toml"
+    file.write_text(
+        FILE + "[goal.excite]\ntorque_noise = 0.02\nfriction = 'viscous'\nstarts = 1\nrounds = 5\n"
+    )
+    facts = json.loads(run("excite", str(file), "--json").stdout)
+    solution = mbocp.solve(file)
+    told = mbocp.identification.information(solution, torque_noise=0.02, friction="viscous")
+    assert facts["log_det"] == pytest.approx(told.log_det)
+    assert solution.problem.excite is None  # near a spline that was found: its iterate is of that problem
+    asked = mbocp.load_problem(file)
+    assert problem_from_tables(written_tables(asked)).excite.rounds == 5
+    assert to_excite(asked, {"starts": 2}).excite.rounds == 5
+    with pytest.raises(MbocpError, match=r"goal\.excite\.friction: got 'dry'"):
+        asked.with_(goal={"excite": {"friction": "dry"}})
+    with pytest.raises(MbocpError, match=r"goal\.excite: an exciting motion has one goal"):
+        mbocp.excite(asked.with_(goal={"any": [{"q": [0.1, 0.0]}, {"q": [0.2, 0.0]}]}))
+    with pytest.raises(MbocpError, match=r"goal\.excite"):
+        mbocp.RecedingHorizon(asked)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import sys
+
 import numpy as np
 import pytest
 
+from mbocp import load_robot
 from mbocp.exceptions import InvalidValue, LogError
 from mbocp.identification import Log, read_log, write_log
+from tests.solution.test_recordings import a_motion
 
 K = 60
 T = np.arange(K) / 100.0
@@ -73,6 +78,94 @@ def test_parquet(tmp_path):
 
     parquet.write_table(pa.table({"t": T, "a.q": T}), tmp_path / "log.parquet")
     np.testing.assert_array_equal(read_log(tmp_path / "log.parquet").joints["a"]["q"], T)
+
+
+def messages(names=("a/b", "c"), effort=True, stamped=True):
+    """JointState of each sample; a recorder that is 5 ms late."""
+    for k, t in enumerate(T):
+        sec, rest = divmod(1_700_000_000 * 10**9 + round(t * 1e9) if stamped else 0, 10**9)
+        state = {"header": {"stamp": {"sec": sec, "nanosec": rest}, "frame_id": ""}, "name": list(names)}
+        rates = {"velocity": [], "effort": [3.0 * t, 4.0 * t] if effort else []}
+        yield (
+            1_700_000_000 * 10**9 + round(t * 1e9) + 5_000_000 * (k % 2),
+            {
+                **state,
+                "position": [t, 2.0 * t],
+                **rates,
+            },
+        )
+
+
+def ros2(path, states, topics=("/joint_states",)):
+    writer = pytest.importorskip("mcap_ros2.writer").Writer(str(path))
+    text = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+    line = "=" * 80
+    text += f"{line}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    text += f"{line}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    schema = writer.register_msgdef("sensor_msgs/msg/JointState", text)
+    for time, state in states:
+        for topic in topics:
+            writer.write_message(topic, schema, state, time, time)
+    writer.finish()
+    return path
+
+
+def as_json(path, states, encoding="json"):
+    writer = pytest.importorskip("mcap.writer").Writer(str(path))
+    writer.start()
+    schema = writer.register_schema("sensor_msgs/msg/JointState", "jsonschema", b"{}")
+    channel = writer.register_channel("/state", encoding, schema)
+    for time, state in states:
+        writer.add_message(channel, time, json.dumps(state).encode(), time)
+    writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("write", [ros2, as_json])
+def test_joint_states_in_mcap(tmp_path, write):
+    log = read_log(write(tmp_path / "log.mcap", messages()))
+    np.testing.assert_allclose(log.t, T, atol=1e-12)
+    assert set(log.joints) == {"a/b", "c"}
+    assert set(log.joints["c"]) == {"q", "tau"}
+    np.testing.assert_array_equal(log.joints["c"]["tau"], 4.0 * T)
+    late = read_log(write(tmp_path / "late.mcap", messages(stamped=False)))
+    np.testing.assert_allclose(late.t, T + 0.005 * (np.arange(K) % 2), atol=1e-12)
+
+
+def test_a_recording_of_ones_own_is_read(tmp_path):
+    pytest.importorskip("mcap_ros2")
+    robot = load_robot("double_pendulum")
+    solution = a_motion(robot)
+    log = read_log(solution.export(tmp_path / "motion.mcap", rate=100.0))
+    for k, joint in enumerate(robot.joint_names):
+        assert log.joints[joint]["q"][-1] == pytest.approx(solution.qs[-1, k])
+
+
+def test_what_is_wrong_with_mcap_is_named(tmp_path):
+    path, joints = tmp_path / "log.mcap", list(messages())
+    with pytest.raises(LogError, match="JointState: got /a, /b, expected one, or /joint_states"):
+        read_log(ros2(path, joints, ("/b", "/a")))
+    with pytest.raises(LogError, match="messages JointState: got none"):
+        read_log(ros2(path, []))
+    with pytest.raises(LogError, match=r"joints of message [0-9]+: got c, d, expected .*, a/b, c"):
+        read_log(ros2(path, [*joints, *messages(("c", "d"))]))
+    with pytest.raises(LogError, match=r"a/b.effort: got 60 values, expected 120"):
+        read_log(ros2(path, [*joints, *messages(effort=False)]))
+    with pytest.raises(LogError, match="/state: encoding: got protobuf, schema in jsonschema"):
+        read_log(as_json(path, joints, "protobuf"))
+    with pytest.raises(LogError, match=r"no JointState: .* 'name'"):
+        read_log(as_json(path, [(0, {"position": [1.0]})]))
+    ros2(path, joints)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(LogError, match="is no whole MCAP file"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(("extra", "module"), [("mcap", "mcap.reader"), ("parquet", "pyarrow")])
+def test_packages_that_are_missing_are_named(tmp_path, monkeypatch, extra, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(LogError, match=rf"pip install 'mbocp\[{extra}\]'"):
+        read(tmp_path, "", f"log.{extra}")
 
 
 @pytest.mark.parametrize(

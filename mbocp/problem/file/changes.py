@@ -15,6 +15,7 @@ from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
 from mbocp.problem.document import UNSAID, Document
+from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
 from mbocp.problem.file.read import READ
 from mbocp.problem.file.schema import ProblemTable
@@ -164,7 +165,9 @@ def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[s
     if "any" in table:
         return dict(table)
     others = [{k: v for k, v in member.items() if _RATES.get(k) not in table} for member in old["any"]]
-    return {**old, "any": [{**member, **table} for member in others]}
+    of_all = {k: v for k, v in table.items() if k not in GoalMemberTable.model_fields}
+    of_each = {k: v for k, v in table.items() if k not in of_all}
+    return {**old, **of_all, "any": [{**member, **of_each} for member in others]}
 
 
 def _without(table: Mapping[str, Any], *keys: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from mbocp.integrators import SCHEMES
 from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size, choice
 from mbocp.problem.data import ProblemData
+from mbocp.problem.file.excite_table import ExciteTable, write_excite
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
 from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
@@ -85,6 +86,10 @@ class GoalTable(GoalMemberTable):
         list[GoalMemberTable],
         Key("[several goals](#several-goals), of which the best is taken", "", "one goal"),
     ] = Field(default_factory=list)
+    excite: Annotated[
+        ExciteTable | None,
+        Key("instead of the cost: a [motion that tells most](identification.md#exciting-motions)", "", "no"),
+    ] = None
 
 
 def read_goals(goal_table: GoalTable, robot: Robot, said_q_start: Array) -> tuple[Goal, tuple[Goal, ...]]:
@@ -95,7 +100,7 @@ def read_goals(goal_table: GoalTable, robot: Robot, said_q_start: Array) -> tupl
 
 def _goals(table: GoalTable, robot: Robot, q_start: Array) -> tuple[Goal, ...]:
     """Several goals, each with what is common to all where it says nothing itself."""
-    common = {key: getattr(table, key) for key in table.model_fields_set - {"any"}}
+    common = {key: getattr(table, key) for key in table.model_fields_set - {"any", "excite"}}
     goals = []
     for place, member in enumerate(table.any):
         given = member.model_fields_set
@@ -167,7 +172,7 @@ def write_goal(problem: ProblemData) -> dict[str, Any]:
     """Return the table that reads back as the same."""
     if problem.goals:
         return {"any": [_goal_table(goal, problem.robot, problem.scheme) for goal in problem.goals]}
-    return _goal_table(problem.goal, problem.robot, problem.scheme)
+    return _goal_table(problem.goal, problem.robot, problem.scheme) | write_excite(problem.excite)
 
 
 def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:

@@ -321,8 +321,8 @@ class _Ground:
         """A bound on the height of a foot above the map, between shares of a phase."""
         keys: dict[str, Any] = {"name": f"{foot} {words} in {table.name}", "kind": Height.kind}
         keys |= {"frame": self.table.feet[foot], "min": least, **self.map}
-        keys |= {"max": most} if np.isfinite(most) else {}
-        return PathTable(**keys, **{"from": Share(since), "until": Share(until)})
+        keys |= {"from": Share(since), "until": Share(until)} | ({"max": most} if np.isfinite(most) else {})
+        return PathTable(**keys)
 
     def _landed(self, name: str, height: float, said: Sequence[FrameGoalTable]) -> FrameGoalTable:
         """A foot on the ground, a sole as level as at the start; but for a height that is said."""

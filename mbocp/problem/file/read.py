@@ -15,9 +15,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array
+from mbocp.problem.excite import Excite
 from mbocp.problem.file.cost_table import make_cost_reader, read_cost
+from mbocp.problem.file.excite_table import read_excite
 from mbocp.problem.file.gait_table import phases_of_gait
-from mbocp.problem.file.goal_table import read_goals
+from mbocp.problem.file.goal_table import GoalTable, read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
@@ -84,6 +86,10 @@ def _via(
     return via_from(robot, with_via(via_table, phases_on_ground), said_q_start)
 
 
+def _excite(goal_table: GoalTable, robot: Robot) -> Excite | None:
+    return read_excite(goal_table.excite, robot, has_several_goals=bool(goal_table.any))
+
+
 def _weights_of_phases(
     phases_on_ground: list[PhaseTable], phases_unweighted: tuple[Phase, ...], cost_reader: Reader
 ) -> tuple[Phase, ...]:
@@ -131,6 +137,7 @@ READ = (
         "controls",
     ),
     Step.of(read_goals, "said_goal", "goals"),
+    Step.of(_excite, "excite"),
     Step.of(lambda limits_table, robot, folder: profile_of(limits_table.profile, robot, folder), "profile"),
     Step.of(read_limits, "said_limits"),
     Step.of(read_robust, "robust"),
