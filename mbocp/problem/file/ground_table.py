@@ -34,6 +34,7 @@ from mbocp.terms import ContactTerm
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair
 
+_LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no unique multiplier, and Newton stalls
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
 
 
@@ -56,6 +57,10 @@ class GroundTable(Table):
     friction: Annotated[
         NonNegative | None,
         Key("of the ground: see `path.friction`", "", "none: feet stick, and are not pulled"),
+    ] = None
+    min_normal: Annotated[
+        NonNegative | None,
+        Key("least force on a foot that stands", "N", "0.5 % of the weight with friction, else 0"),
     ] = None
     sole: Annotated[
         Pair,
@@ -127,10 +132,11 @@ class _Swing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """A ground, its height [m], and where feet are at the start, by name."""
+    """A ground, its height [m], least forces of feet [N], and where these are at the start, by name."""
 
     table: GroundTable
     height: float
+    min_normal: float
     places: Mapping[str, pin.SE3]
 
     @classmethod
@@ -141,7 +147,14 @@ class _Ground:
         with locate("ground.feet"):
             places = {name: robot.frame_placement(frame, q_start) for name, frame in table.feet.items()}
         lowest = min(float(place.translation[2]) for place in places.values())
-        return cls(table, lowest if table.height is None else table.height, places)
+        weight = pin.computeTotalMass(robot.model) * float(np.linalg.norm(robot.model.gravity.linear))
+        least = 0.0 if table.friction is None else _LEAST_LOAD * weight
+        return cls(
+            table,
+            lowest if table.height is None else table.height,
+            least if table.min_normal is None else table.min_normal,
+            places,
+        )
 
     def contacts(self, table: PhaseTable) -> Sequence[str]:
         """Names of the feet that stand in a phase."""
@@ -247,8 +260,8 @@ class _Ground:
     def force(self, name: str) -> Any:
         """The ground pushes, and holds as far as its friction does."""
         friction, sole = self.table.friction, self.table.sole
-        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name}
-        found |= {"friction": friction} if friction is not None else {"min_normal": 0.0}
+        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name, "min_normal": self.min_normal}
+        found |= {} if friction is None else {"friction": friction}
         found |= {} if sole is None else {"pressure": sole}
         return PathTable(**found)
 
