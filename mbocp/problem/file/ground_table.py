@@ -35,8 +35,6 @@ from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair
 
 _LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no one multiplier, and solvers stall
-    5e-3  # of the weight: at the tip of its cone a force has no unique multiplier, and solvers stall
-)
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
 
 
