@@ -26,6 +26,7 @@ __all__ = ["GAITS", "gait", "gait_table", "record_of"]
 
 _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
 _NUM_SWINGS = 4
+_IN_FLIGHT = 10.0  # times the weight of velocities, for hops: with less, legs spin in the air
 FEET = ["FL", "FR", "HL", "HR"]
 GAITS = {"trot": 2, "pace": 2, "walk": 1, "bound": 2}  # and how many cycles four swings are
 SWINGS = {"trot": 2, "pace": 2, "walk": 4, "bound": 2, "hop": 1}  # of a cycle
@@ -101,6 +102,7 @@ def gait_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
 def cycle(name: str, word: str) -> Problem:
     """A cycle of a gait at 0.3 m/s, swings of 0.3 s; between hops all feet stand as long."""
     (feet, weight), robot = ROBOTS[name], load_robot(name)
+    weight *= _IN_FLIGHT if word == "hop" else 1.0
     swing, stance, base = 0.3, 0.3 if word == "hop" else 0.0, robot.joint_names[0]
     gait = {"swings": word, "duration": swing, "steps": _STEPS, **({"stance": stance} if stance else {})}
     still = [f"{base}.vx", f"{base}.vy", f"{base}.wz"]

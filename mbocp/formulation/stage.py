@@ -169,7 +169,7 @@ class _RunningCost:
         change = None
         if before is not None:
             change = step.units_of_u * (step.u - (step.at0[before] if step.begin is None else step.begin))
-        return partial(Point, step.mechanics, u=step.controls, change=change)
+        return partial(Point, step.mechanics, u=step.controls, change=change, forces=step.forces)
 
     @cached_property
     def _idle(self) -> ca.SX:

@@ -192,10 +192,13 @@ class StepSymbols:
         at = self.space.layout
         return self.mechanics.difference(self.at0[at.z], self.at1[at.z])
 
-    def _forces(self, rows: Sequence[int]) -> ca.SX:
-        """Forces of rows of the robot's constraints; those of bodies and joints come before them [N, N m]."""
+    def forces(self) -> ca.SX:
+        """Forces of all rows of constraints; those of bodies and joints come before them [N, N m]."""
         first = self.mechanics.nc - self.mechanics.robot.nc
-        return self.given["force"] * self.y[[first + row for row in rows]] / self.dt
+        return self.given["force"] * self.y[first:] / self.dt
+
+    def _forces(self, rows: Sequence[int]) -> ca.SX:
+        return self.forces()[list(rows)]
 
     @property
     def memory_rows(self) -> ca.SX:

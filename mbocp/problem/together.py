@@ -8,6 +8,7 @@ import numpy as np
 
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
+from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.contact_bounds import ContactBounds, contact_bounds
 from mbocp.problem.contact_force import ContactForce
@@ -57,8 +58,26 @@ def check_weights(
     said_via: tuple[ViaPoint, ...],
     phase: tuple[Phase, ...],
     duration_range: tuple[float, float] | None,
+    robot: Robot,
+    scheme: str,
+    switches: SwitchTable | None,
 ) -> None:
-    """Refuse a terminal weight without a penalty and the other way round; say which weights do nothing."""
+    """Refuse a terminal weight without a penalty and the other way round; say which weights do nothing.
+
+    Refuse weights on forces of constraints where there are none, too.
+    """
+    key = "constraint_force"
+    if np.any(cost.weight(key)) or any(key in part.weights for part in phase):
+        if not SCHEMES[scheme].has_forces:
+            known = schemes_that(lambda data: data.has_forces)
+            raise ProblemError(
+                f'cost.{key}: scheme = "{scheme}" does not have one force of each constraint in a step; '
+                f"take one of integrator.scheme = {known}"
+            )
+        if not robot.nc and switches is None:
+            raise ProblemError(
+                f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
+            )
     if goal.is_penalised and cost.terminal == 0.0:
         reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
         raise ProblemError(f"cost.terminal: {reason}")

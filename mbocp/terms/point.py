@@ -45,6 +45,8 @@ class Point:
         Gives the accelerations of the joints, shape (robot.nv,) [m/s^2, rad/s^2].
     moment : casadi.SX or None
         Time [s], where a term looks at it.
+    forces : callable or None
+        Gives the forces of all constraints in the step, held frames among them [N, N m].
     remembered : mapping of str to casadi.SX
         What the state remembers of the step before, by name, see `mbocp.formulation.features.memory`.
     """
@@ -56,6 +58,7 @@ class Point:
     change: ca.SX | None = None
     acceleration: Callable[[], ca.SX] | None = None
     moment: ca.SX | None = None
+    forces: Callable[[], ca.SX] | None = None
     remembered: Mapping[str, ca.SX] = field(default_factory=dict)
 
     @property
@@ -100,6 +103,12 @@ class Point:
         if self.acceleration is None:
             raise TranscriptionError("a term asks for accelerations where there are none")
         return self.acceleration()
+
+    def constraint_forces(self) -> ca.SX:
+        """Forces of all constraints in the step, zero where they do not act [N, N m]."""
+        if self.forces is None:
+            raise TranscriptionError("a term asks for forces of constraints where there are none")
+        return self.forces()
 
     def joint_difference(self, goal: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
         """Tangent vector of the joints from `goal`, of the parts that matter.

@@ -299,6 +299,25 @@ class Acceleration(Weighted):
 
 
 @dataclass(frozen=True)
+class ConstraintForce(Weighted):
+    """Half the weighted square of the forces of constraints: of feet that stand, holds and closed loops."""
+
+    key = "constraint_force"
+
+    class Keys(Table):
+        """Keys."""
+
+        constraint_force: Annotated[
+            NonNegative,
+            Key("on squares of the [forces of feet](contact.md#costs), holds and closed loops"),
+        ] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Half the weighted square, by components."""
+        return p[self.key] * ca.sumsqr(at.constraint_forces()) / 2
+
+
+@dataclass(frozen=True)
 class Fuel(Weighted):
     """The weighted controls themselves: what jets burn, which push and cannot pull.
 

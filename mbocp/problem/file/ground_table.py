@@ -40,6 +40,7 @@ from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
+_LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no one multiplier, and solvers stall
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
 
 
@@ -74,6 +75,10 @@ class GroundTable(Table):
     friction: Annotated[
         NonNegative | None,
         Key("of the ground: see `path.friction`", "", "none: feet stick, and are not pulled"),
+    ] = None
+    min_normal: Annotated[
+        NonNegative | None,
+        Key("least force on a foot that stands", "N", "0.5 % of the weight with friction, else 0"),
     ] = None
     sole: Annotated[
         Pair,
@@ -146,10 +151,11 @@ class _Swing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """A ground, its height [m], where feet are at the start, by name, and the keys of its map."""
+    """A ground, its height [m], least forces of feet [N], where these are at the start, and the keys of its map."""
 
     table: GroundTable
     height: float
+    min_normal: float
     places: Mapping[str, pin.SE3]
     map: Mapping[str, Any]
 
@@ -160,13 +166,15 @@ class _Ground:
         check_choice("ground.meeting", table.meeting, MEETINGS)
         with locate("ground.feet"):
             places = {name: robot.frame_placement(frame, q_start) for name, frame in table.feet.items()}
+        weight = pin.computeTotalMass(robot.model) * float(np.linalg.norm(robot.model.gravity.linear))
+        least = 0.0 if table.friction is None else _LEAST_LOAD * weight
+        min_normal = least if table.min_normal is None else table.min_normal
         surface = _surface(table, folder)
         above = [_above(surface, place) for place in places.values()]
         height = min(above) if table.height is None else table.height
-        if surface is None:
-            return cls(table, height, places, {})
-        keys = surface.keys
-        return cls(table, height, places, keys | {"middle": [*keys["middle"][:2], height]})
+        keys = {} if surface is None else surface.keys
+        keys |= {"middle": [*keys["middle"][:2], height]} if keys else {}
+        return cls(table, height, min_normal, places, keys)
 
     def contacts(self, table: PhaseTable) -> Sequence[str]:
         """Names of the feet that stand in a phase."""
@@ -286,8 +294,8 @@ class _Ground:
     def force(self, name: str) -> Any:
         """The ground pushes, and holds as far as its friction does."""
         friction, sole = self.table.friction, self.table.sole
-        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name}
-        found |= {"friction": friction} if friction is not None else {"min_normal": 0.0}
+        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name, "min_normal": self.min_normal}
+        found |= {} if friction is None else {"friction": friction}
         found |= {} if sole is None else {"pressure": sole}
         found |= self.map
         return PathTable(**found)

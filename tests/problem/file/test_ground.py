@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import mbocp
@@ -200,3 +201,18 @@ def test_soles_stay_flat_and_land_flat() -> None:
     assert middle.translation[2] > 0.04 - 1e-5
     landed = problem.robot.frame_placement("right_sole_link", solution.qs[step.last])
     assert landed.translation[0] == pytest.approx(0.2, abs=1e-8)
+
+
+def test_feet_that_stand_bear_a_little() -> None:
+    """0.5 % of the weight where they may slip, unless it is said: at the tip of a cone solvers stall."""
+    problem = solo(steps(["FL", "FR", "HL", "HR"]))
+    weight = 9.81 * pin.computeTotalMass(problem.robot.model)
+
+    def least(problem: Problem) -> list[float]:
+        return [float(c.lower[0]) for c in problem.path if isinstance(c, ContactBounds)]
+
+    assert least(problem) == pytest.approx([0.005 * weight] * 4)
+    assert least(problem.with_(ground={"min_normal": 1.5})) == [1.5] * 4
+    assert least(solo(steps(["FL", "FR", "HL", "HR"]), {"feet": FEET})) == [0.0] * 4
+    with pytest.raises(ProblemError, match="min_normal"):
+        problem.with_(ground={"min_normal": -1.0})
