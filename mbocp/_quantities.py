@@ -97,7 +97,7 @@ def unit_of(text: str) -> Unit | None:
 
 
 def _product(tokens: list[str]) -> Unit:
-    unit = _factor(tokens)
+    unit = _ONE if tokens and tokens[-1] == "/" else _factor(tokens)
     while tokens and tokens[-1] != ")":
         is_below = tokens[-1] == "/"
         if tokens[-1] in "/*·":
