@@ -132,7 +132,7 @@ class PhaseTable(Table):
     limits: Annotated[
         LimitsTable,
         Key(
-            "keys of `[limits]`, in the place of the problem's",
+            "keys of `[limits]`",
             "",
             "those of the problem",
         ),
