@@ -106,7 +106,9 @@ _End = Annotated[
         float | str | dict[Literal["phase", "share"], float | str],
     ),
 ]
-_KEY = Key("when it holds: [times, via points, phases](#path-constraints)", "s", "the whole motion", beside=SPAN[1:])
+_KEY = Key(
+    "when it holds: [times, via points, phases](#path-constraints)", "s", "the whole motion", beside=SPAN[1:]
+)
 _FIELDS: Any = {"from": (Annotated[_End, _KEY], None), "until": (_End, None)}
 SpanKeys = create_model("SpanKeys", __base__=Table, __doc__="When a path constraint holds.", **_FIELDS)
 

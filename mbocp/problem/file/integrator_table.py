@@ -20,7 +20,8 @@ class IntegratorTable(Table):
         str,
         choice((AUTO_SCHEME, *SCHEMES)),
         Key(
-            '`"auto"`: [what suits](#the-scheme-that-suits); [tau family](mathematics.md#one-step-the-tau-family): '
+            '`"auto"`: [what suits](#the-scheme-that-suits); '
+            "[tau family](mathematics.md#one-step-the-tau-family): "
             '`"se1"`, `"se2"`, `"midpoint"`, `"semi_implicit_euler"`; '
             "[of higher order](mathematics.md#symplectic-methods-of-higher-order): "
             '`"lobatto2"`, `"lobatto3"`, without loops `"gauss1"`, `"gauss2"`, `"gauss3"`, '

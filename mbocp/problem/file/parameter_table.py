@@ -74,7 +74,9 @@ def _parameter(table: ParameterTable, index: int, robot: Robot) -> Parameter:
         raise InvalidValue(where, f"{start:g}", f"{table.min:g} to {table.max:g}")
     cost = ParameterCost() if table.cost is None else ParameterCost(**dict(table.cost))
     reference = plain_number(cost.reference, unit, f"{key}.cost.reference")
-    return Parameter(tuple(words), numbers[0].unit, table.min, table.max, start, replace(cost, reference=reference))
+    return Parameter(
+        tuple(words), numbers[0].unit, table.min, table.max, start, replace(cost, reference=reference)
+    )
 
 
 def _check_bounds(key: str, table: ParameterTable, robot: Robot, words: Sequence[str]) -> None:

@@ -116,7 +116,9 @@ def periodic_from(robot: Robot, written: Any) -> Periodic | None:
     return Periodic(
         swap=tuple((a, b) for a, b in table.get("swap", ())),
         mirror=table.get("mirror", ()),
-        combine={a: _plain(robot, "", sums, f"{key}.combine.{a}") for a, sums in table.get("combine", {}).items()},
+        combine={
+            a: _plain(robot, "", sums, f"{key}.combine.{a}") for a, sums in table.get("combine", {}).items()
+        },
         moved={a: _plain(robot, a, far, f"{key}.moved.{a}") for a, far in table.get("moved", {}).items()},
         apart=table.get("except", ()),
         impact=table.get("impact", ""),

@@ -112,9 +112,7 @@ class ReadingKeys(Declared):
     friction_speed: Annotated[
         Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
     ] = None
-    arguments: Annotated[
-        Arguments | None, Key("of a [xacro file](robots.md#xacro)", "", _OWN)
-    ] = None
+    arguments: Annotated[Arguments | None, Key("of a [xacro file](robots.md#xacro)", "", _OWN)] = None
     package_dirs: Annotated[
         list[str],
         Key("where `package://` leads", "", "none", "list of paths"),

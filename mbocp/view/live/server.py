@@ -22,9 +22,12 @@ from mbocp.view.live.scene import viser_module
 
 _FOREIGN = "This page is for the browser that opened it.\n"
 _HEAD = b"<head>"
-_DARK = b"""<style>@media (prefers-color-scheme: dark) { canvas { filter: brightness(0.82); } }</style><script>
+_DARK = b"""<style>@media (prefers-color-scheme: dark) { canvas { filter: brightness(0.82); } }</style>
+<script>
   const scheme = "data-mantine-color-scheme", root = document.documentElement;
-  const follow = () => { if (root.getAttribute(scheme) !== "dark") { root.setAttribute(scheme, "dark"); } };
+  const follow = () => {
+    if (root.getAttribute(scheme) !== "dark") { root.setAttribute(scheme, "dark"); }
+  };
   if (matchMedia("(prefers-color-scheme: dark)").matches) { // viser's own theme is that of the server
     new MutationObserver(follow).observe(root, { attributeFilter: [scheme] });
     follow();
