@@ -81,7 +81,7 @@ class ReadingKeys(Declared):
         bool | None,
         Key(
             "whether mimic joints follow their leader",
-            default="true for files but robot.yaml",
+            default="true; false for robot.yaml and names of example-robot-data",
         ),
     ] = None
     dynamics: Annotated[
