@@ -1,4 +1,4 @@
-# make demo | docs | images | wheel | quick | check | test | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | pairs | clean;
+# make demo | docs | images | wheel | release | quick | check | test | test-all | attack | lint | bench | bench-dense | bench-peers | sanitize | campaign | pairs | clean;
 # each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV   := .venv
@@ -8,7 +8,7 @@ PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages images wheel try-wheel quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
+.PHONY: demo docs pages images wheel try-wheel release quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -46,6 +46,15 @@ wheel: setup
 # A new environment, no compiler, a motion: says how long each step takes.
 try-wheel:
 	.ci/try_wheel.sh dist/*.whl
+
+# All of a release but its tag: one version everywhere, a source archive, and its wheel in a new environment.
+release: setup
+	$(BIN)/python -m pytest -q tests/test_repository.py
+	rm -rf build/release
+	$(BIN)/python -c 'from scikit_build_core.build import build_sdist; build_sdist("build/release")'
+	$(PIP) wheel build/release/*.tar.gz --no-deps --no-build-isolation --wheel-dir build/release
+	.ci/try_wheel.sh build/release/*.whl
+	@echo 'git tag v$(shell $(BIN)/python -c "import mbocp; print(mbocp.__version__)") and git push --tags publish it'
 
 # One process a core, at most eight; the tests of a file stay together.
 PARALLEL := -n auto --maxprocesses 8 --dist loadfile

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from mbocp.view.of_solution import replay_solution as replay_solution
     from mbocp.view.plots import plot_solution as plot_solution
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> typing.Any:

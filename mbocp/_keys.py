@@ -188,7 +188,8 @@ class Declared(BaseModel):
         keys = keys_of(cls)
         for name, info in cls.model_fields.items():
             row = row_of(name, keys)
-            if row is not None and str not in (info.annotation, *get_args(info.annotation)):
+            kinds = () if get_origin(info.annotation) is dict else get_args(info.annotation)
+            if row is not None and str not in (info.annotation, *kinds):
                 others = [item for item in info.metadata if not isinstance(item, Measured)]
                 measured = Measured(keys[row].unit_of(name, row))
                 info.metadata = [*others, measured] if measured.is_known else others

@@ -109,7 +109,8 @@ def plain_number(value: float, unit: str, name: str) -> float:
     """
     if not isinstance(value, Quantity):
         return value
-    own = next((one for one in value.units if _is_of_angle(one) == _is_of_angle(unit)), unit) if unit else ""
+    alike = [one for one in value.units if _is_of_angle(one) == _is_of_angle(unit)]
+    own = unit if unit in alike or not unit else next(iter(alike), unit)
     if not own or not value.fits((own,)):
         raise InvalidValue(name, value.describe(), f"a number in {own}" if own else "a number without unit")
     return float(value)

@@ -97,7 +97,7 @@ def unit_of(text: str) -> Unit | None:
 
 
 def _product(tokens: list[str]) -> Unit:
-    unit = _factor(tokens)
+    unit = _ONE if tokens and tokens[-1] == "/" else _factor(tokens)
     while tokens and tokens[-1] != ")":
         is_below = tokens[-1] == "/"
         if tokens[-1] in "/*·":
@@ -116,7 +116,7 @@ def _factor(tokens: list[str]) -> Unit:
         if tokens.pop() != ")":
             raise ValueError
     else:
-        unit = _ONE if word == "1" else _named(word)
+        unit = _ONE if word == "1" else _unit_by_name(word)
     if tokens and tokens[-1] in ("^", "**"):
         tokens.pop()
         power *= float(tokens.pop())
@@ -125,7 +125,7 @@ def _factor(tokens: list[str]) -> Unit:
     return unit.to(power)
 
 
-def _named(word: str) -> Unit:
+def _unit_by_name(word: str) -> Unit:
     if word in _OTHERS:
         return _OTHERS[word]
     word = re.sub("^[µμ]", "u", word)

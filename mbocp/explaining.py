@@ -278,7 +278,7 @@ def _spread(lower: Array, upper: Array, factor: float) -> tuple[Array, Array]:
 
 
 def _with_wider_path(problem: Problem, name: str, factor: float) -> Problem:
-    def widened(constraint: PathConstraint) -> PathConstraint:
+    def widen(constraint: PathConstraint) -> PathConstraint:
         lower, upper = np.asarray(constraint.lower), np.asarray(constraint.upper)
         if constraint.kind == "position":
             lower, upper = _spread(lower, upper, factor)
@@ -286,7 +286,7 @@ def _with_wider_path(problem: Problem, name: str, factor: float) -> Problem:
             lower, upper = np.where(np.isfinite(lower), lower / factor, lower), factor * upper
         return replace(constraint, lower=lower, upper=upper)
 
-    path = tuple(widened(c) if isinstance(c, PathConstraint) and c.name == name else c for c in problem.path)
+    path = tuple(widen(c) if isinstance(c, PathConstraint) and c.name == name else c for c in problem.path)
     return problem.with_(path=path)
 
 

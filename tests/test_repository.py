@@ -42,6 +42,16 @@ def test_forms_ask_for_something(form: Path) -> None:
         assert (ROOT / page).exists()
 
 
+def test_all_files_have_this_version() -> None:
+    version = mbocp.__version__
+    assert parse_toml(text("papers/pyproject.toml"))["project"]["version"] == version
+    assert f"<version>{version}</version>" in text("ros/package.xml")
+    assert f"\nversion = {version}\n" in text("ros/setup.cfg")
+    assert re.findall(r"^## (.*)$", text("CHANGELOG.md"), re.MULTILINE)[0] in (version, "Unreleased")
+    assert f"Version {version}," in text("README.md")
+    assert set(re.findall(r"mbocp-([0-9.]+)-cp", text("docs/install.md"))) == {version}
+
+
 def test_the_citation_is_of_this_version() -> None:
     said, about = yaml.safe_load(text("CITATION.cff")), project()["project"]
     assert {"cff-version", "message", "title", "authors"} <= said.keys()

@@ -20,10 +20,20 @@ from mbocp.view.browser import browse, find_browser
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gallery"
-ROOMS = (
-    *("arms", "worlds", "free_flyer", "legged", "walking", "loops", "design"),
-    *("receding", "paper", "so3", "optima", "identification"),
-)
+ROOMS = {  # of examples, and their titles
+    "arms": "Arms",
+    "worlds": "Several robots",
+    "free_flyer": "Drones",
+    "legged": "Legs",
+    "walking": "Walking",
+    "loops": "Closed loops",
+    "design": "Designs",
+    "receding": "In the loop",
+    "paper": "Pendulums of the first paper",
+    "so3": "The second paper",
+    "optima": "Known optima",
+    "identification": "Motions that tell masses",
+}
 NO_SINGLE_MOTION = {"lattice"}  # thousands of tasks, for `mbocp study`
 SIZE = (840, 560)  # [pixels], of the window
 MOMENT = 0.4  # part of the motion that has passed in the picture

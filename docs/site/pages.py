@@ -25,18 +25,6 @@ _COMMENT = re.compile(
 )
 _OUTSIDE = re.compile(r"\]\((\.\./[^)#]+\.md)\)")  # to pages that are not of the site
 _PAGE = re.compile(r"\]\((\w+)\.md\)")
-_TITLES = {
-    "arms": "Arms",
-    "worlds": "Several robots",
-    "free_flyer": "Drones",
-    "legged": "Legs",
-    "walking": "Walking",
-    "loops": "Closed loops",
-    "paper": "Pendulums of the first paper",
-    "receding": "In the loop",
-    "so3": "The second paper",
-    "optima": "Known optima",
-}
 
 
 def navigation(index: str) -> str:
@@ -99,7 +87,7 @@ def gallery() -> str:
         if example.parent.name != room:
             parts += ["::::", ""] * bool(room)
             room = example.parent.name
-            parts += [f"## {_TITLES[room]}", "", "::::{grid} 1 2 2 2", ":gutter: 3", ""]
+            parts += [f"## {make_gallery.ROOMS[room]}", "", "::::{grid} 1 2 2 2", ":gutter: 3", ""]
         parts += _card(example)
     return "\n".join([*parts, "::::", ""])
 

@@ -142,9 +142,9 @@ def _typical(windows: Windows, weights: Array) -> float:
     alpha = np.where(np.isfinite(weights), weights, 0.0)
     masses = np.diagonal(windows.M.centre, axis1=1, axis2=2).mean(axis=0)
     moved = 6.0 * (masses * (windows.q.centre[-1] - windows.q.centre[0])) ** 2 / T**3
-    return float(np.sum(alpha * (moved + 0.5 * T * np.mean(_opposed(windows) ** 2, axis=0))))
+    return float(np.sum(alpha * (moved + 0.5 * T * np.mean(_forces_at_centre(windows) ** 2, axis=0))))
 
 
-def _opposed(windows: Windows) -> Array:
+def _forces_at_centre(windows: Windows) -> Array:
     found: Array = windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)
     return found

@@ -117,7 +117,7 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
         return Bound(math.nan, least, method, reason=task.why_no_cost)
     edges = np.linspace(least, high, _PARTS + 1 if high > least else 2)
     of_time = float(task.lightest("time", 1)[0])
-    moved = _moved(task, edges[1:])
+    moved = _cost_of_motion(task, edges[1:])
     value, words = float(np.min(of_time * edges[:-1] + moved)), [method] if method and of_time else []
     if moved.any():
         words.append("squares of rates")
@@ -137,7 +137,7 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     return Bound(value, least, "; ".join(words), of, "" if value > 0.0 else reason)
 
 
-def _moved(task: Task, times: Array) -> Array:
+def _cost_of_motion(task: Task, times: Array) -> Array:
     """What squares of velocities and accelerations cost in given times at least."""
     total = np.zeros_like(times)
     nv, start, goal = task.problem.robot.nv, task.places[0], task.places[-1]

@@ -32,7 +32,7 @@ _FAR = 3.0  # [m]: as many millimetres are within the base of most robots
 _BEYOND = 0.9  # of the way to a position: the robot reaches less than a tenth of it
 
 
-def _unbounded() -> Array:
+def _no_bounds() -> Array:
     return frozen_array(np.zeros(0))
 
 
@@ -66,22 +66,22 @@ class Bounds:
         Powers of the controls [W].
     """
 
-    u_lower: Array = field(default_factory=_unbounded)
-    u_upper: Array = field(default_factory=_unbounded)
-    rms_lower: Array = field(default_factory=_unbounded)
-    rms_upper: Array = field(default_factory=_unbounded)
-    v_lower: Array = field(default_factory=_unbounded)
-    v_upper: Array = field(default_factory=_unbounded)
-    q_lower: Array = field(default_factory=_unbounded)
-    q_upper: Array = field(default_factory=_unbounded)
-    a_lower: Array = field(default_factory=_unbounded)
-    a_upper: Array = field(default_factory=_unbounded)
-    j_lower: Array = field(default_factory=_unbounded)
-    j_upper: Array = field(default_factory=_unbounded)
-    du_lower: Array = field(default_factory=_unbounded)
-    du_upper: Array = field(default_factory=_unbounded)
-    power_lower: Array = field(default_factory=_unbounded)
-    power_upper: Array = field(default_factory=_unbounded)
+    u_lower: Array = field(default_factory=_no_bounds)
+    u_upper: Array = field(default_factory=_no_bounds)
+    rms_lower: Array = field(default_factory=_no_bounds)
+    rms_upper: Array = field(default_factory=_no_bounds)
+    v_lower: Array = field(default_factory=_no_bounds)
+    v_upper: Array = field(default_factory=_no_bounds)
+    q_lower: Array = field(default_factory=_no_bounds)
+    q_upper: Array = field(default_factory=_no_bounds)
+    a_lower: Array = field(default_factory=_no_bounds)
+    a_upper: Array = field(default_factory=_no_bounds)
+    j_lower: Array = field(default_factory=_no_bounds)
+    j_upper: Array = field(default_factory=_no_bounds)
+    du_lower: Array = field(default_factory=_no_bounds)
+    du_upper: Array = field(default_factory=_no_bounds)
+    power_lower: Array = field(default_factory=_no_bounds)
+    power_upper: Array = field(default_factory=_no_bounds)
 
     def __post_init__(self) -> None:
         for letter, key in LIMITS.items():

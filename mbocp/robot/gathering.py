@@ -166,7 +166,7 @@ def _of_model(
     reader = reader_of(path, dirs, arguments)
     for file in (path, *reader.companions(path)):
         found.add(file)
-    kept = _expanded(found, path, reader)
+    kept = _expand(found, path, reader)
     _add_package(found, path)
     for address in reader.addresses(path):
         try:
@@ -179,7 +179,7 @@ def _of_model(
     return kept
 
 
-def _expanded(found: _Gathering, path: Path, reader: Reader) -> Path:
+def _expand(found: _Gathering, path: Path, reader: Reader) -> Path:
     """The file itself, or the URDF that it is the source of, which needs no other file and no arguments."""
     expander = format_of(path).expander
     if expander is None or not isinstance(reader, expander()):

@@ -96,9 +96,9 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     with time_phase(phases, "diagnostics"):
         motion = formulation.motion_of(result.iterate)
         t = times_of(problem, motion.dts)
-        told = attempt.left_out + _appended(singular_closure(problem.robot, motion.qs))
+        told = attempt.left_out + _suffix(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
-            told += _appended(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
+            told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
         status, advice, excess = judge(formulation, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
@@ -245,7 +245,7 @@ def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) 
     return f"; compiling took {seconds:.1f} s of it, which the next run of this shape is spared"
 
 
-def _appended(words: str | None) -> str:
+def _suffix(words: str | None) -> str:
     return f"; {words}" if words else ""
 
 

@@ -65,7 +65,7 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> R
     InvalidValue
         If the rate cannot be right, or the motion has numbers that are not finite.
     """
-    t, qs, vs = _sampled(solution, robot, rate)
+    t, qs, vs = _sample(solution, robot, rate)
     us = solution.controls_at(t)
     for name, values in (("qs", qs), ("vs", vs), ("us", us)):
         if not np.isfinite(values).all():
@@ -93,7 +93,7 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> R
     )
 
 
-def _sampled(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[Array, Array, Array]:
+def _sample(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[Array, Array, Array]:
     """Times [s], configurations and velocities."""
     nodes = solution.t
     if rate is None:

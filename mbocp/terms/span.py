@@ -101,12 +101,14 @@ SPAN = ("from", "until")  # its keys in a problem file
 _End = Annotated[
     Any,
     Kind(
-        "number, name of a via point or a phase, `{ share = number }`, or `{ phase = name, share = number }`",
+        "number, name, or `{ phase, share }`",
         end_from,
         float | str | dict[Literal["phase", "share"], float | str],
     ),
 ]
-_KEY = Key("when it holds", "s", "the whole motion", beside=SPAN[1:])
+_KEY = Key(
+    "when it holds: [times, via points, phases](#path-constraints)", "s", "the whole motion", beside=SPAN[1:]
+)
 _FIELDS: Any = {"from": (Annotated[_End, _KEY], None), "until": (_End, None)}
 SpanKeys = create_model("SpanKeys", __base__=Table, __doc__="When a path constraint holds.", **_FIELDS)
 

@@ -193,9 +193,9 @@ def _loads(loads: Sequence[Load]) -> str:
     rows = (
         (
             load.name,
-            *(_sized(value, load.unit) for value in (load.rms, load.largest)),
-            *(_sized(power, "W") for power in (load.power, load.braking)),
-            *(_sized(energy, "J") for energy in (load.work, load.braked)),
+            *(_with_unit(value, load.unit) for value in (load.rms, load.largest)),
+            *(_with_unit(power, "W") for power in (load.power, load.braking)),
+            *(_with_unit(energy, "J") for energy in (load.work, load.braked)),
         )
         for load in loads
     )
@@ -203,7 +203,7 @@ def _loads(loads: Sequence[Load]) -> str:
     return _rows(heading, rows)
 
 
-def _sized(value: float, unit: str) -> str:
+def _with_unit(value: float, unit: str) -> str:
     """A value with its unit, on one line; round-off is zero."""
     if math.isnan(value):
         return "-"

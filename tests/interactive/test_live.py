@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import urllib.request
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -296,6 +297,16 @@ def test_other_pages_are_refused(page):
             websockets.connect(address, subprotocols=protocols, origin=origin)
     with websockets.connect(address, subprotocols=protocols, origin=page.url, max_size=None) as own:
         assert own.recv(timeout=WAIT)
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "identity"])
+def test_the_page_looks_at_the_colours_that_the_browser_prefers(page, encoding):
+    request = urllib.request.Request(page.url, headers={"Accept-Encoding": encoding})
+    with urllib.request.urlopen(request, timeout=WAIT) as answer:
+        text, length = answer.read(), int(answer.headers["Content-Length"])
+    assert len(text) == length
+    assert text.index(b"prefers-color-scheme: dark") < text.index(b"</script>")
+    assert text.rstrip().endswith(b"</html>")
 
 
 def test_garbled_frames_end_their_connection_without_a_word(page, capfd):

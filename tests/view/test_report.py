@@ -169,6 +169,23 @@ def test_the_time_of_the_replay_moves_the_cursors(page: Path) -> None:
 
 
 @pytest.mark.slow
+def test_pages_are_dark_where_the_browser_asks_for_that(page: Path) -> None:
+    """Plots, too: their paper has the colour of the page's, and there is light writing on it."""
+    light, dark = (_below_the_replay(page, scheme) for scheme in (1, 0))
+    assert np.median(light) > 200.0
+    assert np.median(dark) < 60.0
+    assert (light < 100.0).sum() > 200
+    assert (dark > 150.0).sum() > 200
+
+
+def _below_the_replay(page: Path, scheme: int) -> np.ndarray:
+    file = page.with_name(f"scheme{scheme}.png")
+    browse(page, f"--screenshot={file}", f"--blink-settings=preferredColorScheme={scheme}")
+    shot = np.asarray(Image.open(file).convert("L"), dtype=float)
+    return shot[int(0.65 * len(shot)) :]
+
+
+@pytest.mark.slow
 def test_a_pointer_on_a_plot_moves_the_robot(page: Path) -> None:
     """At 80 % of its width; nothing complains on the console."""
     pressed = """<script>addEventListener("load", () => setInterval(() => {

@@ -57,7 +57,7 @@ class GoalMemberTable(Table):
     assemble: Annotated[bool, Key("the same for the goal")] = False
     periodic: Annotated[
         PeriodicWords,
-        Key("the end is the start, [moved by a symmetry](#periodic-motion)", "", "no"),
+        Key("the end is the start, [moved by a symmetry](#periodic-motion)", "m, rad", "no"),
     ] = None
     enforce: Annotated[
         str | None,
@@ -132,7 +132,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         value=value,
         rate_active=rate_active,
         frames=frames_from(table.frame),
-        periodic=periodic_from(table.periodic),
+        periodic=periodic_from(robot, table.periodic),
         enforce=enforce,
         guard=table.guard,
         redundant=table.redundant,  # type: ignore[arg-type]

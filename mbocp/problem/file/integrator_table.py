@@ -20,11 +20,12 @@ class IntegratorTable(Table):
         str,
         choice((AUTO_SCHEME, *SCHEMES)),
         Key(
-            '`"auto"`: [what suits the problem](#the-scheme-that-suits); `"se1"`, `"se2"`, `"midpoint"` or '
-            '`"semi_implicit_euler"` of the [tau family](mathematics.md#one-step-the-tau-family); '
-            "[of higher order](mathematics.md#symplectic-methods-of-higher-order), in joint coordinates: "
-            '`"lobatto2"`, `"lobatto3"`, without holonomic constraints `"gauss1"`, `"gauss2"`, `"gauss3"` '
-            'and, for stiff losses, `"radau2"`, `"radau3"`; explicit: `"euler"`, `"heun"`, `"rk4"`, `"rkf5"`',
+            '`"auto"`: [what suits](#the-scheme-that-suits); '
+            "[tau family](mathematics.md#one-step-the-tau-family): "
+            '`"se1"`, `"se2"`, `"midpoint"`, `"semi_implicit_euler"`; '
+            "[of higher order](mathematics.md#symplectic-methods-of-higher-order): "
+            '`"lobatto2"`, `"lobatto3"`, without loops `"gauss1"`, `"gauss2"`, `"gauss3"`, '
+            '`"radau2"`, `"radau3"`; [explicit](#explicit-schemes): `"euler"`, `"heun"`, `"rk4"`, `"rkf5"`',
             takes="string",
         ),
     ] = AUTO_SCHEME

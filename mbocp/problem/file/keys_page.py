@@ -36,7 +36,8 @@ class Row:
         """Return a row of a table; names are those `under` a table."""
         names = ", ".join(f"`{name.removeprefix(under)}`" for name in self.names)
         takes = f"{self.takes} [{self.unit}]" if self.unit else self.takes
-        cells = (names, takes, self.default, self.says)
+        default = "" if self.default in ("none", "nothing") else self.default
+        cells = (names, takes, default, self.says)
         return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
 
 

@@ -141,7 +141,7 @@ Ranges = Annotated[
 Duration = Annotated[
     Any,
     Kind(
-        "number > 0, or table with `min`, `max`, `guess`",
+        "number > 0, or `{ min, max, guess }`",
         _duration,
         float | dict[Literal["min", "max", "guess"], float],
     ),
@@ -153,7 +153,7 @@ Free = Annotated[
 PeriodicWords = Annotated[
     Any,
     Kind(
-        "`true`, or table with `swap`, `mirror`, `combine`, `moved`, `except`, `impact`",
+        "`true`, or table",
         _periodic,
         Literal[True] | dict[Literal["swap", "mirror", "combine", "moved", "except", "impact"], Any],
     ),
@@ -161,8 +161,7 @@ PeriodicWords = Annotated[
 ViaTime = Annotated[
     Any,
     Kind(
-        'number, `"free"`, table with some of `min`, `max`, `guess`, name of a phase, or '
-        "`{ phase = name, share = number }`",
+        'number, `"free"`, `{ min, max, guess }`, name of a phase, or `{ phase, share }`',
         _via_time,
         float | str | dict[Literal["min", "max", "guess", "phase", "share"], float | str],
     ),

@@ -94,7 +94,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     active = np.zeros(robot.nv, dtype=np.bool_)
     for slot, numbers in _by_joint(robot, slots, written, key):
         where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
-        q[slot.q] = slot.expand(_checked(numbers, slot.written_labels(robot, len(numbers)), key), where)
+        q[slot.q] = slot.expand(_plain_values(numbers, slot.written_labels(robot, len(numbers)), key), where)
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
@@ -102,7 +102,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     return q, active
 
 
-def _checked(numbers: Sequence[float], labels: Sequence[Label], key: str) -> list[float]:
+def _plain_values(numbers: Sequence[float], labels: Sequence[Label], key: str) -> list[float]:
     return plain_numbers(numbers, [(label.name, label.unit) for label in labels], key)
 
 
@@ -145,7 +145,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
     if not isinstance(written, Mapping):
         if len(written) != robot.nv:
             raise DimensionMismatch(key, len(written), robot.nv, f"joints: {_names(_slots(robot))}")
-        value[:] = _checked(written, labels, key)
+        value[:] = _plain_values(written, labels, key)
         active[:] = True
         return value, active
     slots = tangent_slots(robot)
@@ -156,7 +156,7 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
         numbers = _as_list(entry)
         if len(numbers) != where.stop - where.start:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), where.stop - where.start)
-        value[where] = _checked(numbers, labels[where], key)
+        value[where] = _plain_values(numbers, labels[where], key)
         active[where] = True
     return value, active
 
@@ -172,7 +172,7 @@ def rate_from(robot: Robot, written: Any, key: str) -> tuple[Array, BoolArray]:
 def weights_from(robot: Robot, written: float | Written, key: str) -> Array:
     """Return `nv` weights from one number for all, a list, or a table by joint name (the others are zero)."""
     if isinstance(written, (int, float)):
-        return np.array(_checked([written] * robot.nv, robot.v_labels, key), dtype=np.float64)
+        return np.array(_plain_values([written] * robot.nv, robot.v_labels, key), dtype=np.float64)
     if not isinstance(written, Mapping):
         return tangent_from(robot, written, key)[0]
     slots = _tangent_sizes(robot)
@@ -192,11 +192,11 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
     """Return `nu` controls from one number for all, a list, or a table by actuator (the others are zero)."""
     names = [label.name for label in robot.u_labels]
     if isinstance(written, (int, float)):
-        return np.array(_checked([written] * robot.nu, robot.u_labels, key), dtype=np.float64)
+        return np.array(_plain_values([written] * robot.nu, robot.u_labels, key), dtype=np.float64)
     if not isinstance(written, Mapping):
         if len(written) != robot.nu:
             raise DimensionMismatch(key, len(written), robot.nu, f"actuators: {', '.join(names)}")
-        return np.array(_checked(written, robot.u_labels, key), dtype=np.float64)
+        return np.array(_plain_values(written, robot.u_labels, key), dtype=np.float64)
     u = np.zeros(robot.nu)
     for name, entry in written.items():
         if name not in names:
@@ -207,7 +207,7 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
         if len(numbers) != 1:
             raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
         i = names.index(name)
-        u[i] = _checked(numbers, robot.u_labels[i : i + 1], key)[0]
+        u[i] = _plain_values(numbers, robot.u_labels[i : i + 1], key)[0]
     return u
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Annotated, Any
 
 from mbocp._keys import Key, Table
@@ -21,7 +21,7 @@ class ParameterCostTable(Table):
 
     linear: Annotated[Finite, Key("weight on p")] = 0.0
     square: Annotated[Finite, Key("weight on (p - reference)^2")] = 0.0
-    reference: Annotated[Finite, Key("in the unit of p")] = 0.0
+    reference: Annotated[Finite, Key("of p", "those of the number")] = 0.0
 
 
 class ParameterTable(Table):
@@ -73,7 +73,10 @@ def _parameter(table: ParameterTable, index: int, robot: Robot) -> Parameter:
         where = f"{key}.start" if table.start is not None else f"{key}.start, that of the robot"
         raise InvalidValue(where, f"{start:g}", f"{table.min:g} to {table.max:g}")
     cost = ParameterCost() if table.cost is None else ParameterCost(**dict(table.cost))
-    return Parameter(tuple(words), numbers[0].unit, table.min, table.max, start, cost)
+    reference = plain_number(cost.reference, unit, f"{key}.cost.reference")
+    return Parameter(
+        tuple(words), numbers[0].unit, table.min, table.max, start, replace(cost, reference=reference)
+    )
 
 
 def _check_bounds(key: str, table: ParameterTable, robot: Robot, words: Sequence[str]) -> None:

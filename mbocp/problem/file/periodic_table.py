@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._measured import plain_number
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import ProblemError
@@ -83,7 +84,8 @@ def _which(robot: Robot, written: Any, key: str) -> tuple[BoolArray, Array, Arra
         pair = entry if isinstance(entry, list) else []
         if len(pair) != 2 or not all(is_number(side) for side in pair) or not pair[0] < pair[1]:
             raise ProblemError(f"{key}.{name}: got {show(entry)}, expected true, or [lower, upper]")
-        lower[slot], upper[slot] = float(pair[0]), float(pair[1])
+        unit = robot.v_labels[slot.start].unit.removesuffix("" if key.endswith("v") else "/s")
+        lower[slot], upper[slot] = (plain_number(side, unit, f"{key}.{name}") for side in pair)
     return free, lower, upper
 
 
@@ -96,7 +98,7 @@ def _slot(robot: Robot, name: str, key: str) -> slice:
     return slots[name]
 
 
-def periodic_from(written: Any) -> Periodic | None:
+def periodic_from(robot: Robot, written: Any) -> Periodic | None:
     """The symmetry of a periodic motion from what `goal.periodic` says.
 
     Raises
@@ -114,11 +116,24 @@ def periodic_from(written: Any) -> Periodic | None:
     return Periodic(
         swap=tuple((a, b) for a, b in table.get("swap", ())),
         mirror=table.get("mirror", ()),
-        combine=table.get("combine", {}),
-        moved=table.get("moved", {}),
+        combine={
+            a: _plain(robot, "", sums, f"{key}.combine.{a}") for a, sums in table.get("combine", {}).items()
+        },
+        moved={a: _plain(robot, a, far, f"{key}.moved.{a}") for a, far in table.get("moved", {}).items()},
         apart=table.get("except", ()),
         impact=table.get("impact", ""),
     )
+
+
+def _plain(robot: Robot, joint: str, written: Any, key: str) -> Any:
+    """Numbers of a joint or, by words, of a base; those without a joint have no unit."""
+    if isinstance(written, Mapping):
+        units = {word: joint and ("rad" if word == "yaw" else "m") for word in written}
+        return {word: plain_number(x, units[word], f"{key}.{word}") for word, x in written.items()}
+    if joint not in robot.joint_names:
+        return written
+    unit = robot.v_labels[robot.velocity_indices(joint).start].unit
+    return plain_number(written, unit.removesuffix("/s"), key)
 
 
 def periodic_table(periodic: Periodic) -> dict[str, Any] | bool:

@@ -54,8 +54,8 @@ class HorizonTable(Table):
     accuracy: Annotated[
         Finite | None,
         Key(
-            "in place of `steps`, which [are found](#accuracy-in-place-of-steps)",
-            "rad, m; part of the cost",
+            "in place of `steps`, which [are found](#accuracy-in-place-of-steps); also a part of the cost",
+            "rad, m",
             takes="number from 1e-10 to 0.1",
         ),
     ] = None
@@ -132,7 +132,7 @@ class PhaseTable(Table):
     limits: Annotated[
         LimitsTable,
         Key(
-            "keys of `[limits]`, in the place of the problem's",
+            "keys of `[limits]`",
             "",
             "those of the problem",
         ),

@@ -5,6 +5,7 @@ A profile speaks of joints by name. Those of a robot may have a prefix, or sever
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,6 +17,8 @@ from pydantic import Field, ValidationError
 
 from mbocp._files import is_file, path_of, read_toml
 from mbocp._keys import Kind, Table
+from mbocp._measured import Measured, plain_number
+from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, Unreadable, suggest
 from mbocp.problem.file.messages import schema_error
@@ -70,13 +73,14 @@ def _pairs(value: Any) -> list[list[float]]:
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
 _Efforts = Annotated[Any, Kind(_OVER_SPEED, _efforts, Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
+_RATE, _SECOND_RATE = Measured("m/s, rad/s"), Measured("m/s^2, rad/s^2")
 
 
 class _BrakingTable(Table):
     """Velocities that fall towards the limits of position, see `mbocp.terms.braking`."""
 
-    deceleration: _Plain
-    reserve: _Plain = 0.0
+    deceleration: Annotated[_Plain, _SECOND_RATE]
+    reserve: Annotated[_Plain, _RATE] = 0.0
 
 
 class ProfileTable(Table):
@@ -86,13 +90,13 @@ class ProfileTable(Table):
     joints: list[str]
     robots: list[str] = Field(default_factory=list)
     degrees: bool = False  # and not radians, for all that is an angle
-    position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any)] = None
-    velocity: _PerJoint = None
-    acceleration: _PerJoint = None
-    jerk: _PerJoint = None
-    effort: _Efforts = None
-    effort_rate: _PerJoint = None
-    power: _PerJoint = None
+    position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any), Measured("m, rad")] = None
+    velocity: Annotated[_PerJoint, _RATE] = None
+    acceleration: Annotated[_PerJoint, _SECOND_RATE] = None
+    jerk: Annotated[_PerJoint, Measured("m/s^3, rad/s^3")] = None
+    effort: Annotated[_Efforts, Measured("N, N m")] = None
+    effort_rate: Annotated[_PerJoint, Measured("N/s, N m/s")] = None
+    power: Annotated[_PerJoint, Measured("W")] = None
     braking: _BrakingTable | None = None
 
 
@@ -149,8 +153,8 @@ class Profile:
         written = self.table.effort
         if not (isinstance(written, Mapping) and "speed" in written):
             return []
-        speeds = self._to_radians("velocity", written["speed"])
-        torques = np.array([self._for_all(row, "effort") for row in written["values"]], dtype=np.float64)
+        speeds = [self._number(speed, "rad/s", "velocity") for speed in written["speed"]]
+        torques = np.array([self._for_all(row, "effort", robot) for row in written["values"]])
         moved = {joint.name: joint.motor for joint in robot.elastic}
         controls, found = {label.name for label in robot.u_labels}, []
         for name, i in self._joints(robot).items():
@@ -171,7 +175,7 @@ class Profile:
             return []
         positions = np.array(self._values("position", robot))
         numbers = {
-            key: self._to_radians("braking", self._for_all(getattr(braking, key), f"braking.{key}"))
+            key: self._for_all(getattr(braking, key), f"braking.{key}", robot)
             for key in ("deceleration", "reserve")
         }
         return [
@@ -227,11 +231,12 @@ class Profile:
         if isinstance(written, Mapping) and "speed" in written:
             written = written["values"][0]  # at rest; `paths` has what is left of it at a speed
         if isinstance(written, Mapping):
-            written = self._at_payload(key, written, sum(payload.mass for payload in robot.payloads))
-        return self._to_radians(key, self._for_all(written, key)).tolist()
+            return self._at_payload(key, written, robot)
+        return self._for_all(written, key, robot)
 
-    def _at_payload(self, key: str, written: Mapping[str, Any], mass: float) -> list[float]:
-        masses, rows = written["payload"], [self._for_all(row, key) for row in written["values"]]
+    def _at_payload(self, key: str, written: Mapping[str, Any], robot: Robot) -> list[float]:
+        mass = sum(payload.mass for payload in robot.payloads)
+        masses, rows = written["payload"], [self._for_all(row, key, robot) for row in written["values"]]
         if not masses[0] <= mass <= masses[-1]:
             raise ProblemError(
                 f"limits.profile: {show(self.name)} says {key} for payloads of {masses[0]:g} to "
@@ -239,19 +244,26 @@ class Profile:
             )
         return [float(np.interp(mass, masses, column)) for column in zip(*rows, strict=True)]
 
-    def _for_all(self, written: Any, key: str) -> list[Any]:
-        """An entry for each joint."""
+    def _for_all(self, written: Any, key: str, robot: Robot) -> list[Any]:
+        """An entry for each joint [SI]."""
         count = len(self.table.joints)
         values = written if isinstance(written, Sequence) else [written] * count
         if len(values) != count:
             raise ProblemError(
                 f"limits.profile: {show(self.name)} has {len(values)} entries in {key} for {count} joints"
             )
-        return list(values)
+        slots = {i: robot.velocity_indices(name) for name, i in self._joints(robot).items()}
+        units = {i: robot.v_labels[slot.start].unit for i, slot in slots.items()}
+        return [self._number(entry, units.get(i, "rad/s"), key) for i, entry in enumerate(values)]
 
-    def _to_radians(self, key: str, values: Any) -> np.ndarray:
+    def _number(self, written: Any, unit: str, key: str) -> Any:
+        """A number [SI], or several, of a joint whose speed has this unit."""
+        if isinstance(written, list):
+            return [self._number(entry, unit, key) for entry in written]
+        if isinstance(written, Quantity):
+            return plain_number(written, unit, f"limits.profile: {key} of {show(self.name)}")
         in_degrees = self.table.degrees and key not in _OF_CONTROLS
-        return np.asarray(values, dtype=np.float64) * (np.pi / 180.0 if in_degrees else 1.0)
+        return written * (math.pi / 180.0) if in_degrees else float(written)
 
 
 def profile_names() -> list[str]:

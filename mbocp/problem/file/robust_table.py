@@ -10,12 +10,14 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
+from mbocp._measured import plain_number
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_non_negative, check_positive, choice, positive
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import control_from, weights_from
 from mbocp.problem.robust import FEEDBACKS, Robust
 from mbocp.robot import Robot
+from mbocp.robot.named_numbers import OF_ROBOT, named_numbers
 from mbocp.terms.written import Control, Finite, VectorOrNumber
 
 _SIGMAS = 2.0
@@ -48,7 +50,7 @@ class RobustTable(Table):
         dict[str, VectorOrNumber],
         Key(
             "of numbers of the robot, by the words of [sensitivities](sensitivities.md)",
-            "those of the numbers",
+            "those of the number",
             "none",
             takes="table of numbers or lists",
         ),
@@ -85,7 +87,7 @@ def read_robust(robot: Robot, robust_table: RobustTable | None) -> Robust | None
         q=_sizes("robust.start.q", weights_from, robot, table.start.q),
         v=_sizes("robust.start.v", weights_from, robot, table.start.v),
         tau=_sizes("robust.disturbance.tau", control_from, robot, table.disturbance.tau),
-        parameters={word: _of_parameter(word, sizes) for word, sizes in table.parameters.items()},
+        parameters={word: _of_parameter(robot, word, sizes) for word, sizes in table.parameters.items()},
         sigmas=_sigmas(table),
         feedback=check_choice("robust.feedback", table.feedback, FEEDBACKS),
     )
@@ -114,9 +116,13 @@ def _sizes(key: str, read: Any, robot: Robot, written: Any) -> Array:
     return sizes
 
 
-def _of_parameter(word: str, written: Any) -> Array:
-    sizes = np.atleast_1d(np.asarray(written, dtype=np.float64))
-    check_non_negative(f"robust.parameters.{word}", sizes)
+def _of_parameter(robot: Robot, word: str, written: Any) -> Array:
+    key, name = f"robust.parameters.{word}", word.removeprefix(OF_ROBOT)
+    numbers = named_numbers(robot).items()
+    unit = next((one.unit for known, one in numbers if known == name or known.startswith(f"{name}.")), "")
+    each = written if isinstance(written, list) else [written]
+    sizes = np.array([plain_number(size, unit, key) for size in each], dtype=np.float64)
+    check_non_negative(key, sizes)
     return sizes
 
 

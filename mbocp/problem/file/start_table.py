@@ -56,7 +56,9 @@ class StartTable(Table):
         bool,
         Key("move what violates [constraints](#constraints) to the nearest that does not"),
     ] = False
-    free: Annotated[Free, Key("[what of the start is found](#free-start)", "", "all is given")] = None
+    free: Annotated[
+        Free, Key("[what of the start is found](#free-start)", "m, rad, m/s, rad/s", "all is given")
+    ] = None
 
 
 def read_start(

@@ -44,7 +44,7 @@ def check_accuracy(value: Any) -> float | None:
     """
     if value is None:
         return None
-    number = check_number("horizon.accuracy", value)
+    number = float(check_number("horizon.accuracy", value))  # without the unit of a `Quantity`
     if not _FINEST <= number <= _COARSEST:
         expected = f"a number from {_FINEST:g} to {_COARSEST:g}: rad and m of a step, and a share of the cost"
         raise InvalidValue("horizon.accuracy", number, expected)

@@ -98,10 +98,10 @@ def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, how: Readi
     free_flyer = table.free_flyer if how.free_flyer is None else how.free_flyer
     mimic = table.mimic if how.mimic is None else how.mimic
     found = reader.read(path, name, Reading(free_flyer, mimic, folders, how.inertias))
-    return replace(found, name=name, table=_added(found.table, table), file=source.path)
+    return replace(found, name=name, table=_add(found.table, table), file=source.path)
 
 
-def _added(own: RobotTable, table: RobotTable) -> RobotTable:
+def _add(own: RobotTable, table: RobotTable) -> RobotTable:
     """What a robot.toml says, on what its file says; loops are those of both."""
     said = {key: getattr(table, key) for key in table.model_fields_set}
     loops = [*own.constraints, *table.constraints]

@@ -79,7 +79,7 @@ class ReadingKeys(Declared):
     """How a robot is read: keys of `[robot]`, and of each part beside others."""
 
     free_flyer: Annotated[bool | None, Key("whether the root link floats", "", _OWN)] = None
-    lock: Annotated[Lock, Key("joints to make rigid, and where", "rad, m", _OWN)] = None
+    lock: Annotated[Lock, Key("joints made rigid, and where", "rad, m", _OWN)] = None
     actuated: Annotated[
         list[str] | None, Key("joints with motors, in the order of u", "", _OWN, "list of names")
     ] = None
@@ -87,7 +87,7 @@ class ReadingKeys(Declared):
         bool | None,
         Key(
             "whether mimic joints follow their leader",
-            default="true for files, false for a robot.yaml and names of example-robot-data",
+            default="true; false for robot.yaml and names of example-robot-data",
         ),
     ] = None
     dynamics: Annotated[
@@ -99,12 +99,12 @@ class ReadingKeys(Declared):
     ] = None
     inertias: Annotated[
         InertiasTable | None,
-        Key("masses and inertias that the file does not give", default=f"{_OWN}, else none"),
+        Key("masses and inertias beside the file's", default=f"{_OWN}, else none"),
     ] = None
     damping: Annotated[
         bool | None,
         Key(
-            "whether its [viscous damping](robots.md#damping-and-friction) acts",
+            "whether [viscous damping](robots.md#damping-and-friction) acts",
             default=f"{_OWN}, else true",
         ),
     ] = None
@@ -118,12 +118,10 @@ class ReadingKeys(Declared):
     friction_speed: Annotated[
         Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
     ] = None
-    arguments: Annotated[
-        Arguments | None, Key("values of the `<xacro:arg>` of a [xacro file](robots.md#xacro)", "", _OWN)
-    ] = None
+    arguments: Annotated[Arguments | None, Key("of a [xacro file](robots.md#xacro)", "", _OWN)] = None
     package_dirs: Annotated[
         list[str],
-        Key("folders of the packages of `package://` addresses", "", "none", "list of paths"),
+        Key("where `package://` leads", "", "none", "list of paths"),
     ] = Field(default=[])
     payload: Annotated[
         list[PayloadTable] | None,
@@ -220,7 +218,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     gravity: Annotated[
         list[Number] | None,
         Field(min_length=3, max_length=3),
-        Key("acceleration of gravity in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+        Key("in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
     ] = None
     rotations: Annotated[
         str | None,
@@ -233,7 +231,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     numbers: Annotated[
         dict[str, Number] | None,
         Key(
-            'other values of [its numbers](parameters.md), as `"joint.elbow.length" = 0.4`',
+            '[other numbers](parameters.md), as `"joint.elbow.length" = 0.4`',
             "those of the number",
             default="those of its files",
             takes="table",

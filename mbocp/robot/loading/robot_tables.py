@@ -26,8 +26,8 @@ from mbocp.robot.payload import INERTIA_KEYS, MAX_VALUE, SHAPES, Payload
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
 _SUFFIX = "_motor"
 
-_Positive = Annotated[float, Kind("positive number", finite_number, float), Field(gt=0, le=MAX_VALUE)]
-_NotNegative = Annotated[float, Kind("number of 0 or more", finite_number, float), Field(ge=0, le=MAX_VALUE)]
+_Positive = Annotated[float, Kind("number > 0", finite_number, float), Field(gt=0, le=MAX_VALUE)]
+_NotNegative = Annotated[float, Kind("number >= 0", finite_number, float), Field(ge=0, le=MAX_VALUE)]
 
 
 def _inertia(value: Any) -> tuple[float, ...]:
@@ -127,7 +127,7 @@ class ElasticTable(KeyTable):
     joint: Annotated[str, Key("a revolute or prismatic joint")]
     stiffness: Annotated[_Positive, Key("of the spring between joint and motor", "N m/rad, N/m")]
     damping: Annotated[_NotNegative, Key("of the damper beside it", "N m s/rad, N s/m")] = 0.0
-    motor_inertia: Annotated[_Positive, Key("of the rotor, at the joint's side of the gear", "kg m^2, kg")]
+    motor_inertia: Annotated[_Positive, Key("of the rotor, behind the gear", "kg m^2, kg")]
 
 
 class MotorTable(KeyTable):

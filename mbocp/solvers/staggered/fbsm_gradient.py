@@ -173,7 +173,7 @@ class FBSMGradient:
         """One accepted step."""
         native, end = state.native, state.end
         kept = Kept.of(native)
-        restoration, share = _bounded(end.restoration(), self.theta_max)
+        restoration, share = _shorten(end.restoration(), self.theta_max)
         penalty = max(state.penalty, 2.0 * self._largest_eta(state, restoration))
         merits = (*state.merits, (state.evaluation.cost, float(np.linalg.norm(end.g))))[-_MEMORY:]
         reference = max(cost + penalty * violation for cost, violation in merits)
@@ -279,7 +279,7 @@ class FBSMGradient:
         return min(float(s @ s) / sy if state.iteration % 2 else sy / yy, longest)
 
 
-def _bounded(vector: Array, longest: float) -> tuple[Array, float]:
+def _shorten(vector: Array, longest: float) -> tuple[Array, float]:
     """Vector shortened to the norm `longest`, and the part of it that is left."""
     size = float(np.linalg.norm(vector))
     share = min(1.0, longest / size) if size > 0.0 else 1.0

@@ -21,6 +21,18 @@ from mbocp.exceptions import ReplayError
 from mbocp.view.live.scene import viser_module
 
 _FOREIGN = "This page is for the browser that opened it.\n"
+_HEAD = b"<head>"
+_DARK = b"""<style>@media (prefers-color-scheme: dark) { canvas { filter: brightness(0.82); } }</style>
+<script>
+  const scheme = "data-mantine-color-scheme", root = document.documentElement;
+  const follow = () => {
+    if (root.getAttribute(scheme) !== "dark") { root.setAttribute(scheme, "dark"); }
+  };
+  if (matchMedia("(prefers-color-scheme: dark)").matches) { // viser's own theme is that of the server
+    new MutationObserver(follow).observe(root, { attributeFilter: [scheme] });
+    follow();
+  }
+</script>"""
 
 
 def page_server(host: str, port: int, label: str) -> Any:
@@ -83,7 +95,9 @@ def _guard(name: str) -> Iterator[list[Callable[..., Any]]]:
             host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
             if not is_own_page(host, origin, name):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, _FOREIGN)
-            return process_request(connection, request) if process_request is not None else None
+            if request.path.partition("?")[0] == "/" and "Accept-Encoding" in request.headers:
+                del request.headers["Accept-Encoding"]  # so that the page comes as text
+            return _in_dark(process_request(connection, request)) if process_request is not None else None
 
         guards.append(guard)
         return serve(*args, process_request=guard, **{"logger": _silent(), **options})
@@ -93,6 +107,15 @@ def _guard(name: str) -> Iterator[list[Callable[..., Any]]]:
         yield guards
     finally:
         module.serve = serve  # type: ignore[misc]
+
+
+def _in_dark(response: Any) -> Any:
+    """The page with a script that keeps its panel dark, where the browser asks for that."""
+    if response is not None and _HEAD in response.body[:200]:
+        response.body = response.body.replace(_HEAD, _HEAD + _DARK, 1)
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+    return response
 
 
 def _silent() -> logging.Logger:

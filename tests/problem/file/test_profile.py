@@ -251,3 +251,18 @@ def test_files_that_are_wrong(text: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(text)
     with pytest.raises(ProblemError, match=words):
         problem("double_pendulum", {"profile": str(tmp_path / "own.toml")})
+
+
+def test_its_numbers_may_have_units(tmp_path: Path) -> None:
+    """Whether those without one are degrees or not."""
+    units = 'velocity = ["90 deg/s", %s]\nposition = [["-1 turn", "1 turn"], [-inf, inf]]\neffort = "5 kN mm"'
+    for number, more in (("3.0", ""), (f"{3.0 / TURN!r}", "degrees = true\n")):
+        file = tmp_path / "units.toml"
+        file.write_text(f'source = ["measured"]\njoints = ["joint1", "joint2"]\n{more}{units % number}\n')
+        bounds = problem("double_pendulum", {"profile": str(file)}).limits
+        np.testing.assert_allclose(bounds.v_upper, [np.pi / 2.0, 3.0], rtol=1e-15)
+        np.testing.assert_allclose(bounds.q_upper, [2.0 * np.pi, np.inf])
+        np.testing.assert_allclose(bounds.u_upper, 5.0)
+    file.write_text(file.read_text().replace("90 deg/s", "90 mm/s"))
+    with pytest.raises(ProblemError, match=r"velocity of 'units': got '90 mm/s', a speed, .* in rad/s"):
+        problem("double_pendulum", {"profile": str(file)})

@@ -48,6 +48,7 @@ UNITS = {  # by what they come to [SI]
     "3 N·mm": 3e-3,
     "2 kg m^2/s²": 2.0,
     "5 1/s": 5.0,
+    "5/s": 5.0,
     "4 W/(N m)^2": 4.0,
     "2e1 N sqrt(s)": 20.0,
 }
@@ -70,9 +71,7 @@ def test_every_declared_unit_is_known() -> None:
     """But those in words, whose keys take numbers alone."""
     unknown = {
         "those of the number",
-        "those of the numbers",
         "part of the horizon",
-        "rad, m; part of the cost",
     }
     declared = {item.unit for _, info in all_keys() for item in info.metadata if isinstance(item, Key)}
     for unit in declared - unknown - {""}:
@@ -90,6 +89,9 @@ def test_problems_are_those_of_the_numbers() -> None:
             'path=[{kind="speed", frame="tool0", max="800 mm/s", until="400 ms"}]',
             'robot.payload=[{frame="tool0", mass="500 g", position=[0, 0, "10 cm"], sphere="1 cm"}]',
             'obstacle=[{shape="sphere", radius="50 mm", position=["2 m", 0, 0]}]',
+            'robust={start={q="0.5 deg"}, parameters={"robot.payload.payload_0.mass"="50 g", '
+            '"robot.payload.payload_0.com"=["5 mm", 0, 0]}}',
+            'start.free={q={elbow_joint=["-90 deg", "90 deg"]}, v={elbow_joint=["-30 deg/s", 1]}}',
         ],
     )
     written = parse_problem(
@@ -102,9 +104,39 @@ def test_problems_are_those_of_the_numbers() -> None:
             'path=[{kind="speed", frame="tool0", max=0.8, until=0.4}]',
             'robot.payload=[{frame="tool0", mass=0.5, position=[0, 0, 0.1], sphere=0.01}]',
             'obstacle=[{shape="sphere", radius=0.05, position=[2, 0, 0]}]',
+            'robust={start={q=0.008726646259971648}, parameters={"robot.payload.payload_0.mass"=0.05, '
+            '"robot.payload.payload_0.com"=[0.005, 0, 0]}}',
+            f"start.free={{q={{elbow_joint=[{-math.pi / 2}, {math.pi / 2}]}}, "
+            f"v={{elbow_joint=[{-math.pi / 6}, 1]}}}}",
         ],
     )
     assert problem_to_toml(said) == problem_to_toml(written)
+
+
+def test_so_are_accuracies_cycles_and_prices_of_parameters() -> None:
+    said = parse_problem(
+        ARM,
+        [
+            'horizon={duration=1, accuracy="0.1 mm"}',
+            "start.free=true",
+            'goal.periodic={moved={elbow_joint="1 turn"}}',
+            'robot.payload=[{frame="tool0", mass=1}]',
+            'parameter=[{of="robot.payload.payload_0.mass", min="500 g", max=2, cost={reference="800 g"}}]',
+        ],
+    )
+    assert said.accuracy == 1e-4
+    assert said.goal.periodic is not None
+    assert said.goal.periodic.moved == {"elbow_joint": 2.0 * math.pi}
+    assert (said.parameter[0].lower, said.parameter[0].cost.reference) == (0.5, 0.8)
+    assert not any(
+        isinstance(one, Quantity)
+        for one in (said.accuracy, said.goal.periodic.moved["elbow_joint"], said.parameter[0].cost.reference)
+    )
+    walker = 'robot = { name = "ur5", free_flyer = true }\nhorizon = { duration = 1.0, steps = 10 }'
+    step = 'goal.periodic={moved={root_joint={x="20 cm", yaw="90 deg"}}}'
+    moved = parse_problem(walker, ["start.free=true", step]).goal.periodic
+    assert moved is not None
+    assert moved.moved == {"root_joint": {"x": 0.2, "yaw": math.radians(90.0)}}
 
 
 def test_python_takes_them() -> None:
@@ -136,6 +168,11 @@ REFUSED = {
     "guess.u='3 N'": r"guess\.u\.shoulder_pan_joint: got '3 N', a force",
     "cost.energy={losses='3 W/N^2'}": r"losses\.shoulder_pan_joint: got .*, expected .* W/\(N m\)\^2",
     "robust.start={q='3 m'}": r"robust\.start\.q\.shoulder_pan_joint: got '3 m', a length",
+    "robust={parameters={'robot.payload.c.mass'='3 m'}}": r"c\.mass: got '3 m', .* without unit",
+    "horizon.accuracy='3 kg'": r"horizon\.accuracy: got '3 kg', a mass, expected a number in rad or m",
+    "start.free={v={elbow_joint=['-3 deg', 1]}}": r"v\.elbow_joint: got '-3 deg', an angle, .* in rad/s",
+    "goal.periodic={moved={elbow_joint='3 m'}}": r"moved\.elbow_joint: got '3 m', a length, .* in rad",
+    "goal.periodic={combine={elbow_joint={elbow_joint='3 m'}}}": r"combine\..* got '3 m', .* without unit",
     "path=[{kind='speed', frame='tool0', max='3 mm'}]": r"path\.0\.max: got '3 mm', a length, .* m/s",
     "path=[{kind='speed', frame='tool0', max=1, from={share='1 s'}}]": r"from: got '1 s' for share",
     "robot.lock={elbow_joint='3 mm'}": r"joint 'elbow_joint'.*: got '3 mm', a length, .* in rad",

@@ -83,7 +83,7 @@ def read_joints(sdf: Sdf, links: Mapping[str, TreeBody], left_out: LeftOut) -> J
     frame = sdf.element.get("placement_frame")
     base = base * sdf.place(frame).inverse() if frame else base
     found = Joined()
-    for name, joint in _ordered(tree, list(links)):
+    for name, joint in _in_order(tree, list(links)):
         reader.hang(found, name, joint, at, base)
     for joint in closing:
         found.loops.append(reader.close(joint, at, base))
@@ -218,7 +218,7 @@ def _split(joints: list[Joint], links: Mapping[str, TreeBody]) -> tuple[dict[str
     return tree, closing
 
 
-def _ordered(tree: Mapping[str, list[Joint]], links: list[str]) -> Iterator[tuple[str, Joint | None]]:
+def _in_order(tree: Mapping[str, list[Joint]], links: list[str]) -> Iterator[tuple[str, Joint | None]]:
     """Links with the joints that lead to them, depth first, in the order of the file; roots float."""
     children = {joint.child for joints in tree.values() for joint in joints}
     reached: set[str] = set()

@@ -127,11 +127,11 @@ def _fill(urdf: Urdf, folders: Sequence[Path], links: Iterable[str]) -> dict[str
         for shape in link_shapes(urdf, folders, kind, missing) if missing else ():
             shapes.setdefault(shape.link, []).append(shape)
         for link, several in shapes.items():
-            found[link] = _filled(urdf.path, kind, several)
+            found[link] = _fill_shapes(urdf.path, kind, several)
     return found
 
 
-def _filled(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
+def _fill_shapes(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
     whole, hulls = pin.Inertia.Zero(), 0
     for shape in shapes:
         if shape.mesh:
