@@ -151,7 +151,7 @@ class _Swing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """A ground, its height [m], least forces of feet [N], places of these at the start, and keys of its map."""
+    """A ground, its height [m], least forces of feet [N], places of these at the start, keys of its map."""
 
     table: GroundTable
     height: float
