@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
-from mbocp.exceptions import InvalidValue
+from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import end_as_solved
 from mbocp.problem import Problem
@@ -157,8 +157,12 @@ def _deadline(*limits: float | None) -> float:
 
 def _with_end_of(problem: Problem, before: Solution) -> Problem:
     """The problem with the end that a solution of it has found, where it is asked for the same ends."""
-    carried, known = before.iterate, before.problem
+    carried = before.iterate
     if carried is None or not carried.q_end.size or len(problem.parameter) != carried.first.size:
+        return problem
+    try:
+        known = before.problem
+    except ProblemFileError:  # of a file whose terms are Python
         return problem
     starts = (before.qs[0], carried.q_start) if problem.parameter else (problem.q_start,)
     is_same = [one.name for one in problem.parameter] == [one.name for one in known.parameter]

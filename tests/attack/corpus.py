@@ -64,8 +64,9 @@ def _of_examples() -> tuple[Entry, ...]:
 
 
 def _companions_of(folder: Path) -> dict[str, bytes]:
-    """Robots, meshes and scenes that the examples of a folder bring along, by path from there."""
-    scenes = [path for path in sorted(folder.iterdir()) if path.suffix in (".obj", ".stl", ".urdf")]
+    """What the examples of a folder bring along, robots, meshes, clouds, maps and scenes, by path from there."""
+    suffixes = (".obj", ".stl", ".urdf", ".csv", ".xyz")
+    scenes = [path for path in sorted(folder.iterdir()) if path.suffix in suffixes]
     files = (path for path in (*scenes, *sorted((folder / "robots").rglob("*"))) if path.is_file())
     return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
