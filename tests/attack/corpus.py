@@ -64,7 +64,7 @@ def _of_examples() -> tuple[Entry, ...]:
 
 
 def _companions_of(folder: Path) -> dict[str, bytes]:
-    """What the examples of a folder bring along, robots, meshes, clouds, maps and scenes, by path from there."""
+    """What examples of a folder bring along, robots, meshes, clouds, maps and scenes, by path from there."""
     suffixes = (".obj", ".stl", ".urdf", ".csv", ".xyz")
     scenes = [path for path in sorted(folder.iterdir()) if path.suffix in suffixes]
     files = (path for path in (*scenes, *sorted((folder / "robots").rglob("*"))) if path.is_file())
