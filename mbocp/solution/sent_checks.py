@@ -83,7 +83,8 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
                 kind, column.name, values[:, k], bounds[kind][:, k], times, unit, _TOLERANCE
             )
     if facts.effort_rms:
-        means = np.sqrt(np.trapezoid(controls**2, times, axis=0) / times[-1])
+        squares = controls**2
+        means = np.sqrt(np.diff(times) @ (squares[1:] + squares[:-1]) / (2.0 * times[-1]))
         for column, mean, limit in zip(columns, means, facts.effort_rms, strict=True):
             sides = np.array([-np.inf, limit])
             yield from find_excesses(
