@@ -82,3 +82,12 @@ def shorten(text: str, limit: int = MAX_QUOTE) -> str:
         return text
     end = max((limit - len(_GAP)) // 4, 0)
     return text[: limit - len(_GAP) - end] + _GAP + text[len(text) - end :]
+
+
+def reads_as_number(text: str) -> bool:
+    """Whether a text in a table of numbers is one, and not a heading."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

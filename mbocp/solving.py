@@ -13,7 +13,6 @@ from typing import Any
 from mbocp.accuracy.of_solution import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
 from mbocp.job import Job
-from mbocp.menus.menu import BestOfMenu
 from mbocp.problem import Problem
 from mbocp.problem.solver import MENU
 from mbocp.solution import Solution
@@ -115,8 +114,12 @@ def solve(
     job = Job.of(
         problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=gains or accuracy
     )
-    strategy = BestOfMenu() if problem.solver.starts == MENU else strategy_for(job)
-    solution = strategy.run(job)
+    if problem.solver.starts == MENU:
+        from mbocp.menus.menu import BestOfMenu  # slow to import, and wanted only here
+
+        solution = BestOfMenu().run(job)
+    else:
+        solution = strategy_for(job).run(job)
     if accuracy and problem.accuracy is None:
         solution = with_accuracy(problem, solution, job.deadline)
     if check and not solution.converged:

@@ -10,6 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import read_bytes
+from mbocp._text import reads_as_number
 from mbocp.exceptions import Unreadable
 from mbocp.meshes.parts import MESH_LIMIT
 
@@ -95,15 +96,7 @@ def _picture(content: bytes) -> Array:
 def _text(content: bytes) -> Array:
     """Numbers in lines, between commas or spaces; lines that begin with a word or # are left out."""
     rows = [line.replace(",", " ").replace(";", " ").split() for line in content.decode().splitlines()]
-    return np.array([[float(word) for word in row] for row in rows if row and _is_number(row[0])])
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    return np.array([[float(word) for word in row] for row in rows if row and reads_as_number(row[0])])
 
 
 def _header(content: bytes, end: bytes) -> tuple[list[list[str]], bytes]:

@@ -153,7 +153,10 @@ class Feature(ABC):
         return at
 
     def following(self, name: str, step: Passage) -> Any:
-        """Return the value of a remembered block after a step: of symbols, or of arrays with a row a step."""
+        """Return the value of a remembered block after a step: of symbols, or of arrays with a row a step.
+
+        Only features that remember something are asked.
+        """
         raise NotImplementedError(name)
 
     def own_rows(self, at: StepSymbols) -> Sequence[ca.SX]:

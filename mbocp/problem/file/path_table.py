@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, path_of, read_bytes, read_text
 from mbocp._keys import Key, Table, merge_tables
 from mbocp._measured import in_unit
-from mbocp._text import show
+from mbocp._text import reads_as_number, show
 from mbocp.exceptions import ProblemError, Unreadable
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.contact_bounds import ContactBounds
@@ -218,7 +218,7 @@ def _read_csv(path: Path) -> Array:
         for row in csv.reader(read_text(path, expected="a CSV table", limit=_MAX_BYTES).splitlines())
         if row
     ]
-    if rows and not _is_number(rows[0][0]):
+    if rows and not reads_as_number(rows[0][0]):
         rows = rows[1:]
     return np.array([[float(entry) for entry in row] for row in rows])
 
@@ -226,11 +226,3 @@ def _read_csv(path: Path) -> Array:
 def _read_array(path: Path) -> Array:
     read = read_bytes(path, expected="an array of NumPy", limit=_MAX_BYTES)
     return np.asarray(np.load(io.BytesIO(read), allow_pickle=False), dtype=np.float64)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
