@@ -13,8 +13,8 @@ ROOT = Path(__file__).parents[1]
 _PLACES = {
     # Functions by themselves, readers, checks: next to nothing is compiled or solved.
     "unit": """
-        architecture bounds/enclosures clocks docs files levels lie linear meshes problem repository robot
-        stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
+        architecture bounds/enclosures clocks dataclass docs files levels lie linear meshes problem repository
+        robot stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
         mechanics/duals programme/algebra identification/base identification/consistent identification/log
         solution/export solution/formats solution/joined solution/recordings solution/solution
         solvers/filter solvers/registry study/expansion study/table symbolic/functions symbolic/versions
