@@ -180,7 +180,7 @@ def export_result(
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
         return True
     sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot)
-    motion = sample(sent)
+    motion = sample(sent, solution.load_robot)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst

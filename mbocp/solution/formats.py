@@ -22,7 +22,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
-from mbocp.solution.sent import MOST, Excess, Sent, motion_as_sent
+from mbocp.solution.sent import MOST, Excess, NotCheckedWarning, Sent, motion_as_sent
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -42,10 +42,6 @@ _SUFFIXES = MappingProxyType(
         **{recording.suffix: name for name, recording in RECORDINGS.items()},
     }
 )
-
-
-class NotCheckedWarning(UserWarning):
-    """Some limits of a motion cannot be looked at as it is sent."""
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -71,6 +67,7 @@ def export_motion(
     rate: float | None = None,
     interpolation: str | None = None,
     fit: bool = True,
+    check: bool = True,
     load_robot: Callable[[], Robot] | None = None,
 ) -> Path:
     """Write the motion of the joints that slide or turn about an axis; as a recording, of all of them.
@@ -89,9 +86,10 @@ def export_motion(
         quintics, or cubics where jerks are free and quintics leave limits that cubics keep.
     fit : bool
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
+    check : bool
+        Whether a motion that leaves limits as it is sent is refused, see `all_excesses`; with a robot alone.
     load_robot : callable, optional
-        Loads the robot of the solution: a motion that leaves limits as it is sent is refused then, see
-        `all_excesses`. Without it nothing is looked at.
+        Loads the robot of the solution, which says the efforts that the motion takes as it is sent.
 
     Raises
     ------
@@ -111,13 +109,13 @@ def export_motion(
     name = format_of(path, kind)
     if name in RECORDINGS:
         return write_recording(solution, path, name, rate, interpolation)
-    if load_robot is None:
+    if load_robot is None or not check:
         sent = sent_by(name, solution, rate, interpolation, fit=fit)
     else:
         sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
             raise LimitsExceeded(path, excesses)
-    return write_samples(sample(sent), solution, path, name)
+    return write_samples(sample(sent, load_robot), solution, path, name)
 
 
 def write_recording(

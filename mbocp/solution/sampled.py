@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.solution.sent import Sent
+from mbocp._warn import warn_caller
+from mbocp.exceptions import MbocpError
+from mbocp.solution.sent import NotCheckedWarning, Sent
+from mbocp.solution.sent_states import Follower
+
+if TYPE_CHECKING:
+    from mbocp.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +33,7 @@ class Sampled:
     positions, velocities, accelerations : ndarray, shape (K, n)
         Continuous joints count their turns [rad, m, s].
     efforts : ndarray, shape (K, n)
-        Controls of the same names, as the solution has them between nodes: constant over its steps, or
-        polynomials; NaN where a joint has none [N m, N].
+        Controls of the same names; NaN where a joint has none [N m, N].
     interpolation : {"cubic", "quintic"}
         Between them.
     left_out : tuple of str
@@ -44,18 +51,34 @@ class Sampled:
     left_out: tuple[str, ...]
 
 
-def sample(sent: Sent) -> Sampled:
-    """Sample a motion as it is sent."""
+def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> Sampled:
+    """Sample a motion as it is sent.
+
+    Parameters
+    ----------
+    sent : Sent
+    load_robot : callable, optional
+        Loads the robot: efforts are then those that the motion takes as it is sent, where it says them.
+        Elsewhere they are those of the solution: constant over its steps, or polynomials.
+
+    Warns
+    -----
+    NotCheckedWarning
+        If the robot cannot be loaded.
+    """
     labels, times = sent.solution.labels, sent.times
     controls = {column.name: k for k, column in enumerate(labels.u)}
+    positions, velocities, accelerations, _ = sent.curves.at(times)
     applied = sent.controls(times)
+    follower = _follower(sent, load_robot)
+    if follower is not None and follower.has_controls:
+        applied = follower.controls(*follower.states(times, positions, velocities), accelerations)
     efforts = np.full((len(times), len(sent.joints)), np.nan)
     for k, name in enumerate(sent.joints):
         if name in controls:
             efforts[:, k] = applied[:, controls[name]]
     names = {name.partition(".")[0] for name in (*sent.joints, *sent.names)}
     left_out = {column.name.partition(".")[0] for column in labels.v} - names
-    positions, velocities, accelerations, _ = sent.curves.at(times)
     return Sampled(
         times,
         sent.names,
@@ -67,3 +90,14 @@ def sample(sent: Sent) -> Sampled:
         sent.curves.interpolation,
         tuple(sorted(left_out)),
     )
+
+
+def _follower(sent: Sent, load_robot: Callable[[], Robot] | None) -> Follower | None:
+    """The robot on a motion of quintics; accelerations of cubics at nodes are not those of the motion."""
+    if load_robot is None or sent.curves.interpolation != "quintic":
+        return None
+    try:
+        return Follower.of(sent, load_robot())
+    except MbocpError as error:
+        warn_caller(f"efforts are those of the solution, not of what is sent: {error}", NotCheckedWarning)
+        return None

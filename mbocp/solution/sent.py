@@ -82,6 +82,10 @@ class Excess:
         )
 
 
+class NotCheckedWarning(UserWarning):
+    """Some limits or efforts of a motion cannot be looked at as it is sent."""
+
+
 @dataclass(frozen=True, eq=False)
 class Sent:
     """A motion as it is sent.

@@ -226,9 +226,8 @@ class Solution(SolutionData):
         """
         from mbocp.solution.formats import export_motion
 
-        load_robot = self.load_robot if check else None
         how: dict[str, Any] = {"kind": kind, "rate": rate, "interpolation": interpolation, "fit": fit}
-        return export_motion(self, path, **how, load_robot=load_robot)
+        return export_motion(self, path, **how, load_robot=self.load_robot, check=check)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""

@@ -171,6 +171,7 @@ def test_jerks_of_cubics_are_differences_of_samples_and_accelerations_at_nodes_a
         assert abs(found["jerk", "j1"].value) >= 3.8
 
 
+@pytest.mark.filterwarnings("ignore:efforts are those of the solution")
 def test_files_say_the_motion(tmp_path):
     solution = arm()
     motion = sample(solution, 50.0)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import mbocp
 from mbocp.cli.results import export_result
 from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.formats import sent_within
+from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import controls_along, joint_excesses
 from mbocp.solution.sent_states import Follower
@@ -77,7 +80,10 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     gone = dataclasses.replace(
         saved, robot_spec={}, robot_files=None, problem_text=saved.problem_text.replace("ur5", "gone.urdf")
     )
-    with pytest.warns(UserWarning, match=r"efforts and paths are not looked at .*gone.urdf: no such file"):
+    with (
+        pytest.warns(UserWarning, match="efforts are those of the solution, not of what is sent"),
+        pytest.warns(UserWarning, match=r"efforts and paths are not looked at .*gone.urdf: no such file"),
+    ):
         assert export_result(
             gone.save(tmp_path / "b.h5"), tmp_path / "b.csv", interpolation="quintic", **given
         )
@@ -89,3 +95,20 @@ def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
     kinematic = mbocp.load_robot("double_pendulum", dynamics=False)
     problem = mbocp.Problem.create(kinematic, goal={"q": [1.0, 0.5], "v": 0.0}, duration=1.0, steps=10)
     assert not Follower.of(motion_as_sent(mbocp.solve(problem)), kinematic).has_controls
+
+
+@pytest.mark.parametrize("changes", [{"limits": {"jerk": 60.0, "effort": True}}, {"scheme": "se1"}])
+def test_efforts_in_a_file_are_those_of_the_motion_in_it(tmp_path: Path, changes: dict[str, Any]) -> None:
+    """Fitted, and slower for it, or quintics through few steps: Pinocchio alone says what it takes."""
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(steps=40, **changes)
+    solution = mbocp.solve(problem, check=True)
+    path = solution.export(tmp_path / "a.csv", rate=250.0, interpolation="quintic", check=False)
+    table = np.genfromtxt(path, delimiter=",", skip_header=1)
+    model = problem.robot.model
+    assert table.shape[1] == 1 + 4 * model.nv
+    rows = np.split(table[:, 1:], 4, axis=1)
+    data, damping = model.createData(), model.damping
+    efforts = [pin.rnea(model, data, q, v, a) + damping * v for q, v, a in zip(*rows[:3], strict=True)]
+    np.testing.assert_allclose(rows[3], efforts, atol=1e-9)
+    sent = motion_as_sent(solution, 250.0, "quintic", fit=True)
+    assert np.abs(rows[3] - sample(sent).efforts).max() > 0.5  # [N m]; those of the solution are others
