@@ -117,7 +117,7 @@ def test_true_skips_what_is_not_plain(kinova: Robot) -> None:
         (
             "limits.torque=1",
             "limits.torque",
-            r"unknown key \(allowed in \[limits\]: profile, effort, effo",
+            r"unknown key, did you mean 'effort'\? \(allowed in \[limits\]: profile, effort, effo",
         ),
         ("limits=1", "limits", "got 1, expected a table"),
         (

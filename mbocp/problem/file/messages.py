@@ -68,8 +68,27 @@ _REPEATED = frozenset(
     | {f"phase.{table}" for table in ("limits", "cost", "path", "via", "via.frame", "hold", "release")}
 )  # keys that another table has alike
 _MAX_VALUE_LENGTH = 60  # characters of a value
+_MOST_PLACES = 3  # of a key, that a message names
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
+# Words of other tools, each with the keys of the same meaning; the first that the table has is named.
+_OTHER_WORDS = {
+    **dict.fromkeys(("torque", "torques", "force", "tau"), ("effort",)),
+    **dict.fromkeys(("speed", "speeds", "v", "qd"), ("velocity", "v")),
+    **dict.fromkeys(("q", "joints", "qpos", "positions", "position"), ("position", "q")),
+    **dict.fromkeys(("accel", "qdd", "a"), ("acceleration", "a")),
+    **dict.fromkeys(("torque_rate", "torque_rates"), ("effort_rate",)),
+    **dict.fromkeys(("xyz", "translation"), ("position",)),
+    **dict.fromkeys(("quaternion", "quat", "rotation"), ("orientation",)),
+    **dict.fromkeys(("tool", "tcp", "pose", "end_effector", "link"), ("frame", "name")),
+    **dict.fromkeys(("kind", "type", "name", "method", "algorithm"), ("shape", "scheme", "method", "kind")),
+    **dict.fromkeys(("urdf", "path", "file", "model", "frame"), ("name",)),
+    **dict.fromkeys(("time", "tf", "t_f"), ("duration",)),
+    **dict.fromkeys(("n", "nodes", "intervals"), ("steps",)),
+    **dict.fromkeys(("clearance", "distance"), ("margin",)),
+    "tol": ("tolerance",),
+    "smoothness": ("control_rate",),
+}
 # The paper's letters, for those who write them.
 _LETTERS = {
     "alpha": "cost.effort",
@@ -121,15 +140,14 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     listed = f"{where}: {', '.join(valid)}"
     if name in _LETTERS:
         return f"unknown key, did you mean {_LETTERS[name]}? ({listed})"
-    others = {table: keys for table, keys in tables.items() if table not in _REPEATED}
-    elsewhere = [f"{table}.{name}" if table else name for table, keys in others.items() if name in keys]
     if (advice := _NOT_THERE.get(".".join([*above, name]).replace("goal.any.", "goal."))) is not None:
         return f"unknown key; {advice} ({listed})"
-    if elsewhere:
-        return f"unknown key, did you mean {' or '.join(elsewhere)}? ({listed})"
-    close = difflib.get_close_matches(name, valid, n=1)
-    if close:
-        return f"unknown key, did you mean {close[0]!r}? ({listed})"
+    others = {table: keys for table, keys in tables.items() if table not in _REPEATED}
+    elsewhere = [f"{table}.{name}" if table else name for table, keys in others.items() if name in keys]
+    same = [repr(word) for word in _OTHER_WORDS.get(name, ()) if word in valid][:1]
+    near = [repr(word) for word in difflib.get_close_matches(name, valid, n=1)]
+    if likely := same or elsewhere[:_MOST_PLACES] or near:
+        return f"unknown key, did you mean {' or '.join(likely)}? ({listed})"
     return f"unknown key ({listed})"
 
 
