@@ -49,8 +49,15 @@ def balances(
         rows = constraint_jacobians(robot, qs)
         if table is not None:
             rows = table.along(qs, rows) * ~table.is_impact[:, None, None]
-        balanced = [balance(robot, *at, G) for at, G in zip(motion, rows, strict=True)]
-        return np.array([u for u, _ in balanced]), np.array([lam for _, lam in balanced])
+        forces = np.array([required_force(robot, *at) for at in motion])
+        if robot.actuation.is_constant:
+            columns = np.broadcast_to(robot.actuation_matrix(qs[0]), (len(qs), robot.nv, robot.nu))
+        else:
+            columns = np.array([robot.actuation_matrix(q) for q in qs])
+        columns = np.concatenate([columns, -rows.transpose(0, 2, 1)], axis=2)
+        inverses = np.linalg.pinv(columns, rcond=np.finfo(float).eps * max(columns.shape[1:]))
+        found: Array = np.einsum("nij,nj->ni", inverses, forces)
+        return found[:, : robot.nu], found[:, robot.nu :]
     data, columns = working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere
     forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
     us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T

@@ -101,5 +101,8 @@ def hold(formulation: Formulation, deadline: float = math.inf) -> Iterate:
     """Stay at the start, with the controls and multipliers that come nearest to balancing it."""
     problem, N = formulation.problem, formulation.problem.num_steps
     qs, vs = np.tile(problem.q_start, (N + 1, 1)), np.zeros((N + 1, problem.robot.nv))
-    us, lams = balances(problem.robot, qs[1:], vs[1:], vs[1:], problem.timeline.switches, deadline)
+    table = problem.timeline.switches
+    at = slice(1, 2 if table is None else None)  # steps are alike where all hold the same
+    us, lams = balances(problem.robot, qs[at], vs[at], vs[at], table, deadline)
+    us, lams = (np.tile(values, (N // len(values), 1)) for values in (us, lams))
     return formulation.iterate_of(Motion(qs, vs, us, problem.timeline.lengths()), lams)
