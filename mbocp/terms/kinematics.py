@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from mbocp.exceptions import ProblemError, suggest
+from mbocp.lie.groups import RigidBody, RotationMatrix
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.symbolic import Reference
@@ -78,6 +81,17 @@ class Kinematics:
     def rotation(self, frame: str) -> ca.SX:
         """Axes of a frame in the world, its columns, shape (3, 3)."""
         return self.mechanics.frame_rotation(self.robot.frame_id(frame), self.q)
+
+    def pose_error(self, frame: str, position: ArrayLike, rotation: ArrayLike | None = None) -> ca.SX:
+        """Twist that leads from a pose to that of a frame, shape (6,) [m, rad], linear first: log(P^-1 F).
+
+        `rotation`, shape (3, 3), has the pose's axes as columns; those of the world unless told. Smooth where
+        the frame is turned by less than pi.
+        """
+        body = RigidBody(RotationMatrix())
+        turned = ca.SX.eye(3) if rotation is None else ca.SX(ca.DM(np.asarray(rotation, dtype=float)))
+        poses = ((position, turned), (self.position(frame), self.rotation(frame)))
+        return body.difference(*(ca.vertcat(ca.SX(p), ca.vec(R)) for p, R in poses))
 
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
