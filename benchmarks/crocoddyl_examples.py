@@ -13,18 +13,21 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.peers.environments import environment_of_crocoddyl
 from benchmarks.peers.tools.runs import timed
 from benchmarks.tables import Table, show
+from mbocp._arrays import Array
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import Iterate
@@ -86,11 +89,191 @@ def quadrotor() -> mbocp.Problem:
     )
 
 
+@dataclass(frozen=True)
+class Gait:
+    """A walk of Crocoddyl's `SimpleQuadrupedalGaitProblem` and `SimpleBipedGaitProblem`.
+
+    Weights are halved in the cost; those of the base are of its rotation and of its velocity.
+    """
+
+    robot: str
+    standing: str  # reference configuration
+    feet: tuple[str, ...]  # frames
+    swings: tuple[tuple[int, float, bool], ...]  # foot, length [m], whether all stand before it
+    height: float  # [m]
+    steps: int  # of a swing
+    support: int  # steps in which all stand
+    dt: float  # [s]
+    hold: str  # "point" or "weld"
+    joint_velocity: float
+    landing: tuple[float, float, float]  # of the foot, the base's place, and the joints
+    is_standing_at_end: bool
+
+
+WALK = Gait(
+    robot="anymal",
+    standing="standing",
+    feet=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
+    swings=((3, 0.125, True), (1, 0.125, False), (2, 0.25, True), (0, 0.25, False)),
+    height=0.15,
+    steps=25,
+    support=2,
+    dt=1e-2,
+    hold="point",
+    joint_velocity=10.0,
+    landing=(1e7, 10.0, 1e3),
+    is_standing_at_end=True,
+)
+BIPED = Gait(
+    robot="talos_legs",
+    standing="half_sitting",
+    feet=("right_sole_link", "left_sole_link"),
+    swings=((0, 0.3, True), (1, 0.6, True)),
+    height=0.1,
+    steps=15,
+    support=4,
+    dt=3e-2,
+    hold="weld",
+    joint_velocity=1e3,
+    landing=(1e8, 10.0, 0.1),
+    is_standing_at_end=False,
+)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """One foot in the air: the frame, its place and that of the centre of mass before, its first step."""
+
+    foot: str
+    place: Array
+    com: Array
+    length: float
+    first: int
+    is_first: bool  # after a phase in which all stand
+
+
+def swings_of(gait: Gait, robot: mbocp.Robot) -> list[Swing]:
+    """The swings one after the other, as `createWalkingProblem` plans them."""
+    q, model, data = robot.model.referenceConfigurations[gait.standing], robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    places = [data.oMf[robot.frame_id(foot)].translation.copy() for foot in gait.feet]
+    com = np.mean(places, axis=0)
+    com[2] = pin.centerOfMass(model, data, q)[2]
+    found, first = [], 0
+    for foot, length, stands in gait.swings:
+        first += gait.support * stands
+        found.append(Swing(gait.feet[foot], places[foot], com.copy(), length, first, stands))
+        com[0] += length / len(gait.feet)
+        first += gait.steps
+    return found
+
+
+def cone(gait: Gait) -> Array:
+    """Rows of forces, and of torques for flat feet, in the world's axes that the ground keeps below zero."""
+    mu, half_length, half_width = 0.7, 0.05, 0.025  # Crocoddyl's: friction, and of the sole [m]
+    rows = [[1, 0, -mu, 0, 0, 0], [-1, 0, -mu, 0, 0, 0], [0, 1, -mu, 0, 0, 0], [0, -1, -mu, 0, 0, 0]]
+    rows += [[0, 0, -1, 0, 0, 0]]
+    if gait.hold == "point":
+        return np.array(rows)[:, :3]
+    for sign in (1, -1):
+        rows += [[0, 0, -half_width, sign, 0, 0], [0, 0, -half_length, 0, sign, 0]]
+        for x in (1, -1):
+            for y in (1, -1):
+                torques = (-sign * x * mu, -sign * y * mu, -sign)
+                rows += [[x * half_width, y * half_length, -mu * (half_length + half_width), *torques]]
+    return np.array(rows)
+
+
+def force_on(at: Any, foot: str, size: int) -> Any:
+    """Force of the ground on a foot, and its torque where `size` is 6: what the motors of the leg leave."""
+    robot = at.robot
+    joint = robot.model.frames[robot.frame_id(foot)].parentJoint
+    leg = [robot.model.joints[j].idx_v for j in robot.model.supports[joint] if j > 1]  # 1: the base
+    left = at.mechanics.inverse_dynamics(at.q, at.v, at.a)[leg] - at.u[[i - 6 for i in leg]]
+    return ca.solve(at.jacobian(foot)[:size, leg].T, left)
+
+
+def gait_problem(gait: Gait) -> mbocp.Problem:
+    """Costs of Crocoddyl's; contacts and impacts are mbocp's."""
+    robot = mbocp.load_robot(gait.robot)
+    q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
+    swings, joints = swings_of(gait, robot), nv - 6
+    of_q = np.array([0.0] * 3 + [2.5e6] * 3 + [1e-3] * joints)
+    of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
+    of_foot, of_base, of_joints = gait.landing
+    landed_q = np.array([of_base] * 6 + [of_joints] * joints)
+
+    def missed(at: Any, foot: str, place: Any) -> Any:
+        error = at.pose_error(foot, place)
+        return ca.sumsqr(error if gait.hold == "weld" else error[:3])
+
+    def state(at: Any, of_q: Array, of_v: Array) -> Any:
+        away = at.mechanics.space.difference(ca.SX(ca.DM(q)), at.q)
+        return (ca.dot(of_q, away**2) + ca.dot(of_v, at.v**2)) / 2
+
+    def landing(at: Any, swing: Swing) -> Any:
+        """Cost before an impact, at the end of a step: no step with a duration begins there."""
+        v = at.v + gait.dt * at.a
+        at = replace(at, q=at.mechanics.space.integrate(at.q, gait.dt * v), v=v)
+        place = swing.place + np.array([swing.length, 0.0, 2 * gait.height / gait.steps])
+        return of_foot / 2 * missed(at, swing.foot, place) + state(at, landed_q, np.full(nv, 1e3))
+
+    def contact(at: Any) -> Any:
+        total, step = ca.SX(0), at.t / gait.dt
+        for foot in gait.feet:
+            beyond = ca.fmax(cone(gait) @ force_on(at, foot, 3 if gait.hold == "point" else 6), 0)
+            firsts = [swing.first for swing in swings if swing.foot == foot]
+            is_in_air = sum(ca.logic_and(step > n - 0.5, step < n + gait.steps - 0.5) for n in firsts)
+            total += ca.if_else(is_in_air > 0, 0, 10 / 2 * ca.sumsqr(beyond))
+        return total
+
+    def swinging(at: Any) -> Any:
+        total, step = ca.SX(0), at.t / gait.dt
+        for swing in swings:
+            k = step - swing.first  # within the swing
+            along, up = swing.length * (k + 1) / gait.steps, gait.height * (1 - ca.fabs(2 * k / gait.steps - 1))
+            place = ca.vertcat(swing.place[0] + along, swing.place[1], swing.place[2] + up)
+            com = ca.vertcat(swing.com[0] + along / len(gait.feet), *swing.com[1:])
+            missing = missed(at, swing.foot, place) + ca.sumsqr(at.centre_of_mass() - com)
+            is_in = ca.logic_and(k > -0.5, k < gait.steps - 0.5)
+            total += ca.if_else(is_in, 1e6 / 2 * missing, 0)
+            is_last = ca.logic_and(k > gait.steps - 1.5, k < gait.steps - 0.5)
+            total += ca.if_else(is_last, landing(at, swing) / gait.dt, 0)
+        return total
+
+    def end(at: Any) -> Any:
+        return state(at, of_q, of_v)
+
+    weights = {"tracking_weights": np.append(of_q, np.zeros(nv)), "target": {"q": q, "p": np.zeros(nv)}}
+    return mbocp.Problem.create(
+        robot,
+        phase=[phase for swing in swings for phase in phases_of(gait, swing)],
+        start={"q": q},
+        cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
+        terms=[running_cost(contact), running_cost(swinging), *([terminal_cost(end)] if gait.is_standing_at_end else [])],
+        **_SCHEME,
+    )
+
+
+def phases_of(gait: Gait, swing: Swing) -> list[dict[str, Any]]:
+    """All stand, then one swings."""
+
+    def phase(name: str, steps: int, feet: Sequence[str]) -> dict[str, Any]:
+        held = [{"name": foot, "frame": foot, "kind": gait.hold} for foot in feet]
+        return {"name": name, "steps": steps, "duration": steps * gait.dt, "hold": held}
+
+    standing = [foot for foot in gait.feet if foot != swing.foot]
+    swinging = phase(f"swing of {swing.foot}", gait.steps, standing)
+    return [*([phase(f"stand before {swing.foot}", gait.support, gait.feet)] * swing.is_first), swinging]
+
+
 PROBLEMS: Mapping[str, Callable[[], mbocp.Problem]] = {
     "arm_manipulation_fwddyn": arm,
     "arm_manipulation_invdyn": arm,
     "quadrotor_fwddyn": quadrotor,
     "quadrotor_invdyn": quadrotor,
+    "quadrupedal_gaits_fwddyn": lambda: gait_problem(WALK),
+    "bipedal_gaits_fwddyn": lambda: gait_problem(BIPED),
 }
 
 

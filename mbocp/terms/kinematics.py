@@ -82,16 +82,18 @@ class Kinematics:
         """Axes of a frame in the world, its columns, shape (3, 3)."""
         return self.mechanics.frame_rotation(self.robot.frame_id(frame), self.q)
 
-    def pose_error(self, frame: str, position: ArrayLike, rotation: ArrayLike | None = None) -> ca.SX:
+    def pose_error(
+        self, frame: str, position: ArrayLike | ca.SX, rotation: ArrayLike | ca.SX | None = None
+    ) -> ca.SX:
         """Twist that leads from a pose to that of a frame, shape (6,) [m, rad], linear first: log(P^-1 F).
 
         `rotation`, shape (3, 3), has the pose's axes as columns; those of the world unless told. Smooth where
         the frame is turned by less than pi.
         """
         body = RigidBody(RotationMatrix())
-        turned = ca.SX.eye(3) if rotation is None else ca.SX(ca.DM(np.asarray(rotation, dtype=float)))
-        poses = ((position, turned), (self.position(frame), self.rotation(frame)))
-        return body.difference(*(ca.vertcat(ca.SX(p), ca.vec(R)) for p, R in poses))
+        turned = ca.SX.eye(3) if rotation is None else _symbolic(rotation)
+        poses = ((_symbolic(position), turned), (self.position(frame), self.rotation(frame)))
+        return body.difference(*(ca.vertcat(p, ca.vec(R)) for p, R in poses))
 
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
@@ -141,3 +143,7 @@ class Kinematics:
         if name not in self.symbols:
             raise ProblemError(f"{self.where} has no {_WORDS[name]} ({name})")
         return self.symbols[name]
+
+
+def _symbolic(given: ArrayLike | ca.SX) -> ca.SX:
+    return given if isinstance(given, ca.SX) else ca.SX(ca.DM(np.asarray(given, dtype=np.float64)))

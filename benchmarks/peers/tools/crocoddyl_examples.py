@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,8 @@ import crocoddyl
 import example_robot_data
 import numpy as np
 import pinocchio as pin
+from crocoddyl.utils.biped import SimpleBipedGaitProblem
+from crocoddyl.utils.quadruped import SimpleQuadrupedalGaitProblem
 
 from benchmarks.peers.task import Array
 from benchmarks.peers.tools.runs import timed
@@ -94,6 +96,14 @@ def quadrotor(*, inverse: bool = False) -> Example:
     )
 
 
+def gait(robot: str, standing: str, feet: Sequence[str], walk: Sequence[float]) -> Example:
+    """First motion of `quadrupedal_gaits_fwddyn.py` or `bipedal_gaits_fwddyn.py`, a walk from standing."""
+    model = example_robot_data.load(robot).model
+    x0 = np.concatenate([model.referenceConfigurations[standing], np.zeros(model.nv)])
+    kind = SimpleQuadrupedalGaitProblem if len(feet) == 4 else SimpleBipedGaitProblem
+    return Example(kind(model, *feet).createWalkingProblem(x0, *walk), crocoddyl.SolverFDDP)
+
+
 def _cost(state: Any, residual: Any, weights: Array | None = None) -> Any:
     if weights is None:
         return crocoddyl.CostModelResidual(state, residual)
@@ -125,6 +135,12 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "arm_manipulation_invdyn": lambda: arm(inverse=True),
     "quadrotor_fwddyn": quadrotor,
     "quadrotor_invdyn": lambda: quadrotor(inverse=True),
+    "quadrupedal_gaits_fwddyn": lambda: gait(
+        "anymal", "standing", ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"), (0.25, 0.15, 1e-2, 25, 2)
+    ),
+    "bipedal_gaits_fwddyn": lambda: gait(
+        "talos_legs", "half_sitting", ("right_sole_link", "left_sole_link"), (0.6, 0.1, 0.03, 15, 4)
+    ),
 }
 
 
