@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -34,7 +34,18 @@ from mbocp.programme import Iterate
 from mbocp.solvers import SolverSettings, Start, run_strategy
 from mbocp.terms import running_cost, terminal_cost
 
-__all__ = ["PROBLEMS", "arm", "quadrotor", "solved", "table"]
+__all__ = [
+    "BIPED",
+    "PROBLEMS",
+    "WALK",
+    "Solved",
+    "arm",
+    "gait_problem",
+    "nodes_of",
+    "quadrotor",
+    "solved",
+    "table",
+]
 
 _ROOT = Path(__file__).parents[1]
 _SCHEME = {"scheme": "semi_implicit_euler", "coordinates": "joint"}
@@ -89,6 +100,9 @@ def quadrotor() -> mbocp.Problem:
     )
 
 
+_CONE = {"friction": 0.7 * 2**0.5, "facets": 4, "min_normal": 0.0}  # a pyramid about the cone of 0.7
+
+
 @dataclass(frozen=True)
 class Gait:
     """A walk of Crocoddyl's `SimpleQuadrupedalGaitProblem` and `SimpleBipedGaitProblem`.
@@ -108,6 +122,7 @@ class Gait:
     joint_velocity: float
     landing: tuple[float, float, float]  # of the foot, the base's place, and the joints
     is_standing_at_end: bool
+    sole: Mapping[str, Any] = field(default_factory=dict)
 
 
 WALK = Gait(
@@ -137,6 +152,7 @@ BIPED = Gait(
     joint_velocity=1e3,
     landing=(1e8, 10.0, 0.1),
     is_standing_at_end=False,
+    sole={"pressure": [0.1, 0.05], "yaw_friction": 0.7 * (0.05 + 0.025)},
 )
 
 
@@ -168,89 +184,50 @@ def swings_of(gait: Gait, robot: mbocp.Robot) -> list[Swing]:
     return found
 
 
-def cone(gait: Gait) -> Array:
-    """Rows of forces, and of torques for flat feet, in the world's axes that the ground keeps below zero."""
-    mu, half_length, half_width = 0.7, 0.05, 0.025  # Crocoddyl's: friction, and of the sole [m]
-    rows = [[1, 0, -mu, 0, 0, 0], [-1, 0, -mu, 0, 0, 0], [0, 1, -mu, 0, 0, 0], [0, -1, -mu, 0, 0, 0]]
-    rows += [[0, 0, -1, 0, 0, 0]]
-    if gait.hold == "point":
-        return np.array(rows)[:, :3]
-    for sign in (1, -1):
-        rows += [[0, 0, -half_width, sign, 0, 0], [0, 0, -half_length, 0, sign, 0]]
-        for x in (1, -1):
-            for y in (1, -1):
-                torques = (-sign * x * mu, -sign * y * mu, -sign)
-                rows += [[x * half_width, y * half_length, -mu * (half_length + half_width), *torques]]
-    return np.array(rows)
-
-
-def force_on(at: Any, foot: str, size: int) -> Any:
-    """Force of the ground on a foot, and its torque where `size` is 6: what the motors of the leg leave."""
-    robot = at.robot
-    joint = robot.model.frames[robot.frame_id(foot)].parentJoint
-    leg = [robot.model.joints[j].idx_v for j in robot.model.supports[joint] if j > 1]  # 1: the base
-    left = at.mechanics.inverse_dynamics(at.q, at.v, at.a)[leg] - at.u[[i - 6 for i in leg]]
-    return ca.solve(at.jacobian(foot)[:size, leg].T, left)
-
-
 def gait_problem(gait: Gait) -> mbocp.Problem:
-    """Costs of Crocoddyl's; contacts and impacts are mbocp's."""
+    """Costs of Crocoddyl's, but those of cones, which are constraints here."""
     robot = mbocp.load_robot(gait.robot)
     q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
     swings, joints = swings_of(gait, robot), nv - 6
     of_q = np.array([0.0] * 3 + [2.5e6] * 3 + [1e-3] * joints)
     of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
     of_foot, of_base, of_joints = gait.landing
-    landed_q = np.array([of_base] * 6 + [of_joints] * joints)
-
-    def missed(at: Any, foot: str, place: Any) -> Any:
-        error = at.pose_error(foot, place)
-        return ca.sumsqr(error if gait.hold == "weld" else error[:3])
+    landed = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
 
     def state(at: Any, of_q: Array, of_v: Array) -> Any:
         away = at.mechanics.space.difference(ca.SX(ca.DM(q)), at.q)
         return (ca.dot(of_q, away**2) + ca.dot(of_v, at.v**2)) / 2
 
-    def landing(at: Any, swing: Swing) -> Any:
-        """Cost before an impact, at the end of a step: no step with a duration begins there."""
-        v = at.v + gait.dt * at.a
-        at = replace(at, q=at.mechanics.space.integrate(at.q, gait.dt * v), v=v)
-        place = swing.place + np.array([swing.length, 0.0, 2 * gait.height / gait.steps])
-        return of_foot / 2 * missed(at, swing.foot, place) + state(at, landed_q, np.full(nv, 1e3))
-
-    def contact(at: Any) -> Any:
-        total, step = ca.SX(0), at.t / gait.dt
-        for foot in gait.feet:
-            beyond = ca.fmax(cone(gait) @ force_on(at, foot, 3 if gait.hold == "point" else 6), 0)
-            firsts = [swing.first for swing in swings if swing.foot == foot]
-            is_in_air = sum(ca.logic_and(step > n - 0.5, step < n + gait.steps - 0.5) for n in firsts)
-            total += ca.if_else(is_in_air > 0, 0, 10 / 2 * ca.sumsqr(beyond))
-        return total
+    def missed(at: Any, foot: str, place: Any) -> Any:
+        return ca.sumsqr(at.pose_error(foot, place) if gait.hold == "weld" else at.position(foot) - place)
 
     def swinging(at: Any) -> Any:
-        total, step = ca.SX(0), at.t / gait.dt
+        v = at.v + gait.dt * at.a
+        end = replace(at, q=at.mechanics.space.integrate(at.q, gait.dt * v), v=v)  # before an impact
+        com, landing, total = at.centre_of_mass(), state(end, *landed), ca.SX(0)
         for swing in swings:
-            k = step - swing.first  # within the swing
-            along, up = swing.length * (k + 1) / gait.steps, gait.height * (1 - ca.fabs(2 * k / gait.steps - 1))
-            place = ca.vertcat(swing.place[0] + along, swing.place[1], swing.place[2] + up)
-            com = ca.vertcat(swing.com[0] + along / len(gait.feet), *swing.com[1:])
-            missing = missed(at, swing.foot, place) + ca.sumsqr(at.centre_of_mass() - com)
-            is_in = ca.logic_and(k > -0.5, k < gait.steps - 0.5)
-            total += ca.if_else(is_in, 1e6 / 2 * missing, 0)
-            is_last = ca.logic_and(k > gait.steps - 1.5, k < gait.steps - 0.5)
-            total += ca.if_else(is_last, landing(at, swing) / gait.dt, 0)
+            k = at.t / gait.dt - swing.first  # within the swing
+            forward = swing.length * (k + 1) / gait.steps
+            above = gait.height * (1 - ca.fabs(2 * k / gait.steps - 1))
+            goal = ca.vertcat(swing.com[0] + forward / len(gait.feet), *swing.com[1:])
+            place = swing.place + ca.vertcat(forward, 0, above)
+            missing = missed(at, swing.foot, place) + ca.sumsqr(com - goal)
+            total += ca.if_else(ca.fabs(k + 0.5 - gait.steps / 2) < gait.steps / 2, 1e6 / 2 * missing, 0)
+            landing_there = landing + of_foot / 2 * missed(end, swing.foot, place)
+            total += ca.if_else(ca.fabs(k + 1 - gait.steps) < 0.5, landing_there / gait.dt, 0)
         return total
 
-    def end(at: Any) -> Any:
+    def standing(at: Any) -> Any:
         return state(at, of_q, of_v)
 
     weights = {"tracking_weights": np.append(of_q, np.zeros(nv)), "target": {"q": q, "p": np.zeros(nv)}}
     return mbocp.Problem.create(
         robot,
         phase=[phase for swing in swings for phase in phases_of(gait, swing)],
+        path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in gait.feet],
         start={"q": q},
         cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
-        terms=[running_cost(contact), running_cost(swinging), *([terminal_cost(end)] if gait.is_standing_at_end else [])],
+        terms=[running_cost(swinging), *([terminal_cost(standing)] if gait.is_standing_at_end else [])],
         **_SCHEME,
     )
 
@@ -292,8 +269,19 @@ def guessed(formulation: Formulation, kind: str) -> Iterate:
     return formulation.iterate_of(still, np.zeros((N, 0)))
 
 
-def solved(problem: mbocp.Problem, kind: str, repeats: int) -> tuple[Motion, int, list[float], str]:
-    """Motion, iterations, processor times [s], and how the solver ended."""
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What mbocp came to: motion, cost, iterations, processor times [s], and how the solver ended."""
+
+    motion: Motion
+    cost: float
+    iterations: int
+    seconds: list[float]
+    status: str
+
+
+def solved(problem: mbocp.Problem, kind: str, repeats: int) -> Solved:
+    """Solve from one of the guesses; functions are built before."""
     formulation = formulate(problem)
     guess = guessed(formulation, kind)
     settings = SolverSettings.of(problem.solver, formulation.programme, has_inequalities=problem.is_bounded)
@@ -301,15 +289,30 @@ def solved(problem: mbocp.Problem, kind: str, repeats: int) -> tuple[Motion, int
     outcome, seconds = timed(lambda: run_strategy(settings, start), repeats, time.process_time)
     result = outcome.result
     iterations = sum(not record.is_guess for record in result.history)
-    return formulation.motion_of(result.iterate), iterations, seconds, str(result.status)
+    motion = formulation.motion_of(result.iterate)
+    return Solved(motion, float(result.history[-1].cost), iterations, seconds, str(result.status))
+
+
+def nodes_of(problem: mbocp.Problem) -> list[int]:
+    """Nodes that Crocoddyl has, too: before each step and each impact, and the last; it knows no partings."""
+    impacts = {phase.first for phase in problem.timeline.phases if phase.leaps}
+    nodes = [0]
+    for n, dt in enumerate(problem.timeline.lengths()):
+        if dt > 0.0 or n in impacts:
+            nodes.append(n + 1)
+        elif n + 1 not in impacts:
+            nodes[-1] = n + 1
+    return nodes
 
 
 def compared(name: str, kind: str, repeats: int, python: Path) -> dict[str, Any]:
     """What both came to, from one guess."""
-    motion, iterations, seconds, status = solved(PROBLEMS[name](), kind, repeats)
+    problem = PROBLEMS[name]()
+    own = solved(problem, kind, repeats)
+    nodes, motion = nodes_of(problem), own.motion
     with tempfile.TemporaryDirectory() as folder:
         ours = Path(folder) / "ours.npz"
-        np.savez(ours, qs=motion.qs, vs=motion.vs, us=motion.us)
+        np.savez(ours, qs=motion.qs[nodes], vs=motion.vs[nodes], us=motion.us[[n - 1 for n in nodes[1:]]])
         script = "benchmarks.peers.tools.crocoddyl_examples"
         done = subprocess.run(
             [str(python), "-m", script, name, kind, str(repeats), str(ours)],
@@ -321,50 +324,65 @@ def compared(name: str, kind: str, repeats: int, python: Path) -> dict[str, Any]
         )
     if done.returncode:
         raise SystemExit(done.stderr)
-    theirs = json.loads(done.stdout.splitlines()[-1])
-    return {"status": status, "own iterations": iterations, "own seconds": seconds, **theirs}
+    return {"own": own, **json.loads(done.stdout.splitlines()[-1])}
 
 
 def table(names: Sequence[str], repeats: int) -> Table:
-    """Two rows an example: from Crocoddyl's default guess, and from holding the start."""
+    """From Crocoddyl's default guess, if the example has no other, and from holding the start."""
     peer, rows, versions = environment_of_crocoddyl(), [], set()
     if not peer.has("crocoddyl"):
         raise SystemExit(f"Crocoddyl: {peer.reason}")
     for name in names:
-        for kind in ("zero", "hold"):
+        for kind in ("hold",) if "gaits" in name else ("zero", "hold"):
             found = compared(name, kind, repeats, peer.python)
             versions.add(found["version"])
             rows.append(_row(name, kind, found))
-    note = (
-        f"Crocoddyl {', '.join(sorted(versions))}. Guess zero: its default, the neutral configuration and no "
-        "controls; hold: at the start, gravity compensated. From mbocp's: the cost at which Crocoddyl's solver "
-        "ends that begins at mbocp's motion. Difference: of the costs, by the lower. Gradient: the largest "
-        "derivative of the cost in a control, by the largest of the effort. Defect: of mbocp's steps."
-    )
-    columns = ("example", "guess", *(f"{who}: {what}" for who in ("mbocp", "Crocoddyl") for what in _WHAT))
-    return Table("Crocoddyl's examples", (*columns, "from mbocp's", "difference", "defect"), rows, note)
+    return Table(f"Examples of Crocoddyl {', '.join(sorted(versions))}", _COLUMNS, rows, _NOTE)
 
 
-_WHAT = ("cost", "iterations", "time [ms]", "gradient")
+_COLUMNS = (
+    "example",
+    "guess",
+    "mbocp: cost",
+    "judged",
+    "iterations",
+    "time [ms]",
+    "gradient",
+    "Crocoddyl: cost",
+    "iterations",
+    "time [ms]",
+    "gradient",
+    "difference",
+    "from mbocp's",
+    "defect",
+)
+_NOTE = (
+    "Guess zero: Crocoddyl's default, the neutral configuration and no controls; hold: at the start, gravity "
+    "compensated. Judged: the cost of mbocp's motion by Crocoddyl's functions. Gradient: the largest derivative "
+    "of the cost in a control, by the largest of the effort, by Crocoddyl's functions; nothing where these have "
+    "equations or other steps. Difference: Crocoddyl's cost less mbocp's, by the lower. From mbocp's: the cost "
+    "at which Crocoddyl's solver ends that begins at mbocp's motion. Defect: of mbocp's steps from Crocoddyl's."
+)
+_SAME_STEPS = 1e-9
 
 
 def _row(name: str, kind: str, found: Mapping[str, Any]) -> tuple[str, ...]:
-    ours, theirs = found["ours"], found["theirs"]
-    less = min(ours["cost"], theirs["cost"])
-    said = "" if found["status"] == "converged" else f" ({found['status']})"
+    own, ours, theirs = found["own"], found["ours"], found["theirs"]
+    has_gradient = np.isfinite(theirs["gradient"])
     return (
         name,
         kind,
-        f"{ours['cost']:.7g}{said}",
-        str(found["own iterations"]),
-        f"{1e3 * median(found['own seconds']):.3g}",
-        f"{ours['gradient']:.0e}",
+        f"{own.cost:.7g}" + ("" if own.status == "converged" else f" ({own.status})"),
+        f"{ours['cost']:.7g}",
+        str(own.iterations),
+        f"{1e3 * median(own.seconds):.3g}",
+        f"{ours['gradient']:.0e}" if has_gradient and ours["defect"] < _SAME_STEPS else "–",
         f"{theirs['cost']:.7g}",
         str(found["iterations"]),
         f"{1e3 * median(found['seconds']):.3g}",
-        f"{theirs['gradient']:.0e}",
+        f"{theirs['gradient']:.0e}" if has_gradient else "–",
+        f"{(theirs['cost'] - own.cost) / min(theirs['cost'], own.cost):+.0e}",
         f"{found['from ours']['cost']:.7g}",
-        f"{(theirs['cost'] - ours['cost']) / less:+.0e}",
         f"{ours['defect']:.0e}",
     )
 
@@ -377,6 +395,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=9, help="solves of which the median is taken")
     options = parser.parse_args(arguments)
     one_core()
+    os.environ["MBOCP_FUNCTIONS"] = "tapes"  # compiling takes minutes here, and gives nothing
     show(header(), markdown=options.markdown)
     show(table(options.examples, options.repeats), markdown=options.markdown)
 

@@ -195,8 +195,17 @@ def controls_of(example: Example, xs: Array, us: Array) -> list[Array]:
     if example.is_inverse:
         dt = example.problem.runningModels[0].dt
         return list(np.diff(xs[:, nq:], axis=0) / dt)
-    models = example.problem.runningModels
-    return [u[: model.nu].copy() for model, u in zip(models, us, strict=True)]
+    return [u[: model.nu].copy() for model, u in zip(example.problem.runningModels, us, strict=True)]
+
+
+def through_impacts(example: Example, xs: Array, us: Array) -> tuple[Array, Array]:
+    """A motion with the impact at its end, if Crocoddyl has one there."""
+    if len(us) == example.problem.T:
+        return xs, us
+    model = example.problem.runningModels[-1]
+    data = model.createData()
+    model.calc(data, xs[-1])
+    return np.vstack([xs, data.xnext]), np.vstack([us, np.zeros(us.shape[1])])
 
 
 def main() -> None:
@@ -212,8 +221,8 @@ def main() -> None:
         "theirs": judge(example.problem, np.array(solver.xs), list(solver.us)),
     }
     with np.load(ours) as kept:
-        xs = np.hstack([kept["qs"], kept["vs"]])
-        us = controls_of(example, xs, kept["us"])
+        xs, us = through_impacts(example, np.hstack([kept["qs"], kept["vs"]]), kept["us"])
+    us = controls_of(example, xs, us)
     found["ours"] = judge(example.problem, xs, us)
     again, _ = solved(example, (list(xs), us), 0)
     found["from ours"] = judge(example.problem, np.array(again.xs), list(again.us))
