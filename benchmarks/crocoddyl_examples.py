@@ -357,11 +357,12 @@ _COLUMNS = (
     "defect",
 )
 _NOTE = (
-    "Guess zero: Crocoddyl's default, the neutral configuration and no controls; hold: at the start, gravity "
-    "compensated. Judged: the cost of mbocp's motion by Crocoddyl's functions. Gradient: the largest derivative "
-    "of the cost in a control, by the largest of the effort, by Crocoddyl's functions; nothing where these have "
-    "equations or other steps. Difference: Crocoddyl's cost less mbocp's, by the lower. From mbocp's: the cost "
-    "at which Crocoddyl's solver ends that begins at mbocp's motion. Defect: of mbocp's steps from Crocoddyl's."
+    "Guess zero: Crocoddyl's default, the neutral configuration and no controls; hold: at the start, "
+    "gravity compensated. Judged: the cost of mbocp's motion by Crocoddyl's functions. Gradient: the "
+    "largest derivative of the cost in a control, by the largest of the effort, by Crocoddyl's functions; "
+    "nothing where these have equations or other steps. Difference: Crocoddyl's cost less mbocp's, by the "
+    "lower. From mbocp's: the cost at which Crocoddyl's solver ends that begins at mbocp's motion. "
+    "Defect: of mbocp's steps from Crocoddyl's."
 )
 _SAME_STEPS = 1e-9
 

@@ -19,6 +19,7 @@ from mbocp.formulation import Motion
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
     pytest.mark.filterwarnings("ignore:start.q. outside the position limits"),
+    pytest.mark.filterwarnings("ignore:points are held wherever"),  # a cost says where
 ]
 
 
