@@ -54,22 +54,18 @@ _SCHEME = {"scheme": "semi_implicit_euler", "coordinates": "joint"}
 def arm() -> mbocp.Problem:
     """A Kinova reaches for a pose: `arm_manipulation_fwddyn.py`, and by inverse dynamics `..._invdyn.py`."""
     robot = mbocp.load_robot("kinova")
-    q, nv = robot.model.referenceConfigurations["arm_up"], robot.nv
+    q = robot.model.referenceConfigurations["arm_up"]
 
     def pose(at):
         return ca.sumsqr(at.pose_error("j2s6s200_end_effector", [0.6, 0.2, 0.5])) / 2
 
-    at_start = {
-        "tracking": 0.1,
-        "tracking_weights": [1] * nv + [0] * nv,
-        "target": {"q": q, "p": np.zeros(nv)},
-    }
+    near = {"tracking": 0.1, "target": {"q": q}}
     return mbocp.Problem.create(
         robot,
         1.0,
         100,
         start={"q": q},
-        cost={"effort": 0.1, "velocity": 0.1, **at_start},
+        cost={"effort": 0.1, "velocity": 0.1, **near},
         terms=[running_cost(pose), terminal_cost(pose, weight=1e3, name="pose at the end")],
         **_SCHEME,
     )
