@@ -91,8 +91,9 @@ class Kinematics:
         the frame is turned by less than pi.
         """
         body = RigidBody(RotationMatrix())
-        turned = ca.SX.eye(3) if rotation is None else _symbolic(rotation)
-        poses = ((_symbolic(position), turned), (self.position(frame), self.rotation(frame)))
+        at = self._symbolic("position", position, (3, 1))
+        turned = ca.SX.eye(3) if rotation is None else self._symbolic("rotation", rotation, (3, 3))
+        poses = ((at, turned), (self.position(frame), self.rotation(frame)))
         return body.difference(*(ca.vertcat(p, ca.vec(R)) for p, R in poses))
 
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
@@ -144,6 +145,8 @@ class Kinematics:
             raise ProblemError(f"{self.where} has no {_WORDS[name]} ({name})")
         return self.symbols[name]
 
-
-def _symbolic(given: ArrayLike | ca.SX) -> ca.SX:
-    return given if isinstance(given, ca.SX) else ca.SX(ca.DM(np.asarray(given, dtype=np.float64)))
+    def _symbolic(self, name: str, given: ArrayLike | ca.SX, shape: tuple[int, int]) -> ca.SX:
+        value = given if isinstance(given, ca.SX) else ca.SX(ca.DM(np.asarray(given, dtype=np.float64)))
+        if value.shape != shape:
+            raise ProblemError(f"{self.where}: pose_error: {name}: got shape {value.shape}, expected {shape}")
+        return value

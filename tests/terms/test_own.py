@@ -416,6 +416,10 @@ def robot_free(at: Kinematics) -> ca.SX:
         (lambda: path_constraint(power, upper=[1, 2, 3]), r"power: got bounds of shape \(3,\) for 2 values"),
         (lambda: path_constraint(power), "power: got .* expected a finite bound"),
         (lambda: running_cost(lambda at: at.position("hand")[0], name="c"), "has no frame 'hand'"),
+        (
+            lambda: end_condition(lambda at: at.pose_error("link2", [1.0, 2.0]), name="c"),
+            r"pose_error: position: got shape \(2, 1\), expected \(3, 1\)",
+        ),
         (lambda: running_cost(energy, gain=np.nan), "energy: gain: got nan, expected a number"),
         (lambda: path_constraint(together, upper=0.2), "at the start together is 0.3 .* above its bound 0.2"),
     ],
