@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
 
 from mbocp.exceptions import ProblemError, suggest
+from mbocp.lie.groups import RigidBody, RotationMatrix
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.symbolic import Reference
@@ -79,6 +82,20 @@ class Kinematics:
         """Axes of a frame in the world, its columns, shape (3, 3)."""
         return self.mechanics.frame_rotation(self.robot.frame_id(frame), self.q)
 
+    def pose_error(
+        self, frame: str, position: ArrayLike | ca.SX, rotation: ArrayLike | ca.SX | None = None
+    ) -> ca.SX:
+        """Twist that leads from a pose to that of a frame, shape (6,) [m, rad], linear first: log(P^-1 F).
+
+        `rotation`, shape (3, 3), has the pose's axes as columns; those of the world unless told. Smooth where
+        the frame is turned by less than pi.
+        """
+        body = RigidBody(RotationMatrix())
+        at = self._symbolic("position", position, (3, 1))
+        turned = ca.SX.eye(3) if rotation is None else self._symbolic("rotation", rotation, (3, 3))
+        poses = ((at, turned), (self.position(frame), self.rotation(frame)))
+        return body.difference(*(ca.vertcat(p, ca.vec(R)) for p, R in poses))
+
     def jacobian(self, frame: str, reference: Reference = _ALIGNED) -> ca.SX:
         """Jacobian J of a frame, shape (6, nv), so that its velocity is J v."""
         function = self.mechanics.functions.frame_jacobian(self.robot.frame_id(frame), reference)
@@ -127,3 +144,9 @@ class Kinematics:
         if name not in self.symbols:
             raise ProblemError(f"{self.where} has no {_WORDS[name]} ({name})")
         return self.symbols[name]
+
+    def _symbolic(self, name: str, given: ArrayLike | ca.SX, shape: tuple[int, int]) -> ca.SX:
+        value = given if isinstance(given, ca.SX) else ca.SX(ca.DM(np.asarray(given, dtype=np.float64)))
+        if value.shape != shape:
+            raise ProblemError(f"{self.where}: pose_error: {name}: got shape {value.shape}, expected {shape}")
+        return value

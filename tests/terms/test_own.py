@@ -207,6 +207,34 @@ def test_all_solvers_weigh_it(method: str) -> None:
     assert solution.control_momentum_names == ()  # nobody knows its symmetries
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 0.7, 3.0])
+def test_the_error_of_a_pose_is_the_logarithm(angle: float) -> None:
+    robot, rng = load_robot("ur5"), np.random.default_rng(8)
+    q, data = rng.standard_normal(6), robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    placed, away = data.oMf[robot.frame_id("tool0")], pin.exp3(angle * np.array([0.6, 0.0, 0.8]))
+    pose = pin.SE3(placed.rotation @ away.T, rng.standard_normal(3))
+    for P in (pose, pin.SE3(np.eye(3), pose.translation)):
+
+        def error(at: Kinematics, P: pin.SE3 = P) -> ca.SX:
+            return at.pose_error(
+                "tool0", P.translation, None if (P.rotation == np.eye(3)).all() else P.rotation
+            )
+
+        function = _trace(error, "path", "error", (), robot, "quaternion").function
+        symbols = ca.SX.sym("q", 6)
+        value = function(symbols, 0, 0, 0, 0)
+        again = ca.Function(
+            "f", [symbols], [value, ca.jacobian(value, symbols), ca.hessian(value[0], symbols)[0]]
+        )
+        found, slope, curvature = (part.full() for part in again(q))
+        inside = P.actInv(placed)
+        assert np.abs(np.ravel(found) - pin.log6(inside).vector).max() < 1e-9
+        J = pin.computeFrameJacobian(robot.model, data, q, robot.frame_id("tool0"), pin.LOCAL)
+        assert np.abs(slope - pin.Jlog6(inside) @ J).max() < 1e-7
+        assert np.isfinite(curvature).all()
+
+
 def test_kinematics_are_those_of_the_robot() -> None:
     robot = load_robot("ur5")
     rng = np.random.default_rng(6)
@@ -388,6 +416,10 @@ def robot_free(at: Kinematics) -> ca.SX:
         (lambda: path_constraint(power, upper=[1, 2, 3]), r"power: got bounds of shape \(3,\) for 2 values"),
         (lambda: path_constraint(power), "power: got .* expected a finite bound"),
         (lambda: running_cost(lambda at: at.position("hand")[0], name="c"), "has no frame 'hand'"),
+        (
+            lambda: end_condition(lambda at: at.pose_error("link2", [1.0, 2.0]), name="c"),
+            r"pose_error: position: got shape \(2, 1\), expected \(3, 1\)",
+        ),
         (lambda: running_cost(energy, gain=np.nan), "energy: gain: got nan, expected a number"),
         (lambda: path_constraint(together, upper=0.2), "at the start together is 0.3 .* above its bound 0.2"),
     ],

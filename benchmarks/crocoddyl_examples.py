@@ -1,0 +1,401 @@
+"""Crocoddyl's published examples by the same equations: python -m benchmarks.crocoddyl_examples.
+
+The same robots, costs, semi-implicit steps and guesses; `peers/tools/crocoddyl_examples.py` has theirs.
+Crocoddyl's own functions judge both motions. Processor times of solves, the median of repeats, one thread.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+import mbocp
+from benchmarks.machine import header, one_core
+from benchmarks.peers.environments import environment_of_crocoddyl
+from benchmarks.peers.tools.runs import timed
+from benchmarks.tables import Table, show
+from mbocp._arrays import Array
+from mbocp.formulation import Formulation, Motion, formulate
+from mbocp.guesses import make_guess
+from mbocp.programme import Iterate
+from mbocp.solvers import SolverSettings, Start, run_strategy
+from mbocp.terms import running_cost, terminal_cost
+
+__all__ = [
+    "BIPED",
+    "PROBLEMS",
+    "WALK",
+    "Solved",
+    "arm",
+    "gait_problem",
+    "nodes_of",
+    "quadrotor",
+    "solved",
+    "table",
+]
+
+_ROOT = Path(__file__).parents[1]
+_SCHEME = {"scheme": "semi_implicit_euler", "coordinates": "joint"}
+
+
+def arm() -> mbocp.Problem:
+    """A Kinova reaches for a pose: `arm_manipulation_fwddyn.py`, and by inverse dynamics `..._invdyn.py`."""
+    robot = mbocp.load_robot("kinova")
+    q = robot.model.referenceConfigurations["arm_up"]
+
+    def pose(at):
+        return ca.sumsqr(at.pose_error("j2s6s200_end_effector", [0.6, 0.2, 0.5])) / 2
+
+    near = {"tracking": 0.1, "target": {"q": q}}
+    return mbocp.Problem.create(
+        robot,
+        1.0,
+        100,
+        start={"q": q},
+        cost={"effort": 0.1, "velocity": 0.1, **near},
+        terms=[running_cost(pose), terminal_cost(pose, weight=1e3, name="pose at the end")],
+        **_SCHEME,
+    )
+
+
+def quadrotor() -> mbocp.Problem:
+    """Hector flies to a pose: `quadrotor_fwddyn.py`, and by inverse dynamics `quadrotor_invdyn.py`."""
+    robot = mbocp.load_robot(_ROOT / "benchmarks/peers/robots/hector")
+    nv = robot.nv
+
+    def pose(at):
+        return ca.sumsqr(at.pose_error("hector/base_link", [1.0, 0.0, 1.0])) / 2
+
+    weights = [1e-7] * 3 + [1e-3] * 3 + [0] * nv
+    upright = {
+        "tracking": 1.0,
+        "tracking_weights": weights,
+        "target": {"q": robot.neutral(), "p": np.zeros(nv)},
+    }
+    return mbocp.Problem.create(
+        robot,
+        0.99,
+        33,
+        start={"q": robot.neutral()},
+        cost={"effort": 1e-6, "velocity": 1e-3, **upright},
+        terms=[running_cost(pose, weight=1e-2), terminal_cost(pose, weight=3.0, name="pose at the end")],
+        **_SCHEME,
+    )
+
+
+_CONE = {"friction": 0.7 * 2**0.5, "facets": 4, "min_normal": 0.0}  # a pyramid about the cone of 0.7
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A walk of Crocoddyl's `SimpleQuadrupedalGaitProblem` and `SimpleBipedGaitProblem`.
+
+    Weights are halved in the cost; those of the base are of its rotation and of its velocity.
+    """
+
+    robot: str
+    standing: str  # reference configuration
+    feet: tuple[str, ...]  # frames
+    swings: tuple[tuple[int, float, bool], ...]  # foot, length [m], whether all stand before it
+    height: float  # [m]
+    steps: int  # of a swing
+    support: int  # steps in which all stand
+    dt: float  # [s]
+    hold: str  # "point" or "weld"
+    joint_velocity: float
+    landing: tuple[float, float, float]  # of the foot, the base's place, and the joints
+    is_standing_at_end: bool
+    sole: Mapping[str, Any] = field(default_factory=dict)
+
+
+WALK = Gait(
+    robot="anymal",
+    standing="standing",
+    feet=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
+    swings=((3, 0.125, True), (1, 0.125, False), (2, 0.25, True), (0, 0.25, False)),
+    height=0.15,
+    steps=25,
+    support=2,
+    dt=1e-2,
+    hold="point",
+    joint_velocity=10.0,
+    landing=(1e7, 10.0, 1e3),
+    is_standing_at_end=True,
+)
+BIPED = Gait(
+    robot="talos_legs",
+    standing="half_sitting",
+    feet=("right_sole_link", "left_sole_link"),
+    swings=((0, 0.3, True), (1, 0.6, True)),
+    height=0.1,
+    steps=15,
+    support=4,
+    dt=3e-2,
+    hold="weld",
+    joint_velocity=1e3,
+    landing=(1e8, 10.0, 0.1),
+    is_standing_at_end=False,
+    sole={"pressure": [0.1, 0.05], "yaw_friction": 0.7 * (0.05 + 0.025)},
+)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """One foot in the air: the frame, its place and that of the centre of mass before, its first step."""
+
+    foot: str
+    place: Array
+    com: Array
+    length: float
+    first: int
+    is_first: bool  # after a phase in which all stand
+
+
+def swings_of(gait: Gait, robot: mbocp.Robot) -> list[Swing]:
+    """The swings one after the other, as `createWalkingProblem` plans them."""
+    q, model, data = robot.model.referenceConfigurations[gait.standing], robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    places = [data.oMf[robot.frame_id(foot)].translation.copy() for foot in gait.feet]
+    com = np.mean(places, axis=0)
+    com[2] = pin.centerOfMass(model, data, q)[2]
+    found, first = [], 0
+    for foot, length, stands in gait.swings:
+        first += gait.support * stands
+        found.append(Swing(gait.feet[foot], places[foot], com.copy(), length, first, stands))
+        com[0] += length / len(gait.feet)
+        first += gait.steps
+    return found
+
+
+def gait_problem(gait: Gait) -> mbocp.Problem:
+    """Costs of Crocoddyl's, but those of cones, which are constraints here."""
+    robot = mbocp.load_robot(gait.robot)
+    q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
+    swings, joints = swings_of(gait, robot), nv - 6
+    of_q = np.array([0.0] * 3 + [2.5e6] * 3 + [1e-3] * joints)
+    of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
+    of_foot, of_base, of_joints = gait.landing
+    landed = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
+
+    def state(at: Any, of_q: Array, of_v: Array) -> Any:
+        away = at.mechanics.space.difference(ca.SX(ca.DM(q)), at.q)
+        return (ca.dot(of_q, away**2) + ca.dot(of_v, at.v**2)) / 2
+
+    def missed(at: Any, foot: str, place: Any) -> Any:
+        return ca.sumsqr(at.pose_error(foot, place) if gait.hold == "weld" else at.position(foot) - place)
+
+    def swinging(at: Any) -> Any:
+        v = at.v + gait.dt * at.a
+        end = replace(at, q=at.mechanics.space.integrate(at.q, gait.dt * v), v=v)  # before an impact
+        com, landing, total = at.centre_of_mass(), state(end, *landed), ca.SX(0)
+        for swing in swings:
+            k = at.t / gait.dt - swing.first  # within the swing
+            forward = swing.length * (k + 1) / gait.steps
+            above = gait.height * (1 - ca.fabs(2 * k / gait.steps - 1))
+            goal = ca.vertcat(swing.com[0] + forward / len(gait.feet), *swing.com[1:])
+            place = swing.place + ca.vertcat(forward, 0, above)
+            missing = missed(at, swing.foot, place) + ca.sumsqr(com - goal)
+            total += ca.if_else(ca.fabs(k + 0.5 - gait.steps / 2) < gait.steps / 2, 1e6 / 2 * missing, 0)
+            landing_there = landing + of_foot / 2 * missed(end, swing.foot, place)
+            total += ca.if_else(ca.fabs(k + 1 - gait.steps) < 0.5, landing_there / gait.dt, 0)
+        return total
+
+    def standing(at: Any) -> Any:
+        return state(at, of_q, of_v)
+
+    weights = {"tracking_weights": np.append(of_q, np.zeros(nv)), "target": {"q": q, "p": np.zeros(nv)}}
+    return mbocp.Problem.create(
+        robot,
+        phase=[phase for swing in swings for phase in phases_of(gait, swing)],
+        path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in gait.feet],
+        start={"q": q},
+        cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
+        terms=[running_cost(swinging), *([terminal_cost(standing)] if gait.is_standing_at_end else [])],
+        **_SCHEME,
+    )
+
+
+def phases_of(gait: Gait, swing: Swing) -> list[dict[str, Any]]:
+    """All stand, then one swings."""
+
+    def phase(name: str, steps: int, feet: Sequence[str]) -> dict[str, Any]:
+        held = [{"name": foot, "frame": foot, "kind": gait.hold} for foot in feet]
+        return {"name": name, "steps": steps, "duration": steps * gait.dt, "hold": held}
+
+    standing = [foot for foot in gait.feet if foot != swing.foot]
+    swinging = phase(f"swing of {swing.foot}", gait.steps, standing)
+    return [*([phase(f"stand before {swing.foot}", gait.support, gait.feet)] * swing.is_first), swinging]
+
+
+PROBLEMS: Mapping[str, Callable[[], mbocp.Problem]] = {
+    "arm_manipulation_fwddyn": arm,
+    "arm_manipulation_invdyn": arm,
+    "quadrotor_fwddyn": quadrotor,
+    "quadrotor_invdyn": quadrotor,
+    "quadrupedal_gaits_fwddyn": lambda: gait_problem(WALK),
+    "bipedal_gaits_fwddyn": lambda: gait_problem(BIPED),
+}
+
+
+def guessed(formulation: Formulation, kind: str) -> Iterate:
+    """The first iterate: "hold", or "zero", Crocoddyl's default: the neutral configuration, no controls."""
+    if kind == "hold":
+        return make_guess(kind, formulation)[0]
+    problem, N = formulation.problem, formulation.problem.num_steps
+    robot = problem.robot
+    still = Motion(
+        np.tile(robot.neutral(), (N + 1, 1)),
+        np.zeros((N + 1, robot.nv)),
+        np.zeros((N, robot.nu)),
+        problem.timeline.lengths(),
+    )
+    return formulation.iterate_of(still, np.zeros((N, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What mbocp came to: motion, cost, iterations, processor times [s], and how the solver ended."""
+
+    motion: Motion
+    cost: float
+    iterations: int
+    seconds: list[float]
+    status: str
+
+
+def solved(problem: mbocp.Problem, kind: str, repeats: int) -> Solved:
+    """Solve from one of the guesses; functions are built before."""
+    formulation = formulate(problem)
+    guess = guessed(formulation, kind)
+    settings = SolverSettings.of(problem.solver, formulation.programme, has_inequalities=problem.is_bounded)
+    start = Start(formulation.programme, guess)
+    outcome, seconds = timed(lambda: run_strategy(settings, start), repeats, time.process_time)
+    result = outcome.result
+    iterations = sum(not record.is_guess for record in result.history)
+    motion = formulation.motion_of(result.iterate)
+    return Solved(motion, float(result.history[-1].cost), iterations, seconds, str(result.status))
+
+
+def nodes_of(problem: mbocp.Problem) -> list[int]:
+    """Nodes that Crocoddyl has, too: before each step and each impact, and the last; it knows no partings."""
+    impacts = {phase.first for phase in problem.timeline.phases if phase.leaps}
+    nodes = [0]
+    for n, dt in enumerate(problem.timeline.lengths()):
+        if dt > 0.0 or n in impacts:
+            nodes.append(n + 1)
+        elif n + 1 not in impacts:
+            nodes[-1] = n + 1
+    return nodes
+
+
+def compared(name: str, kind: str, repeats: int, python: Path) -> dict[str, Any]:
+    """What both came to, from one guess."""
+    problem = PROBLEMS[name]()
+    own = solved(problem, kind, repeats)
+    nodes, motion = nodes_of(problem), own.motion
+    with tempfile.TemporaryDirectory() as folder:
+        ours = Path(folder) / "ours.npz"
+        np.savez(ours, qs=motion.qs[nodes], vs=motion.vs[nodes], us=motion.us[[n - 1 for n in nodes[1:]]])
+        script = "benchmarks.peers.tools.crocoddyl_examples"
+        done = subprocess.run(
+            [str(python), "-m", script, name, kind, str(repeats), str(ours)],
+            cwd=_ROOT,
+            env={**os.environ, "PYTHONPATH": str(_ROOT), "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    return {"own": own, **json.loads(done.stdout.splitlines()[-1])}
+
+
+def table(names: Sequence[str], repeats: int) -> Table:
+    """From Crocoddyl's default guess, if the example has no other, and from holding the start."""
+    peer, rows, versions = environment_of_crocoddyl(), [], set()
+    if not peer.has("crocoddyl"):
+        raise SystemExit(f"Crocoddyl: {peer.reason}")
+    for name in names:
+        for kind in ("hold",) if "gaits" in name else ("zero", "hold"):
+            found = compared(name, kind, repeats, peer.python)
+            versions.add(found["version"])
+            rows.append(_row(name, kind, found))
+    return Table(f"Examples of Crocoddyl {', '.join(sorted(versions))}", _COLUMNS, rows, _NOTE)
+
+
+_COLUMNS = (
+    "example",
+    "guess",
+    "mbocp: cost",
+    "judged",
+    "iterations",
+    "time [ms]",
+    "gradient",
+    "Crocoddyl: cost",
+    "iterations",
+    "time [ms]",
+    "gradient",
+    "difference",
+    "from mbocp's",
+    "defect",
+)
+_NOTE = (
+    "Guess zero: Crocoddyl's default, the neutral configuration and no controls; hold: at the start, "
+    "gravity compensated. Judged: the cost of mbocp's motion by Crocoddyl's functions. Gradient: the "
+    "largest derivative of the cost in a control, by the largest of the effort, by Crocoddyl's functions; "
+    "nothing where these have equations or other steps. Difference: Crocoddyl's cost less mbocp's, by the "
+    "lower. From mbocp's: the cost at which Crocoddyl's solver ends that begins at mbocp's motion. "
+    "Defect: of mbocp's steps from Crocoddyl's."
+)
+_SAME_STEPS = 1e-9
+
+
+def _row(name: str, kind: str, found: Mapping[str, Any]) -> tuple[str, ...]:
+    own, ours, theirs = found["own"], found["ours"], found["theirs"]
+    has_gradient = np.isfinite(theirs["gradient"])
+    return (
+        name,
+        kind,
+        f"{own.cost:.7g}" + ("" if own.status == "converged" else f" ({own.status})"),
+        f"{ours['cost']:.7g}",
+        str(own.iterations),
+        f"{1e3 * median(own.seconds):.3g}",
+        f"{ours['gradient']:.0e}" if has_gradient and ours["defect"] < _SAME_STEPS else "–",
+        f"{theirs['cost']:.7g}",
+        str(found["iterations"]),
+        f"{1e3 * median(found['seconds']):.3g}",
+        f"{theirs['gradient']:.0e}" if has_gradient else "–",
+        f"{(theirs['cost'] - own.cost) / min(theirs['cost'], own.cost):+.0e}",
+        f"{found['from ours']['cost']:.7g}",
+        f"{ours['defect']:.0e}",
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.crocoddyl_examples", description=__doc__)
+    parser.add_argument("--markdown", action="store_true", help="for the documentation")
+    parser.add_argument("--examples", nargs="+", choices=PROBLEMS, default=list(PROBLEMS))
+    parser.add_argument("--repeats", type=int, default=9, help="solves of which the median is taken")
+    options = parser.parse_args(arguments)
+    one_core()
+    os.environ["MBOCP_FUNCTIONS"] = "tapes"  # compiling takes minutes here, and gives nothing
+    show(header(), markdown=options.markdown)
+    show(table(options.examples, options.repeats), markdown=options.markdown)
+
+
+if __name__ == "__main__":
+    main()
