@@ -154,8 +154,10 @@ def sent_by(
     mean: float = 0.0,
 ) -> Sent:
     """What a format sends of a motion, as `export_motion` asks for it."""
-    words = {"is_joined": name == "ros2", "fit": fit}
-    return motion_as_sent(solution, _rate_of(name, rate), interpolation, **words, slower=slower, mean=mean)
+    rate, is_joined = _rate_of(name, rate), name == "ros2"
+    return motion_as_sent(
+        solution, rate, interpolation, is_joined=is_joined, fit=fit, slower=slower, mean=mean
+    )
 
 
 def _rate_of(name: str, rate: float | None) -> float | None:

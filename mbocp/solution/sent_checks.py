@@ -86,11 +86,10 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
             )
     if "effort_rate" in facts.rates:
         rates, middles = _effort_rates(follower, along)
-        unit, sides = RATE_TERMS["effort_rate"].unit, facts.bounds_of_rate("effort_rate")
+        bounds["effort_rate"] = facts.bounds_of_rate("effort_rate")
         for k, column in enumerate(columns):
-            yield from find_excesses(
-                EFFORT_RATE, column.name, rates[:, k], sides[:, k], middles, unit(column.unit), _TOLERANCE
-            )
+            unit, sides = RATE_TERMS["effort_rate"].unit(column.unit), bounds["effort_rate"][:, k]
+            yield from find_excesses(EFFORT_RATE, column.name, rates[:, k], sides, middles, unit, _TOLERANCE)
     if facts.effort_rms:
         squares = controls**2
         means = np.sqrt(np.diff(times) @ (squares[1:] + squares[:-1]) / (2.0 * times[-1]))
