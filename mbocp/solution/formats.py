@@ -181,10 +181,10 @@ def sent_within(
     sent, mean = sent_by(name, solution, rate, interpolation, fit=fit), 0.0
     excesses = all_excesses(sent, load_robot)
     if fit and any(excess.kind == EFFORT_RATE for excess in excesses):
-        mean = float(np.diff(solution.t).max())
-        smooth = sent_by(name, solution, rate, interpolation, fit=True, mean=mean)
-        if smooth.mean == mean:
-            sent, excesses = smooth, _excesses_again(smooth, load_robot)
+        step = float(np.diff(solution.t).max())
+        smooth = sent_by(name, solution, rate, interpolation, fit=True, mean=step)
+        if smooth.mean == step:  # it is short enough
+            sent, mean, excesses = smooth, step, _excesses_again(smooth, load_robot)
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
         return sent, excesses
     found, low, pause = (sent, excesses), sent.slower, 1.0 / (_rate_of(name, rate) or math.inf)
