@@ -4,6 +4,8 @@ Logs of robots with other inertias than their files are simulated, with friction
 and torques, each run with another robot, motion and noise. Stated intervals are those of the base parameters,
 from the log alone, by themselves and together (their ellipsoid), and those of all parameters of real bodies,
 which hold the file for a measurement. Beside them, the errors of a regression along the smoothed positions.
+Shares are given with the standard error of their mean: errors of one log are correlated, so that few logs say
+little, however many parameters they have. With `--short` logs are short, for many runs in little time.
 """
 
 from __future__ import annotations
@@ -39,11 +41,14 @@ COLUMNS = (
 )
 
 
-def run(name: str, seed: int, position_noise: float) -> tuple[float, ...]:
+def run(name: str, seed: int, position_noise: float, *, short: bool = False) -> tuple[float, ...]:
     """Numbers of the columns for one log."""
     robot = load_robot(name, lock=FINGERS if name == "panda" else None)
     truth = changed(robot, seed)
-    log = simulate_log(truth, seed=seed, position_noise=position_noise, **CASES[name])
+    case = CASES[name]
+    if short:
+        case = {**case, "duration": case.get("period", 10.0), "rate": 50.0}
+    log = simulate_log(truth, seed=seed, position_noise=position_noise, **case)
     start = time.perf_counter()
     found = identify(robot, log)
     taken = time.perf_counter() - start
@@ -77,14 +82,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--position-noise", type=float, default=1e-4)
+    parser.add_argument("--short", action="store_true", help="logs of one period at 50 Hz")
     parser.add_argument("--robots", nargs="+", choices=CASES, default=list(CASES))
     asked = parser.parse_args(arguments)
     one_core()
     show(header())
     for name in asked.robots:
-        rows = np.array([run(name, seed, asked.position_noise) for seed in range(asked.runs)])
+        rows = np.array(
+            [run(name, seed, asked.position_noise, short=asked.short) for seed in range(asked.runs)]
+        )
+        errors = rows.std(axis=0, ddof=1) / np.sqrt(asked.runs)
         *shares, off, plain, left, taken = rows.mean(axis=0)
-        numbers = (*(f"{100 * share:.1f} %" for share in shares), f"{off**0.5:.2f}", f"{plain**0.5:.2f}")
+        numbers = (
+            *(f"{100 * share:.1f} +- {100 * e:.1f} %" for share, e in zip(shares, errors, strict=False)),
+            f"{off**0.5:.2f}",
+            f"{plain**0.5:.2f}",
+        )
         show(
             Table(
                 f"{name}, {asked.runs} runs",

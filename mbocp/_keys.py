@@ -143,9 +143,9 @@ class Key:
         return f"{says[:1].upper()}{says[1:]}{unit}.{default}"
 
     def unit_of(self, name: str, row: str) -> str:
-        """Return the unit of one of the keys of a row: they have one each where semicolons part them."""
+        """Return the unit of one of the keys of a row: semicolons part theirs, or those of columns."""
         names, units = (row, *self.beside), self.unit.split("; ")
-        return units[names.index(name)] if len(units) == len(names) else ", ".join(units)
+        return units[names.index(name)] if len(units) == len(names) else self.unit
 
     def join(self, other: Key) -> Key:
         """Return what is said of a key of several tables."""

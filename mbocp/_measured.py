@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Any
 
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
@@ -25,15 +27,18 @@ class Measured:
     Attributes
     ----------
     unit : str
-        As the key is declared: "m", or several as "m, rad".
+        As the key is declared: "m", or several as "m, rad"; "rad/s; N m" are those of two columns.
+    parts : tuple of (str, Measured)
+        Keys of a table in the key's place that have other units.
     """
 
     unit: str
+    parts: tuple[tuple[str, Measured], ...] = ()
 
     @property
     def units(self) -> tuple[str, ...]:
         """Each unit; none where that of a number of the robot holds."""
-        return () if self.unit == _OF_NUMBER else tuple(self.unit.split(", "))
+        return () if self.unit == _OF_NUMBER else tuple(re.split("[,;] ", self.unit))
 
     @property
     def is_known(self) -> bool:
@@ -56,11 +61,18 @@ class Measured:
                 raise ValueError(f"got {value.describe(where)}, expected a number in {expected}")
             value.units = self.units
             return value
+        if ";" in self.unit and isinstance(value, list) and all(isinstance(row, list) for row in value):
+            columns = [Measured(unit) for unit in self.unit.split("; ")]
+            return [
+                [_floats(one.check(entry, f" in row {n}")) for entry, one in zip(row, cycle(columns))]
+                for n, row in enumerate(value)
+            ]
         if isinstance(value, list | tuple):
             return type(value)(self.check(entry, f" at index {i}{where}") for i, entry in enumerate(value))
         if isinstance(value, Mapping):
+            parts = dict(self.parts)
             return {
-                name: entry if name == _PART else self.check(entry, f" for {show(name)}")
+                name: entry if name == _PART else parts.get(name, self).check(entry, f" for {show(name)}")
                 for name, entry in value.items()
             }
         return value

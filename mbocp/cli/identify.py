@@ -151,7 +151,7 @@ def _print(found: Identification) -> None:
             " ".join(f"{x:.3g}" for x in np.linalg.eigvalsh(now.inertia)),
         )
     console.print(table)
-    table = plain_table("joint", "value", "+-", "file", "unit")
+    table = plain_table("parameter", "value", "+-", "file", "unit")
     for k in range(PER_BODY * len(found.bodies), len(found.labels)):
         label = found.labels[k]
         numbers = (found.values[k], 1.96 * found.sd[k], found.file_values[k])

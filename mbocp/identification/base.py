@@ -15,12 +15,14 @@ from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.problem.excite import FRICTIONS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import difference
+from mbocp.robot.named_numbers import OF_ROBOT
 from mbocp.robot.parts import Label
 
 _BODY = (
-    *(("m", "kg"), ("mx", "kg m"), ("my", "kg m"), ("mz", "kg m")),
+    *(("mass", "kg"), ("mx", "kg m"), ("my", "kg m"), ("mz", "kg m")),
     *((name, "kg m^2") for name in ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")),
 )
+OF_JOINT = f"{OF_ROBOT}joint."  # what words of joints begin with
 _EXCITED = 1e-7  # part of a column of unit length that the columns before do not say
 _NOTHING = 1e-8  # length of a column by the longest that is round-off, as is that of differences along loops
 _STEP = 0.05  # [rad, m] of a random walk along closed loops
@@ -58,7 +60,7 @@ class Unknowns:
     ----------
     bodies : tuple of Body
     labels : tuple of Label
-        Names and units.
+        Words as `mbocp.robot.named_numbers` has them, where it has some, and units.
     values : ndarray, shape (P,)
         What the file says.
     shares : ndarray, shape (all, P)
@@ -80,7 +82,7 @@ class BaseParameters:
     Parameters
     ----------
     labels : tuple of Label
-        Parameters: names and units.
+        Parameters: words and units.
     chosen : ndarray of int, shape (rank,)
         Parameters that stand for the combinations: each is in one of them alone, with the factor one.
     combinations : ndarray, shape (rank, P)
@@ -147,7 +149,8 @@ def unknowns_of(
         columns[rows] = moved
         known[rows] -= moved @ body.values if payload is None or _is_carried(robot, payload) else 0.0
         shares.append(columns)
-        labels += [Label(f"{body.name}.{name}", unit) for name, unit in _BODY]
+        word = f"{OF_ROBOT}{'joint' if payload is None else 'payload'}.{body.name}"
+        labels += [Label(f"{word}.{name}", unit) for name, unit in _BODY]
         values.append(body.values)
     driven = np.flatnonzero(robot.actuation.selection.any(axis=1))
     kinds = (
@@ -161,7 +164,7 @@ def unknowns_of(
             shares.append(np.eye(len(known))[:, at])
             values.append(known[at].copy())
             labels += [
-                Label(f"{robot.joint_names[j]}.{kind}", units[robot.v_labels[j].unit == "m/s"])
+                Label(f"{OF_JOINT}{robot.joint_names[j]}.{kind}", units[robot.v_labels[j].unit == "m/s"])
                 for j in driven
             ]
             known[at] = 0.0

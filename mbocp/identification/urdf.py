@@ -17,7 +17,7 @@ from mbocp._files import read_text, root_tag
 from mbocp._text import quote_all
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ResultFileError, RobotFileError, Unreadable
-from mbocp.identification.base import Unknowns
+from mbocp.identification.base import OF_JOINT, Unknowns
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.robot.warnings import NotModelledWarning
 from mbocp.solution.atomic import replace_file
@@ -112,7 +112,8 @@ def _losses(
     robot, named = dynamics.robot, {joint.name: joint for joint in root.all("joint")}
     rotors, damping, friction = everything[PER_BODY * (robot.model.njoints - 1) :].reshape(3, robot.nv)
     for name in {
-        label.name.rpartition(".")[0] for label in unknowns.labels[PER_BODY * len(unknowns.bodies) :]
+        label.name.removeprefix(OF_JOINT).rpartition(".")[0]
+        for label in unknowns.labels[PER_BODY * len(unknowns.bodies) :]
     }:
         dof = robot.velocity_indices(name).start
         values = f'<dynamics damping="{damping[dof]:.9g}" friction="{friction[dof]:.9g}"/>'

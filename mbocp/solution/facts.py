@@ -187,6 +187,11 @@ class Facts:
             effort_rms=self.effort_rms if len(self.effort_rms) == sizes["u"] else (),
         )
 
+    @property
+    def limits_more_of_controls(self) -> bool:
+        """Whether rates, powers or root mean squares of controls have limits."""
+        return bool(self.effort_rms) or any(RATE_TERMS[key].over == "u" for key in self.rates)
+
     def bounds_of_rate(self, key: str) -> Array:
         """Lower and upper bounds of a key of `rates`, shape (2, n)."""
         return np.array(self.rates[key], dtype=np.float64)

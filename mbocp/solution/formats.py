@@ -22,7 +22,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.data import SolutionData
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
-from mbocp.solution.sent import MOST, Excess, NotCheckedWarning, Sent, motion_as_sent
+from mbocp.solution.sent import EFFORT_RATE, MOST, Excess, NotCheckedWarning, Sent, motion_as_sent
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -149,10 +149,13 @@ def sent_by(
     *,
     fit: bool,
     slower: float = 1.0,
+    mean: float = 0.0,
 ) -> Sent:
     """What a format sends of a motion, as `export_motion` asks for it."""
-    rate = _rate_of(name, rate)
-    return motion_as_sent(solution, rate, interpolation, is_joined=name == "ros2", fit=fit, slower=slower)
+    rate, is_joined = _rate_of(name, rate), name == "ros2"
+    return motion_as_sent(
+        solution, rate, interpolation, is_joined=is_joined, fit=fit, slower=slower, mean=mean
+    )
 
 
 def _rate_of(name: str, rate: float | None) -> float | None:
@@ -171,20 +174,23 @@ def sent_within(
     """What a format sends of a motion, and by what it leaves its limits: see `all_excesses`.
 
     One that is fitted, and leaves limits of efforts alone, takes as much more time as these need, if a tenth
-    of it is enough.
+    of it is enough; where it leaves limits of their rates, after a moving mean over a step.
     """
-    sent = sent_by(name, solution, rate, interpolation, fit=fit)
+    sent, mean = sent_by(name, solution, rate, interpolation, fit=fit), 0.0
     excesses = all_excesses(sent, load_robot)
+    if fit and any(excess.kind == EFFORT_RATE for excess in excesses):
+        step = float(np.diff(solution.t).max())
+        smooth = sent_by(name, solution, rate, interpolation, fit=True, mean=step)
+        if smooth.mean == step:  # it is short enough
+            sent, mean, excesses = smooth, step, _excesses_again(smooth, load_robot)
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
         return sent, excesses
     found, low, pause = (sent, excesses), sent.slower, 1.0 / (_rate_of(name, rate) or math.inf)
     high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
     for _ in range(_TRIES):
         factor = high if found[1] else (low + high) / 2.0
-        tried = sent_by(name, solution, rate, interpolation, fit=True, slower=factor)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotCheckedWarning)  # told of the first one
-            left = all_excesses(tried, load_robot)
+        tried = sent_by(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)
+        left = _excesses_again(tried, load_robot)
         if not left:
             found, high = (tried, left), factor
         elif found[1]:
@@ -192,6 +198,13 @@ def sent_within(
         else:
             low = factor
     return found
+
+
+def _excesses_again(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, ...]:
+    """Those of a motion that is sent in another way: what cannot be looked at is told already."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotCheckedWarning)
+        return all_excesses(sent, load_robot)
 
 
 def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, ...]:
@@ -203,7 +216,7 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
         If efforts or paths cannot be looked at.
     """
     solution, facts = sent.solution, sent.solution.facts
-    limits = (facts.path, facts.elastic, facts.effort_rms, "power" in facts.rates)
+    limits = (facts.path, facts.elastic, facts.limits_more_of_controls)
     if not (np.isfinite(solution.limits_u).any() or any(limits)):
         return sent.excesses
     from mbocp.solution.its_problem import problem_to_check  # as slow to import as all else

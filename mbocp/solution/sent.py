@@ -34,7 +34,8 @@ _LEAST_SIZE = 1e-9  # of a limit
 _SAME = 1e-9  # [s]
 _NEAREST = 0.1  # of the time between samples, that they are apart from nodes
 _PLACES = 8  # of a moving mean of controls
-_OF_CONTROLS = ("effort", "power", "root mean square")
+EFFORT_RATE = "effort rate"
+_OF_CONTROLS = ("effort", EFFORT_RATE, "power", "root mean square")
 _POWERS = {"speed": 1, "acceleration": 2, "jerk": 3}  # of the duration, that they fall with
 
 
@@ -44,7 +45,9 @@ class Excess:
 
     Attributes
     ----------
-    kind : {"position", "speed", "acceleration", "jerk", "effort", "power", "root mean square", "path"}
+    kind : str
+        "position", "speed", "acceleration", "jerk", "effort", "effort rate", "power", "root mean square" or
+        "path".
     name : str
         Of the joint, the control, or the row of a path constraint.
     value, bound : float
@@ -159,6 +162,7 @@ def motion_as_sent(
     is_joined: bool = False,
     fit: bool = False,
     slower: float = 1.0,
+    mean: float = 0.0,
     like: Sent | None = None,
 ) -> Sent:
     """Say what is sent of a motion.
@@ -179,6 +183,9 @@ def motion_as_sent(
         by up to a tenth. Without a rate only what is joined is, since nothing else says what is sent.
     slower : float
         Least factor of the duration of a motion that is fitted, as efforts may ask for it.
+    mean : float
+        Least time of its moving mean [s], as rates of efforts may ask for it: one over a step makes leaps of
+        accelerations from step to step the slopes that the problem takes them for.
     like : Sent, optional
         A motion that is sent already, and that this one begins with, see `mbocp.solution.joined`. Its moving
         mean and the factor of its duration are taken, so that both are one where the solutions are.
@@ -198,7 +205,7 @@ def motion_as_sent(
     if like is not None:
         found = fitting.like(like)
     elif fit and can_fit:
-        found = fitting.fit(found, slower)
+        found = fitting.fit(found, slower, mean)
     curves = found.curves
     excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
     units = tuple(joints.unit("position", k) for k in range(len(joints.names)))
@@ -273,11 +280,11 @@ class _Joints:
             times = _times(curves, rate)
             speeds = curves.at(times)[1]
             if rate is None and not self.is_joined:
-                accelerations, at_accelerations = _differences(speeds, times)
+                accelerations, at_accelerations = differences(speeds, times)
             if rate is not None and curves.is_from_rest_to_rest:  # a sample before, and one after
                 times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
                 speeds = np.vstack([np.zeros_like(speeds[:1]), speeds, np.zeros_like(speeds[:1])])
-            jerks, at_jerks = _differences(*_differences(speeds, times))
+            jerks, at_jerks = differences(*differences(speeds, times))
         return {
             "position": (positions, t),
             "speed": (velocities, t),
@@ -321,12 +328,14 @@ class _Fitting:
             base = base.smooth(self.has_jerk)
         return _Fit(base.slow(other.slower), other.mean, other.slower, other.is_of_spline)
 
-    def fit(self, asked: _Fit, slower: float) -> _Fit:
+    def fit(self, asked: _Fit, slower: float, mean: float = 0.0) -> _Fit:
         """Curves that keep the limits, slower by a factor or more; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
         found = asked
         if self.has_jerk.any() and self._has_excess(asked.curves) and not has_no_means:
             found = self._smoother()
+        if mean > found.mean and not has_no_means:
+            found = _Fit(self.cubics.mean(mean), mean)
         curves = found.curves
         while slower * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
             slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
@@ -441,8 +450,8 @@ def find_excesses(
                 yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
 
 
-def _differences(values: Array, t: Array) -> tuple[Array, Array]:
-    """Slopes between samples, and the times between these; none across an impact, which takes no time."""
+def differences(values: Array, t: Array) -> tuple[Array, Array]:
+    """Slopes between samples, and the times [s] between these; none across an impact, which takes no time."""
     lengths = np.diff(t)
     takes_time = lengths > 0.0
     slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]

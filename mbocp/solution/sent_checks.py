@@ -12,9 +12,10 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem import Problem
-from mbocp.solution.sent import Excess, Sent, find_excesses
+from mbocp.solution.sent import EFFORT_RATE, Excess, Sent, differences, find_excesses
 from mbocp.solution.sent_path import TOLERANCES, path_excesses
 from mbocp.solution.sent_states import Follower
+from mbocp.terms import RATE_TERMS
 
 _PARTS = 4  # of a step at whose ends they are looked at
 _TOLERANCE = 0.01  # relative, of a limit: polynomials between nodes are no closer to the dynamics
@@ -32,7 +33,8 @@ def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[
     Returns
     -------
     excesses : tuple of Excess
-        Of torques, powers, root mean squares, and links on springs, the worst first; of path constraints.
+        Of torques, their rates, powers and root mean squares, and links on springs, the worst first; of path
+        constraints.
     unknown : tuple of str
         What was not looked at: efforts, links on springs, and path constraints by name.
     """
@@ -43,7 +45,7 @@ def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[
     if follower.has_controls:
         return (*joint_excesses(follower), *excesses), tuple(unknown)
     facts = sent.solution.facts
-    if np.isfinite(sent.solution.limits_u).any() or facts.effort_rms or "power" in facts.rates:
+    if np.isfinite(sent.solution.limits_u).any() or facts.limits_more_of_controls:
         unknown.insert(0, "efforts")
     return excesses, (*(joint.name for joint in problem.robot.elastic), *unknown)
 
@@ -69,7 +71,7 @@ def joint_excesses(follower: Follower) -> tuple[Excess, ...]:
 
 
 def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
-    """Controls, their powers and root mean squares."""
+    """Controls, their rates, powers and root mean squares."""
     solution, (times, _, vs, controls) = follower.sent.solution, along
     facts, columns = solution.facts, solution.labels.u
     speeds = vs @ follower.robot.actuation_matrix(follower.robot.q0)
@@ -82,6 +84,12 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
             yield from find_excesses(
                 kind, column.name, values[:, k], bounds[kind][:, k], times, unit, _TOLERANCE
             )
+    if "effort_rate" in facts.rates:
+        rates, middles = _effort_rates(follower, along)
+        bounds["effort_rate"] = facts.bounds_of_rate("effort_rate")
+        for k, column in enumerate(columns):
+            unit, sides = RATE_TERMS["effort_rate"].unit(column.unit), bounds["effort_rate"][:, k]
+            yield from find_excesses(EFFORT_RATE, column.name, rates[:, k], sides, middles, unit, _TOLERANCE)
     if facts.effort_rms:
         squares = controls**2
         means = np.sqrt(np.diff(times) @ (squares[1:] + squares[:-1]) / (2.0 * times[-1]))
@@ -90,6 +98,22 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
             yield from find_excesses(
                 "root mean square", column.name, mean[None], sides, times[-1:], column.unit, _TOLERANCE
             )
+
+
+def _effort_rates(follower: Follower, along: _Along) -> tuple[Array, Array]:
+    """Rates of controls, shape (n, nu), and their times [s]: where accelerations leap those of samples.
+
+    Not within the first and the last step, whose controls no limit ties to those at rest.
+    """
+    sent, (times, _, _, controls) = follower.sent, along
+    if sent.curves.accelerations is None:
+        accelerations, times = differences(sent.curves.at(sent.times)[1], sent.times)
+        qs, vs = follower.states(times, *sent.curves.at(times)[:2])
+        controls = follower.controls(qs, vs, accelerations)
+    rates, middles = differences(controls, times)
+    first, last = sent.slower * np.maximum(np.diff(sent.solution.t)[[0, -1]], sent.mean)
+    is_within = (middles > first) & (middles < sent.curves.nodes[-1] - last)
+    return rates[is_within], middles[is_within]
 
 
 def _of_links(follower: Follower, along: _Along) -> Iterator[Excess]:

@@ -58,7 +58,7 @@ class Motor(PathTerm):
             Annotated[list[_Row] | None, Field(max_length=_MAX_ROWS)],
             Key(
                 "of a motor in place of both: rows [speed, torque] from rest on, which fall ever faster",
-                "rad/s, N m",
+                "rad/s; N m",
                 takes="list of pairs",
             ),
         ] = None

@@ -10,6 +10,9 @@ from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
 from mbocp.identification import base_parameters
 from mbocp.identification.base import _random_poses, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics
+from mbocp.robot import Payload
+from mbocp.robot.named_numbers import OF_ROBOT, named_numbers, number_of
+from tests.identification.logs import changed
 
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
 
@@ -46,10 +49,26 @@ def test_torques_are_those_of_the_base_parameters(name):
     assert rank == base.rank
 
 
+def test_parameters_go_by_the_words_of_the_robots_numbers():
+    """Those that problems, estimators and sensitivities have, with their units and values."""
+    held = Payload(
+        name="load", frame="tool0", mass=1.5, com=(0.0, 0.0, 0.05), inertia=(4e-3,) * 3 + (0.0,) * 3
+    )
+    robot = changed(load_robot("ur5"))
+    for this, payload, count in ((robot, None, 3 * robot.nv), (robot.with_payload(held), "load", 1)):
+        unknowns = unknowns_of(InverseDynamics(this), payload=payload)
+        known, words = named_numbers(this), [label.name.removeprefix(OF_ROBOT) for label in unknowns.labels]
+        both = [k for k, word in enumerate(words) if word in known]
+        assert len(both) == count
+        for k in both:
+            assert known[words[k]].unit == unknowns.labels[k].unit
+            assert number_of(this, words[k]) == pytest.approx(unknowns.values[k])
+
+
 def test_a_payload_shows_all_of_itself_on_an_arm():
     base = base_parameters(load_robot("ur5"), payload="tool0")
     assert base.rank == 10
-    assert "tool0.m" in base.alone
+    assert "robot.payload.tool0.mass" in base.alone
 
 
 def test_what_cannot_be_is_refused_by_name():

@@ -163,7 +163,7 @@ def test_rotors_and_currents(ur5, truth):
     rotors = {
         label.name: (value, sd) for label, value, sd in zip(found.labels, found.values, found.sd, strict=True)
     }
-    value, sd = rotors["elbow_joint.rotor"]
+    value, sd = rotors["robot.joint.elbow_joint.rotor"]
     assert value == pytest.approx(0.8, abs=4.0 * sd)
     with pytest.raises(LogError, match=r"shoulder_pan_joint\.current: give the torque constant"):
         identify(ur5, Log(log.t, joints))
@@ -230,7 +230,7 @@ def test_the_command_prints_and_writes(truth, tmp_path):
     done = CliRunner().invoke(app, ["identify", "ur5", str(log), "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
     facts = json.loads(done.stdout)
-    assert facts["parameters"]["elbow_joint.friction"]["value"] == pytest.approx(0.5, abs=0.1)
+    assert facts["parameters"]["robot.joint.elbow_joint.friction"]["value"] == pytest.approx(0.5, abs=0.1)
     assert "<mass value=" in out.read_text()
     refused = CliRunner().invoke(app, ["identify", "ur5", str(log), "--torque-constant", "elbow_joint"])
     assert refused.exit_code == 2

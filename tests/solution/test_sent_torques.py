@@ -89,6 +89,30 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.usefixtures("interpreted")
+def test_rates_of_torques_are_kept_between_samples(tmp_path: Path) -> None:
+    """Torques of cubics leap from step to step; the moving mean over a step makes slopes of these."""
+    most, rate = 150.0, 500.0
+    problem = mbocp.load_problem(EXAMPLES / "arms" / "ur5_reach.toml").with_(
+        limits={"effort_rate": most}, duration=1.2
+    )
+    s = mbocp.solve(problem, check=True)
+    with pytest.raises(LimitsExceeded, match=r": effort rate -?\d+ N m/s at .* s, 1\d+\.\d % beyond -?150"):
+        s.export(tmp_path / "leaps.csv", rate=rate, fit=False)
+    file, model = s.export(tmp_path / "kept.csv", rate=rate), problem.robot.model
+    header = file.read_text().splitlines()[0].split(",")
+    columns = np.loadtxt(file, delimiter=",", skiprows=1).T
+    q, v, a = (columns[[k for k, name in enumerate(header) if name.startswith(f"{x}:")]].T for x in "qva")
+    torques = np.array([pin.rnea(model, model.createData(), *row) for row in zip(q, v, a, strict=True)])
+    assert s.duration < columns[0, -1] < 1.1 * s.duration
+    step = round(1.1 * s.t[1] * rate)  # the first and the last control are free
+    largest = np.abs(np.diff(torques, axis=0)[step:-step] * rate).max()
+    assert 0.95 * most < largest < 1.01 * most
+    fast = motion_as_sent(s, rate, fit=True, mean=float(s.t[1]))
+    fast = dataclasses.replace(fast, curves=fast.curves.slow(0.9))
+    assert {one.kind for one in joint_excesses(Follower.of(fast, problem.robot))} == {"effort rate"}
+
+
 def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
     four_bar = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml")
     assert not Follower.of(motion_as_sent(mbocp.solve(four_bar)), four_bar.robot).has_controls

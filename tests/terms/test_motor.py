@@ -94,6 +94,13 @@ def test_a_table_of_torques_is_kept_at_each_speed(rotor: mbocp.Robot) -> None:
     np.testing.assert_array_equal(constraint.upper, s.problem.path[0].upper)
 
 
+def test_rows_of_a_table_take_the_unit_of_each_column(rotor: mbocp.Robot) -> None:
+    curve: list[Any] = [[0, "2000 N mm"], ["60 rpm", 1.5], [7, "1 N m"]]
+    (constraint,) = spin(rotor, 1.0, path=[{"kind": "motor", "frame": "axle", "curve": curve}]).path
+    np.testing.assert_allclose(constraint.number("speeds"), [0.0, 2.0 * np.pi, 7.0])
+    np.testing.assert_allclose(constraint.number("torques"), [2.0, 1.5, 1.0])
+
+
 NOT_CONCAVE = "curve: got torques that fall less steeply after 2, expected torques that fall ever faster"
 
 
@@ -108,6 +115,8 @@ NOT_CONCAVE = "curve: got torques that fall less steeply after 2, expected torqu
         ([[0, 2]], "two or more rows"),
         ([[0, 2, 1], [2, 1, 1]], "curve"),
         ([[0, 2], [2, float("inf")]], "curve"),
+        ([[0, 2], ["1 N m", 1]], "got '1 N m' in row 1, a torque or an energy, expected a number in rad/s"),
+        ([[0, "2 rpm"], [2, 1]], "got '2 rpm' in row 0, an angular speed, expected a number in N m"),
     ],
 )
 def test_what_is_no_table_of_a_motor_is_refused(rotor: mbocp.Robot, curve: Any, says: str) -> None:

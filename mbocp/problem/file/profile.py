@@ -73,7 +73,8 @@ def _pairs(value: Any) -> list[list[float]]:
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
 _Efforts = Annotated[Any, Kind(_OVER_SPEED, _efforts, Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
-_RATE, _SECOND_RATE = Measured("m/s, rad/s"), Measured("m/s^2, rad/s^2")
+_PARTS = (("payload", Measured("kg")), ("speed", Measured("m/s, rad/s")))
+_RATE, _SECOND_RATE = Measured("m/s, rad/s", _PARTS), Measured("m/s^2, rad/s^2", _PARTS)
 
 
 class _BrakingTable(Table):
@@ -93,10 +94,10 @@ class ProfileTable(Table):
     position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any), Measured("m, rad")] = None
     velocity: Annotated[_PerJoint, _RATE] = None
     acceleration: Annotated[_PerJoint, _SECOND_RATE] = None
-    jerk: Annotated[_PerJoint, Measured("m/s^3, rad/s^3")] = None
-    effort: Annotated[_Efforts, Measured("N, N m")] = None
-    effort_rate: Annotated[_PerJoint, Measured("N/s, N m/s")] = None
-    power: Annotated[_PerJoint, Measured("W")] = None
+    jerk: Annotated[_PerJoint, Measured("m/s^3, rad/s^3", _PARTS)] = None
+    effort: Annotated[_Efforts, Measured("N, N m", _PARTS)] = None
+    effort_rate: Annotated[_PerJoint, Measured("N/s, N m/s", _PARTS)] = None
+    power: Annotated[_PerJoint, Measured("W", _PARTS)] = None
     braking: _BrakingTable | None = None
 
 
@@ -153,7 +154,7 @@ class Profile:
         written = self.table.effort
         if not (isinstance(written, Mapping) and "speed" in written):
             return []
-        speeds = [self._number(speed, "rad/s", "velocity") for speed in written["speed"]]
+        speeds = [self._number(speed, "rad/s", "effort.speed") for speed in written["speed"]]
         torques = np.array([self._for_all(row, "effort", robot) for row in written["values"]])
         moved = {joint.name: joint.motor for joint in robot.elastic}
         controls, found = {label.name for label in robot.u_labels}, []

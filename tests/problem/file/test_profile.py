@@ -121,11 +121,11 @@ def test_one_of_ones_own(own: Path) -> None:
     np.testing.assert_array_equal(bounds.a_upper, [8.0, 16.0])
 
 
-def over_speed(folder: Path, values: str) -> str:
+def over_speed(folder: Path, values: str, speeds: str = "[0, 90, 360]", key: str = "speed") -> str:
     file = folder / "over_speed.toml"
     file.write_text(
         'source = ["x"]\njoints = ["joint1", "joint2"]\ndegrees = true\n'
-        f"effort = {{ speed = [0, 90, 360], values = {values} }}"
+        f"effort = {{ {key} = {speeds}, values = {values} }}"
     )
     return str(file)
 
@@ -144,6 +144,27 @@ def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path
         problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3], [6, 1], [1, 0.5]]")})
     with pytest.raises(ProblemError, match="expected speeds that rise in speed, and a number or list"):
         problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3]]")})
+
+
+def test_tables_of_torques_take_units(tmp_path: Path) -> None:
+    values = '["6 N m", ["6 N m", "5500 N mm"], [1, 0]]'
+    limits = {"profile": over_speed(tmp_path, values, '[0, "15 rpm", "1 turn/s"]')}
+    one = problem("double_pendulum", limits)
+    assert one.limits.u_upper.tolist() == [6.0, 6.0]
+    np.testing.assert_allclose(one.path[0].number("speeds"), [0.0, 2.0 * np.pi])
+    np.testing.assert_allclose(one.path[1].number("speeds"), [0.0, np.pi / 2.0, 2.0 * np.pi])
+    np.testing.assert_allclose(one.path[1].number("torques"), [6.0, 5.5, 0.0])
+    at_payload = over_speed(tmp_path, "[6, 4]", '[0, "500 g"]', "payload")
+    robot = mbocp.load_robot("double_pendulum")
+    carrying = robot.with_payload(Payload(frame=robot.frame_names[-1], mass=0.25))
+    assert problem(carrying, {"profile": at_payload}).limits.u_upper.tolist() == [5.0, 5.0]
+    for speeds, texts, says in (
+        ('[0, "2 N m"]', "[2, 1]", "'2 N m' at index 1 for 'speed', a torque or an energy, expected"),
+        ("[0, 2]", '["2 rad/s", 1]', "got '2 rad/s' at index 0 for 'values', an angular speed, expected"),
+        ('[0, "1 m/s"]', "[2, 1]", "effort.speed of 'over_speed': got '1 m/s', a speed, expected .* rad/s"),
+    ):
+        with pytest.raises(ProblemError, match=says):
+            problem("double_pendulum", {"profile": over_speed(tmp_path, texts, speeds)})
 
 
 def test_torques_over_the_speed_are_kept_as_a_motion_is_sent(tmp_path: Path) -> None:

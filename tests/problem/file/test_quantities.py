@@ -267,4 +267,4 @@ def test_keys_of_one_row_have_units_of_their_own() -> None:
 
     key = Key("place and speed", "m; m/s", beside=("b",))
     assert (key.unit_of("a", "a"), key.unit_of("b", "a")) == ("m", "m/s")
-    assert Key("both", "m; m/s").unit_of("a", "a") == "m, m/s"
+    assert Key("rows of a table", "m; m/s").unit_of("a", "a") == "m; m/s"
