@@ -251,8 +251,8 @@ def _damping(problem: Problem) -> Iterator[Cause]:
     name, times = stiffest_joint(problem.robot, problem.dt)
     if times > _STIFF:
         line = (
-            f"the damping of {name} stops it in {problem.dt / times:.2g} s, which steps of {problem.dt:.2g} s by "
-            f'"{problem.scheme}" do not resolve; take integrator.scheme = "radau2" or "se1", or less damping'
+            f"the damping of {name} stops it in {problem.dt / times:.2g} s, which steps of "
+            f'{problem.dt:.2g} s by "{problem.scheme}" do not resolve; take integrator.scheme = "radau2" or "se1", or less damping'
         )
         yield Cause("damping", name, line, False, times)
 
