@@ -252,7 +252,8 @@ def _damping(problem: Problem) -> Iterator[Cause]:
     if times > _STIFF:
         line = (
             f"the damping of {name} stops it in {problem.dt / times:.2g} s, which steps of "
-            f'{problem.dt:.2g} s by "{problem.scheme}" do not resolve; take integrator.scheme = "radau2" or "se1", or less damping'
+            f'{problem.dt:.2g} s by "{problem.scheme}" do not resolve; '
+            'take integrator.scheme = "radau2" or "se1", or less damping'
         )
         yield Cause("damping", name, line, False, times)
 
