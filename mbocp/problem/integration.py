@@ -239,7 +239,8 @@ def stiffest_joint(robot: Robot, dt: float) -> tuple[str, float]:
     damping = (at_rest - np.array(moved).T) / _SLOW
     root = np.linalg.inv(np.linalg.cholesky(robot.mass_matrix(robot.q0)))
     rates, ways = np.linalg.eigh(root @ (damping + damping.T) / 2.0 @ root.T)
-    return robot.v_labels[int(np.argmax(np.abs(ways[:, -1])))].name, float(rates[-1]) * dt
+    fastest = root.T @ ways[:, -1]
+    return robot.v_labels[int(np.argmax(fastest * (damping @ fastest)))].name, float(rates[-1]) * dt
 
 
 def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:
