@@ -30,6 +30,8 @@ class SchemeData:
     alternates : bool
         Whether its steps move by the mean of the velocities at both ends, or nearly so. Equations on
         positions at all nodes then leave velocities across them that change their sign from node to node.
+    settles : bool
+        Whether what is damped much faster than a step is at rest after it; else it rings from node to node.
     takes_holds : bool
         Whether constraints may begin and end along the way: their positions are solved at the end of a step.
     takes_loops : bool
@@ -50,6 +52,7 @@ class SchemeData:
     takes_drives: bool
     takes_matrices: bool
     alternates: bool = False
+    settles: bool = False
     takes_holds: bool = False
     takes_loops: bool = True
     takes_natural: bool = False
@@ -105,6 +108,7 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
             _TAU_FAMILY,
             order=1 + (tau == 0.5),
             alternates=tau == 0.5,
+            settles=name == "se1",
             takes_holds=tau > 0.0,
             has_row_adjoints=name == "se1",
             controls=("constant", "stages") if tau == 0.5 else ("constant",),  # it has one stage
@@ -116,6 +120,7 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
             _PARTITIONED,
             order=pair.order,
             alternates=pair.is_symplectic,
+            settles=not pair.is_symplectic,
             takes_loops=pair.holds_constraints,
             # One stage sees the mean of linear controls alone, whose ends could then alternate.
             controls=_PARTITIONED.controls if pair.num_stages > 1 else ("constant", "stages"),

@@ -293,10 +293,27 @@ class JointMechanics:
 
     def constraints(self, q: ca.SX) -> ca.SX:
         """Holonomic constraints Phi(q), the rows that are kept, shape (nc,) [m, rad, m^2 for rods]."""
-        rows = [constraint.equations(self, q) for constraint in self.robot.constraints]
+        rows = [one.equations(self, self._within(one.frame_ids, q)) for one in self.robot.constraints]
         if not rows:
             return ca.SX.zeros(0, 1)
         return ca.vertcat(*rows)[list(self.robot.kept_rows)]
+
+    def _within(self, frames: Sequence[int], q: ca.SX) -> ca.SX:
+        """Put the joints that carry all of these frames at zero.
+
+        Where frames are in each other does not depend on them, but Pinocchio's placements in the world do.
+        """
+        model = self.robot.model
+        if not frames or len(model.mimicking_joints):  # which may lie in the loop with leaders that carry it
+            return q
+        chains = [set(model.supports[model.frames[frame].parentJoint]) for frame in frames]
+        carrying = {model.joints[joint].idx_q for joint in set.intersection(*chains) if joint > 0}
+        zero = self.space.coordinates(self.robot.neutral()[np.newaxis])[0]
+        inside = ca.SX(q)
+        for part in self.space.parts:
+            if part.at_q.start in carrying:
+                inside[part.at_z] = zero[part.at_z]
+        return inside
 
     def constraint_jacobian(self, q: ca.SX) -> ca.SX:
         """Derivative of Phi in tangent coordinates, shape (nc, nv)."""

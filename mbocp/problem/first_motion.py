@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._text import list_names
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
@@ -21,13 +22,15 @@ from mbocp.robot.large import working_data
 _ANGLE = 0.5  # [rad] by which joints turn at most
 _LENGTH = 0.2  # [m] by which they slide at most
 _SHARE_OF_ROOM = 0.3  # of the way to the farther limit
-_INSIDE = 0.05  # of its range, by which a start keeps away from limits that the initial pose violates
+_AT_LIMIT = 0.01  # of its range, within which an initial pose is at a limit and joints go one way only
+_INSIDE = 0.05  # of its range, by which a start then keeps away
 _SHARE_OF_SPEED = 0.5  # of the largest speed that the motion takes
 _SHARE_OF_EFFORT = 0.7  # of the largest effort
 _SHORTEST, _LONGEST = 1.0, 16.0  # [s]
 _PEAK_SPEED = 1.5  # of the mean speed, in a motion with a cubic in time
 _SAMPLES = 9  # poses at which efforts are looked at
 _RESTING = 1e-6  # relative residual below which controls hold a pose
+_MAX_NAMES = 6  # of joints that a note lists
 _TRIES = 6  # of closing loops with shorter ways
 
 
@@ -69,7 +72,7 @@ def first_motion(robot: Robot) -> FirstMotion:
     robot : Robot
         With at least one control.
     """
-    start = _start(robot)
+    start, notes = _start(robot)
     rests = can_rest(robot, start)
     movable = np.ones(robot.nv, dtype=np.bool_) if rests else _with_motors(robot)
     if robot.nc and rests:
@@ -78,7 +81,7 @@ def first_motion(robot: Robot) -> FirstMotion:
     movable &= ~_undriven_speeds(robot)
     goal = _goal(robot, start, movable)
     away = np.abs(robot.difference(start, goal))
-    motion = FirstMotion(start, goal, movable, rests, _by_speed(robot, away), {})
+    motion = FirstMotion(start, goal, movable, rests, _by_speed(robot, away), {}, notes)
     return _within_limits(robot, motion)
 
 
@@ -124,20 +127,22 @@ def _forces(robot: Robot, q: Array) -> Array:
     return np.hstack([robot.actuation_matrix(q), robot.constraint_jacobian(q).T])
 
 
-def _start(robot: Robot) -> Array:
-    """The initial pose, moved into the limits."""
+def _start(robot: Robot) -> tuple[Array, tuple[str, ...]]:
+    """The initial pose, moved off limits, and what is to be told of that."""
     limits, q = robot.limits, np.array(robot.q0)
     lower, upper = limits.position_lower, limits.position_upper
-    outside = (q < lower) | (q > upper)
+    room = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    outside = (q < lower + _AT_LIMIT * room) | (q > upper - _AT_LIMIT * room)
     if not outside.any():
-        return q
-    inside = np.where(np.isfinite(upper - lower), _INSIDE * (upper - lower), 0.0)
-    nearest = np.clip(q, lower + inside, upper - inside)
+        return q, ()
+    nearest = np.clip(q, lower + _INSIDE * room, upper - _INSIDE * room)
     q[outside] = nearest[outside]
     try:
-        return np.array(robot.assemble(q))
+        found = np.array(robot.assemble(q))
     except LoopNotClosed:
-        return np.array(robot.q0)
+        return np.array(robot.q0), ()
+    names = list_names([robot.q_labels[i].name for i in np.flatnonzero(outside)], _MAX_NAMES)
+    return found, (f"its initial pose is at limits of {names}, or beyond; the motion begins inside them",)
 
 
 def _with_motors(robot: Robot) -> BoolArray:
@@ -209,7 +214,7 @@ def _by_speed(robot: Robot, away: Array) -> float:
 
 def _within_limits(robot: Robot, motion: FirstMotion) -> FirstMotion:
     """The motion with the limits that it keeps, slower if motors ask for it."""
-    limits, notes = robot.limits, list[str]()
+    limits, notes = robot.limits, list(motion.notes)
     limited = dict[str, bool]()
     if np.isfinite([limits.position_lower, limits.position_upper]).any():
         limited["position"] = all(_is_inside(robot, q) for q in (motion.q_start, motion.q_goal))

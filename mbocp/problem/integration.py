@@ -28,6 +28,9 @@ from mbocp.robot.joints import unit_groups
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
+_STIFF = 20.0  # times in a step that a velocity falls to 1/e: midpoint leaves 0.8 of it, with the other sign
+_SLOW = 1e-3  # [rad/s, m/s], at which friction still grows with velocity
+_LARGE = 50  # velocities, beyond which stages of "radau2" have too many operations
 _LONG_CHAIN = 24  # velocities, with which the functions of two stages have 350,000 operations
 
 
@@ -188,6 +191,8 @@ def choose_scheme(
       tau family alone, of which `midpoint` is of order two; of legs that step, velocities of feet that stand
       alternate under it, and a trot of solo12 takes 285 iterations in place of 25: `se1`;
     - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones: `midpoint`;
+    - joints whose damping is stiff beside a step: `radau2`, or `se1` for large robots, under which velocities
+      settle within it. Under others they ring, and Newton's matrix is singular to round-off;
     - floating bases and ball joints: `midpoint`. Their masses are the same in all poses, so that stages win
       little;
     - arms: `gauss2`, of order four; chains of very many joints: `midpoint`, for functions of two stages are
@@ -200,6 +205,8 @@ def choose_scheme(
     has_switches = of_phases or bool(said_holds or said_releases or said_steps_of_impacts)
     ends = num_steps, duration / (num_steps - len(said_steps_of_impacts))
     turns = has_rotations(robot)
+    stiff, times = stiffest_joint(robot, ends[1])
+    stiff_scheme = "se1" if robot.nv > _LARGE and controls == "constant" else "radau2"
     has_forces = any(isinstance(one, ContactForce | ContactBounds) for one in said_path)
     suits = (  # the first that holds
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
@@ -208,6 +215,7 @@ def choose_scheme(
         (has_switches and has_forces and turns, "se1", "contacts that begin or end along the way"),
         (has_switches, "midpoint", "constraints that begin or end along the way"),
         (has_forces, "midpoint", "bounds of contact forces"),
+        (not robot.nc and times > _STIFF, stiff_scheme, f"the damping of {stiff}, stiff beside a step"),
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
         (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
         (robot.nc > 0 and robot.nv <= _SMALL_LOOP, "lobatto3", "small closed loops"),
@@ -217,6 +225,22 @@ def choose_scheme(
         (True, "gauss2", "an open chain of joints"),
     )
     return next((scheme, True, reason) for holds, scheme, reason in suits if holds)
+
+
+def stiffest_joint(robot: Robot, dt: float) -> tuple[str, float]:
+    """Return the joint that damping slows fastest, and how many times in a step it falls to 1/e.
+
+    The rates are eigenvalues of D v = rate M v at the initial pose, D the derivative of damping and friction.
+    """
+    if not (robot.resistances or robot.forces or robot.elastic):
+        return "", 0.0
+    at_rest = robot.force_elements(robot.q0, np.zeros(robot.nv))
+    moved = [robot.force_elements(robot.q0, _SLOW * one) for one in np.eye(robot.nv)]
+    damping = (at_rest - np.array(moved).T) / _SLOW
+    root = np.linalg.inv(np.linalg.cholesky(robot.mass_matrix(robot.q0)))
+    rates, ways = np.linalg.eigh(root @ (damping + damping.T) / 2.0 @ root.T)
+    fastest = root.T @ ways[:, -1]
+    return robot.v_labels[int(np.argmax(fastest * (damping @ fastest)))].name, float(rates[-1]) * dt
 
 
 def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:

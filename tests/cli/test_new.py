@@ -60,6 +60,19 @@ def test_it_solves_at_once(run, here, name):
     assert solution.iterations < 60
 
 
+def test_stiff_damping_and_starts_at_limits_are_met(run, here):
+    assert run("new", "tiago_no_hand").exit_code == 0
+    assert "at limits of 'torso_lift_joint', 'arm_1_joint'" in (here / "tiago_no_hand.toml").read_text()
+    problem = mbocp.load_problem(here / "tiago_no_hand.toml")
+    limits = problem.robot.limits
+    assert problem.scheme == "radau2"
+    assert (problem.q_start > limits.position_lower).all()
+    assert (problem.q_start < limits.position_upper).all()
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    assert solution.iterations < 10
+
+
 def test_a_urdf_with_mimic_joints_beside_the_file(run, here):
     path = write(here, PAIR)
     assert run("new", str(path)).exit_code == 0

@@ -11,7 +11,7 @@ import pytest
 
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.joint import JointMechanics
-from mbocp.robot import Robot
+from mbocp.robot import Robot, load_robot
 from tests.robot.loops import builders as loops
 
 SPATIAL = (  # an arm of six hinges whose hand slides on a table, and a second arm that it holds
@@ -89,6 +89,20 @@ def test_symbols_and_numbers_agree(tmp_path: Path, name: str) -> None:
     assert phi.shape == (robot.nc, 1)
     np.testing.assert_allclose(phi.ravel(), robot.constraint_residual(at), atol=1e-14)
     np.testing.assert_allclose(jacobian, robot.constraint_jacobian(at), atol=1e-13)
+
+
+@pytest.mark.parametrize("rotations", ["quaternion", "dcm"])
+def test_equations_of_a_loop_have_its_own_joints_alone(rotations: str) -> None:
+    """Of a five-bar on a floating base: the base is in neither Phi nor its derivative, wherever it is."""
+    robot = load_robot("five_bar", free_flyer=True)
+    mechanics = JointMechanics(robot, rotations)
+    z = ca.SX.sym("z", mechanics.nq)
+    both = ca.Function("both", [z], [mechanics.constraints(z), mechanics.constraint_jacobian(z)])
+    assert both.sparsity_out(1).nnz() == robot.nc * 4
+    q = robot.integrate(robot.q0, np.random.default_rng(5).standard_normal(robot.nv))
+    phi, jacobian = (np.array(value) for value in both(mechanics.space.coordinates(q[np.newaxis])[0]))
+    np.testing.assert_allclose(phi.ravel(), robot.constraint_residual(q), atol=1e-14)
+    np.testing.assert_allclose(jacobian, robot.constraint_jacobian(q), atol=1e-14)
 
 
 def test_energy_changes_by_the_work_of_the_motor(tmp_path: Path) -> None:

@@ -10,9 +10,12 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem, load_problem
+from mbocp.problem.integration import stiffest_joint
 from mbocp.problem.reasons.causes import causes_of
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.robot import load_robot
+from tests.robot.urdfs import joint, link, write
+from tests.robot.urdfs import robot as urdf
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -277,3 +280,23 @@ def test_nothing_turns_a_ball_on_a_rod_that_ends_in_its_middle(tmp_path, load, i
     if is_kept:
         assert found[0].startswith("nothing turns load about x, about y and about z")
         assert "load/root_joint.wx, load/root_joint.wy and load/root_joint.wz out of goal.v" in found[0]
+
+
+@pytest.mark.parametrize(("friction", "settles_in"), [("none", 0.02 / 5.0), ("smooth", 0.02 / 35.0)])
+def test_the_joint_that_damping_stops_soonest(tmp_path, friction, settles_in):
+    resists = '<dynamics damping="5" friction="3"/><limit lower="-2" upper="2" effort="9" velocity="4"/>'
+    # 2 kg whose centre is 0.1 m off the axis, and no inertia about it but that.
+    body = (
+        '<link name="l1"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>'
+        '<inertia ixx="0.01" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    )
+    hinge = joint("j1", "revolute", "base", "l1", axis="0 1 0", extra=resists)
+    robot = load_robot(write(tmp_path, urdf(link("base"), body, hinge)), friction=friction)
+    name, times = stiffest_joint(robot, 1.0)
+    assert name == "j1"
+    assert times == pytest.approx(1.0 / settles_in, rel=1e-4)  # friction 3 N m / 0.1 rad/s near rest
+    ringing = Problem.create(robot, 2.0, 4, scheme="gauss2", goal={"q": [1.0], "v": 0})
+    (cause,) = (one for one in causes_of(ringing) if one.kind == "damping")
+    assert cause.where == "j1"
+    assert "radau2" in cause.words
+    assert not [one for one in causes_of(ringing.with_(scheme="radau2")) if one.kind == "damping"]

@@ -23,8 +23,8 @@ from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 
 _STEPS = 100  # of schemes of low order; half of them for others
-_HIGH_ORDER = 4
-_WORDS = {1: "of first order", 2: "of second order", 4: "of fourth order"}
+_HIGH_ORDER = 3
+_WORDS = {1: "of first order", 2: "of second order", 3: "of third order", 4: "of fourth order"}
 _MAX_ROWS = 60  # joints that are listed
 _COLUMN = 36  # where comments begin
 

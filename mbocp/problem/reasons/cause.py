@@ -12,8 +12,8 @@ class Cause:
     Parameters
     ----------
     kind : str
-        "speed", "acceleration", "jerk", "torque", "weight", "frame_speed", "fall", "momentum" or "steps";
-        "reach", "via" or "contradiction" of path constraints and obstacles.
+        "speed", "acceleration", "jerk", "torque", "weight", "frame_speed", "fall", "momentum", "steps" or
+        "damping"; "reach", "via" or "contradiction" of path constraints and obstacles.
     where : str
         Joint, control, path constraint, frame or via point.
     words : str

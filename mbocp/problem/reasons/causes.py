@@ -17,6 +17,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.integrators import SCHEMES
 from mbocp.problem.first_motion import holding_controls
+from mbocp.problem.integration import stiffest_joint
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
 from mbocp.problem.reasons.least_time import least_time
@@ -28,6 +29,7 @@ from mbocp.robot.joints import joint_kind
 _MARGIN = 1e-6  # relative: what differs by less is the same
 _SURE = 2.0  # of an estimate, before it is told
 _COARSE = 1.0  # [rad] that a joint turns in a step at most
+_STIFF = 100.0  # times in a step that damping lets a velocity fall to 1/e, at which schemes have failed
 _SAMPLES = 5  # poses of a way at which accelerations are estimated
 
 
@@ -61,7 +63,8 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     """
     member = problem.members[0][1]
     found = [cause for leg in _legs(member) for cause in _of_leg(member, leg)]
-    found += [*_weights(member), *fall_causes(member), *momentum_causes(member), *place_causes(member)]
+    found += [*_weights(member), *_damping(member), *fall_causes(member)]
+    found += [*momentum_causes(member), *place_causes(member)]
     worst: dict[tuple[str, str], Cause] = {}
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
         worst.setdefault((cause.kind, cause.where), cause)
@@ -239,6 +242,20 @@ def _poses_at_rest(problem: Problem) -> Iterator[tuple[str, Array, int]]:
         yield "start", problem.q_start, 0
     if goal.is_exact and goal.q_active.all() and goal.rate_active.all() and not goal.value.any():
         yield "goal", goal.q, -1
+
+
+def _damping(problem: Problem) -> Iterator[Cause]:
+    """Joints whose velocities settle much faster than a step, under a scheme that lets them ring."""
+    if SCHEMES[problem.scheme].settles or problem.robot.nc:
+        return
+    name, times = stiffest_joint(problem.robot, problem.dt)
+    if times > _STIFF:
+        line = (
+            f"the damping of {name} stops it in {problem.dt / times:.2g} s, which steps of "
+            f'{problem.dt:.2g} s by "{problem.scheme}" do not resolve; '
+            'take integrator.scheme = "radau2" or "se1", or less damping'
+        )
+        yield Cause("damping", name, line, False, times)
 
 
 def _steps(problem: Problem, leg: _Leg) -> Iterator[Cause]:
