@@ -42,15 +42,10 @@ from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
-from mbocp.terms import (
-    AccelerationEnd,
-    ExactGoal,
-    Follow,
-    TerminalCost,
-    TermNumbers,
-    own_ends,
-    running_terms,
-)
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.end_acceleration import AccelerationEnd
+from mbocp.terms.kinds import ExactGoal, Follow, TerminalCost
+from mbocp.terms.own_parts import own_ends, running_terms
 
 
 def needs_plain_states(problem: Problem) -> bool:

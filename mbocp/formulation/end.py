@@ -13,7 +13,7 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import state_space
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Mechanics
-from mbocp.terms import Point, Sizes
+from mbocp.terms.point import Point, Sizes
 
 
 def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:

@@ -15,7 +15,8 @@ from mbocp.formulation.layout import Block
 from mbocp.formulation.parameters import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols, unit_of
-from mbocp.terms import ClearanceTerm, Point, Sizes
+from mbocp.terms.clearance import ClearanceTerm
+from mbocp.terms.point import Point, Sizes
 
 
 def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:

@@ -14,7 +14,7 @@ from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
 from mbocp.problem import Problem
 from mbocp.robot import Label
-from mbocp.terms import Sizes
+from mbocp.terms.point import Sizes
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.terms import PeriodicEnd
+from mbocp.terms.periodic import PeriodicEnd
 
 
 @dataclass(frozen=True)

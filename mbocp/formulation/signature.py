@@ -15,25 +15,19 @@ from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
-from mbocp.terms import (
-    AccelerationEnd,
-    ClearanceTerm,
-    ContactConditionTerm,
-    ContactTerm,
-    Effort,
-    ExactGoal,
-    FrameEnd,
-    OwnEnd,
-    OwnPath,
-    PathTerm,
-    PeriodicEnd,
-    RateTerm,
-    RunningTerm,
-    StartEnd,
-    TerminalCost,
-    ToleranceTerm,
-    ViaTerm,
-)
+from mbocp.terms.clearance import ClearanceTerm
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.cost import RunningTerm
+from mbocp.terms.end_acceleration import AccelerationEnd
+from mbocp.terms.frame_tolerance import ToleranceTerm
+from mbocp.terms.frames import FrameEnd
+from mbocp.terms.held import ContactConditionTerm
+from mbocp.terms.kinds import Effort, ExactGoal, TerminalCost
+from mbocp.terms.own_parts import OwnEnd, OwnPath
+from mbocp.terms.path import PathTerm
+from mbocp.terms.periodic import PeriodicEnd, StartEnd
+from mbocp.terms.rates import RateTerm
+from mbocp.terms.via import ViaTerm
 
 
 @dataclass(frozen=True)

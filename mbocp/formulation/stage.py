@@ -41,7 +41,7 @@ from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
 from mbocp.mechanics import Mechanics
-from mbocp.terms import Point, Sizes
+from mbocp.terms.point import Point, Sizes
 
 LATER = ("gradient", "jacobian")  # solvers ask for them that follow a motion step by step
 _ALL = ("values", "complete", "path", "path_values", "retract", "difference", "lengthening", *LATER)

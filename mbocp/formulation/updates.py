@@ -20,7 +20,10 @@ from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
-from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.frames import FrameEnd
+from mbocp.terms.kinds import TerminalCost
+from mbocp.terms.own_parts import running_terms
 
 
 class ParameterUpdates:

@@ -30,7 +30,7 @@ from mbocp.mechanics.rates import accelerations, powers
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion

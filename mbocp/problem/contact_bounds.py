@@ -17,8 +17,9 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.axes import perpendiculars
 from mbocp.robot.loops.kinds.base import Constraint
-from mbocp.terms import BoundedTerm, ContactTerm, SidesInSteps, Span
-from mbocp.terms.span import Place
+from mbocp.terms.bounded import BoundedTerm, SidesInSteps
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.span import Place, Span
 
 _ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none

@@ -14,8 +14,8 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, sugg
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.terms import COST_TERMS, EffortAboutGravity, Energy, Weighted
-from mbocp.terms.cost import RunningCost
+from mbocp.terms.cost import RunningCost, Weighted
+from mbocp.terms.kinds import COST_TERMS, EffortAboutGravity, Energy
 
 _BEND = 0.7  # of every joint [rad, m]
 _SHARE = 0.1  # of the weight with which a radian in the whole time costs as much as the largest force
@@ -65,7 +65,7 @@ class Cost:
     terminal_weights : ndarray, shape (2 nv,)
         Diagonal of :math:`Q_T` on (q, p), or on (q, v) if the goal gives a velocity.
     further : mapping of str to ndarray
-        Weights of all other terms of `mbocp.terms.COST_TERMS` by name; those left out are zero.
+        Weights of all other terms of `mbocp.terms.kinds.COST_TERMS` by name; those left out are zero.
     """
 
     effort: Array

@@ -44,7 +44,8 @@ from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 
 Inequality: TypeAlias = BoundedTerm | RateLimit
 

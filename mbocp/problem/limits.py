@@ -15,7 +15,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 LIMITS = {  # keys of a problem file
     "u": "limits.effort",
@@ -44,7 +44,7 @@ class Bounds:
         \underline{v} \le v_n \le \overline{v}, \qquad \underline{q} \le q_n \le \overline{q}
 
     at the nodes n = 1, ..., N, and in all N steps for u: eq. (32) of [Manara2017]_; and bounds on rates, see
-    `mbocp.terms.RateTerm`. What is left out is unbounded; a `Problem` fills it in.
+    `mbocp.terms.rates.RateTerm`. What is left out is unbounded; a `Problem` fills it in.
 
     Attributes
     ----------

@@ -16,8 +16,10 @@ from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Position, Span
-from mbocp.terms.span import Place
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.kinds import PATH_TERMS, Follow, Position
+from mbocp.terms.path import PathTerm
+from mbocp.terms.span import Place, Span
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
@@ -42,7 +44,7 @@ class PathConstraint(BoundedTerm):
     name : str
         What it is called in messages, results and plots.
     kind : str
-        One of `mbocp.terms.PATH_TERMS`.
+        One of `mbocp.terms.kinds.PATH_TERMS`.
     frame : int
         Index of the frame.
     other : int, optional

@@ -13,12 +13,14 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS, BoundedTerm, JerkAtEnd, RateTerm, SidesInSteps, Span
+from mbocp.terms.bounded import BoundedTerm, SidesInSteps
+from mbocp.terms.rates import RATE_TERMS, JerkAtEnd, RateTerm
+from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True, eq=False)
 class RateLimit(BoundedTerm):
-    """Bounds on rates that hold in every step, see `mbocp.terms.RateTerm`.
+    """Bounds on rates that hold in every step, see `mbocp.terms.rates.RateTerm`.
 
     Attributes
     ----------

@@ -54,7 +54,8 @@ from mbocp.problem.together import (
 )
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 
 _Range = tuple[float, float] | None
 

@@ -28,7 +28,8 @@ from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import take
 from mbocp.solvers.options import BOUNDED_METHODS
-from mbocp.terms import RATE_TERMS, BoundedTerm
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.rates import RATE_TERMS
 
 
 def check_parameters(

@@ -25,7 +25,8 @@ from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, tell_changed
-from mbocp.terms import RATE_TERMS, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.rates import RATE_TERMS
 
 
 def problem_of(

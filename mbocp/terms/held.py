@@ -17,7 +17,7 @@ from mbocp.terms.point import Point
 
 @dataclass(frozen=True)
 class ContactConditionTerm:
-    """The structure of such rows, as `mbocp.terms.PathTerm` is that of a path constraint.
+    """The structure of such rows, as `mbocp.terms.path.PathTerm` is that of a path constraint.
 
     Attributes
     ----------

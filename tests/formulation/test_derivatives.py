@@ -14,7 +14,8 @@ from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
-from mbocp.terms import Effort, ExactGoal, Sizes, TerminalCost, Tracking, Velocity
+from mbocp.terms.kinds import Effort, ExactGoal, TerminalCost, Tracking, Velocity
+from mbocp.terms.point import Sizes
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 

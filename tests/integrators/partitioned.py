@@ -12,7 +12,7 @@ from mbocp.formulation.stage import build_functions
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
-from mbocp.terms import Effort, ExactGoal
+from mbocp.terms.kinds import Effort, ExactGoal
 
 _SMALL = 1e-10  # of rows: from there on Newton's method ends where they fall no more
 

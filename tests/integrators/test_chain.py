@@ -19,7 +19,8 @@ from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.terms import ControlRate, Effort, ExactGoal, Potential, Sizes, Tracking, Velocity
+from mbocp.terms.kinds import ControlRate, Effort, ExactGoal, Potential, Tracking, Velocity
+from mbocp.terms.point import Sizes
 from tests.integrators.explicit import mechanics_of, robot_named, start_of
 
 # --- small chains -----------------------------------------------------------------------------------------

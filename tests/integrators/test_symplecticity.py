@@ -23,7 +23,8 @@ from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU, VELOCITY_TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
-from mbocp.terms import Effort, ExactGoal, Sizes, Tracking, Velocity
+from mbocp.terms.kinds import Effort, ExactGoal, Tracking, Velocity
+from mbocp.terms.point import Sizes
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -12,7 +12,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.problem import Problem
 from mbocp.problem.cost import typical_force, velocity_weight
-from mbocp.terms import Effort, RunningTerm, Velocity
+from mbocp.terms.cost import RunningTerm
+from mbocp.terms.kinds import Effort, Velocity
 
 
 def eased_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[RunningTerm, ...]:

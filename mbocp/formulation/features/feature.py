@@ -25,7 +25,7 @@ from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Label
-from mbocp.terms import ClearanceTerm
+from mbocp.terms.clearance import ClearanceTerm
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

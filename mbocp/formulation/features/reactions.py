@@ -15,7 +15,7 @@ from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.features.switches import labels_of
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.robot import Label
-from mbocp.terms import ContactTerm
+from mbocp.terms.contact import ContactTerm
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

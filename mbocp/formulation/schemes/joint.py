@@ -25,7 +25,8 @@ from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violatio
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
-from mbocp.terms import TermNumbers, running_terms
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.own_parts import running_terms
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

@@ -24,8 +24,8 @@ from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
 from mbocp.storage.reading import read_image
-from mbocp.terms import COST_TERMS
 from mbocp.terms.cost import Reader
+from mbocp.terms.kinds import COST_TERMS
 from mbocp.terms.tables import WeightsTable
 from mbocp.terms.written import AUTO
 
@@ -81,7 +81,7 @@ def write_cost(cost: Cost) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _CostReader:
-    """From the values of `[cost]` to arrays, see `mbocp.terms.Reader`."""
+    """From the values of `[cost]` to arrays, see `mbocp.terms.cost.Reader`."""
 
     robot: Robot
     goal: Goal

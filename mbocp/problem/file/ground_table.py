@@ -34,7 +34,8 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
-from mbocp.terms import ContactTerm, Height
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
 from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive

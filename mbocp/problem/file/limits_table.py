@@ -18,7 +18,7 @@ from mbocp.problem.file.profile import Profile
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 _Sides = tuple[Array, Array]
 _NUMBERS = Takes("number, list, table")  # robots have none of their own
@@ -78,7 +78,7 @@ def bounds_from(robot: Robot, **written: Any) -> Bounds:
         Of efforts and velocities True for the robot's own; a number for all, or one entry for each in a list
         or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper]. Of
         positions True for the robot's own, or pairs; of `effort_rms` positive numbers. Keys of
-        `mbocp.terms.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
+        `mbocp.terms.rates.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from mbocp.problem.integration import check_unused
 from mbocp.problem.limits import Bounds, check_within
 from mbocp.problem.warn import warn_limits, warn_singular
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 
 def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:

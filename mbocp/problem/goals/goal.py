@@ -15,7 +15,7 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite
 from mbocp.problem.goals.periodic import Periodic
-from mbocp.terms import FrameGoal
+from mbocp.terms.frame_goal import FrameGoal
 
 Enforce = Literal["exact", "penalty", "both", "none"]
 Rate = Literal["p", "v"]

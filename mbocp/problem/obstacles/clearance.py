@@ -19,9 +19,11 @@ from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms import BoundedTerm, ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
 from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
+from mbocp.terms.span import Span
 
 _FEW = 500  # pairs that are all looked at
 _TOLD = 20  # obstacles of which the summary speaks each

@@ -24,7 +24,8 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import InPhase
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
 FIRST_STEPS = 20  # with which the search for steps begins

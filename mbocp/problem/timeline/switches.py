@@ -14,7 +14,9 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.robot import Label, Robot
-from mbocp.terms import BoundedTerm, ContactConditionTerm, Span
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.held import ContactConditionTerm
+from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True, eq=False)
