@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._memory import check_horizon
 from mbocp.formulation.bounds import state_bounds
-from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.features.easing import eased_terms, easing_weights
 from mbocp.formulation.features.feature import Asked
 from mbocp.formulation.features.kinds import features_of
@@ -32,19 +32,17 @@ from mbocp.formulation.parameters import (
 from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.rows import RowDescriber
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import LATER, build_first_functions, build_functions
+from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.tightening import tighten
 from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
-from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
 from mbocp.terms.cost import TermNumbers
-from mbocp.terms.end_acceleration import AccelerationEnd
-from mbocp.terms.kinds import ExactGoal, Follow, TerminalCost
+from mbocp.terms.kinds import AccelerationEnd, ExactGoal, Follow, TerminalCost
 from mbocp.terms.own_parts import own_ends, running_terms
 
 

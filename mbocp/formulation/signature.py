@@ -16,13 +16,11 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
 from mbocp.terms.clearance import ClearanceTerm
-from mbocp.terms.contact import ContactTerm
+from mbocp.terms.contact import ContactConditionTerm, ContactTerm
 from mbocp.terms.cost import RunningTerm
-from mbocp.terms.end_acceleration import AccelerationEnd
 from mbocp.terms.frame_tolerance import ToleranceTerm
 from mbocp.terms.frames import FrameEnd
-from mbocp.terms.held import ContactConditionTerm
-from mbocp.terms.kinds import Effort, ExactGoal, TerminalCost
+from mbocp.terms.kinds import AccelerationEnd, Effort, ExactGoal, TerminalCost
 from mbocp.terms.own_parts import OwnEnd, OwnPath
 from mbocp.terms.path import PathTerm
 from mbocp.terms.periodic import PeriodicEnd, StartEnd

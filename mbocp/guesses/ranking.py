@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from mbocp.formulation import Formulation
 from mbocp.formulation.end_reached import end_missed
-from mbocp.formulation.found import at_found
+from mbocp.formulation.iterates import at_found
 from mbocp.formulation.resolution import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 

@@ -18,9 +18,8 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
-from mbocp.formulation.found import at_found
 from mbocp.formulation.gains import feedback_gains
-from mbocp.formulation.iterates import carried_of
+from mbocp.formulation.iterates import at_found, carried_of
 from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
 from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name

@@ -19,7 +19,11 @@ from mbocp.terms.running import (
 )
 from mbocp.terms.energy import Energy as Energy
 from mbocp.terms.time import Time as Time
-from mbocp.terms.end import ExactGoal as ExactGoal, TerminalCost as TerminalCost
+from mbocp.terms.end import (
+    AccelerationEnd as AccelerationEnd,
+    ExactGoal as ExactGoal,
+    TerminalCost as TerminalCost,
+)
 from mbocp.terms.path import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import Position as Position
 from mbocp.terms.braking import Braking as Braking

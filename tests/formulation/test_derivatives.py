@@ -7,11 +7,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.parameters import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import build_functions
+from mbocp.formulation.stage import build_end_functions, build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
 from mbocp.terms.kinds import Effort, ExactGoal, TerminalCost, Tracking, Velocity

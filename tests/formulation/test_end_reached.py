@@ -13,14 +13,14 @@ import pytest
 from typer.testing import CliRunner
 
 import mbocp
-import mbocp.guesses.end_rates
+import mbocp.guesses.attempts
 from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.end_reached import RatesMissed, end_missed, miss_of_rates
 from mbocp.formulation.features.switches import ties_at_end
-from mbocp.formulation.fewer_ends import without_end_rows
+from mbocp.formulation.formulate import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.guesses import attempts, starts
 from mbocp.problem import Problem
@@ -218,13 +218,13 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
     )
     right = formulate(problem)
     settings = {"rounds": 0}
-    real = mbocp.guesses.end_rates.miss_of_rates
+    real = mbocp.guesses.attempts.miss_of_rates
 
     def missed_once(formulation: Any, motion: Any) -> Any:
         settings["rounds"] += 1
         return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
 
-    monkeypatch.setattr(mbocp.guesses.end_rates, "miss_of_rates", missed_once)
+    monkeypatch.setattr(mbocp.guesses.attempts, "miss_of_rates", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
     monkeypatch.setattr(attempts, "formulate_with_independent_ends", lambda *given: (blind, ""))
     s = mbocp.solve(problem)

@@ -1,17 +1,23 @@
-"""Joint coordinates on their Lie groups with symplectic partitioned methods: Gauss, and Lobatto's pair."""
+"""Joint coordinates on their Lie groups with symplectic partitioned methods: Gauss, and Lobatto's pair.
+
+Rates of stages and impulses at them are unknowns of the step.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
+from mbocp.formulation.features.accelerations import acceleration_at, mean_acceleration
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.pieces import RowLabels
@@ -22,16 +28,141 @@ from mbocp.formulation.schemes.joint import (
     joint_pieces,
     tangent_duals,
 )
-from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
-from mbocp.integrators import PAIRS, Pair
+from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
+from mbocp.integrators import PAIRS, Pair, State
+from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanics import duals_of_momenta
+from mbocp.mechanics import JointMechanics, Mechanics, duals_of_momenta
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Label
 from mbocp.robot.nodes import steps_between
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
+
+_INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off
+_OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms and chains
+
+
+@dataclass(frozen=True)
+class PartitionedSteps(Steps):
+    """Equations between two states in joint coordinates, with stages between them; see `Steps`."""
+
+    tau = 0.5
+    remedy = "Take a scheme of fewer stages, or lock joints"
+
+    def operations(self, nv: int) -> float:
+        """Second derivatives of a tree are dense, and those of each stage are its own."""
+        return float(_OPERATIONS * nv**2 * PAIRS[self.scheme].num_stages)
+
+    def num_algebraic(self, mechanics: Mechanics) -> int:
+        """The rates of the stages, then one impulse for each constraint at each stage."""
+        return PAIRS[self.scheme].num_stages * (mechanics.nv + mechanics.nc)
+
+    def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
+        """Rows and cost of a step, with exact first and second derivatives."""
+        mechanics = symbols.linked
+        if not isinstance(mechanics, JointMechanics):
+            raise TypeError("a partitioned scheme needs JointMechanics")
+        is_flat = symbols.space.layout.is_flat
+        step = PartitionedStep(mechanics, self.scheme, compares_coordinates=is_flat)
+        return _Derivation(mechanics, step, symbols).derivatives()
+
+
+class _Derivation:
+    """One step as a chain from its unknowns z = (x1, y, x0, u) to its rows and its cost."""
+
+    def __init__(self, mechanics: JointMechanics, step: PartitionedStep, at: StepSymbols) -> None:
+        self._mechanics, self._step, self._at = mechanics, step, at
+        ndx = at.space.layout.ndx
+        ny, nu = at.y.numel(), at.space.layout.num_own
+        self._symbols = [at.d1, at.y, at.d0, at.inputs]
+        still, is_flat = ca.SX.zeros(ndx), at.space.layout.is_flat
+        self._given = [at.theta, at.rho] if is_flat else [at.x0, at.x1, at.theta, at.rho]
+        values = self._symbols if is_flat else [still, at.y, still, at.inputs]
+        self._chain = Chain(ca.vertcat(*values), may_call=True)
+        root = self._chain.root()
+        self._y, self._u = root[ndx : ndx + ny], root[2 * ndx + ny : 2 * ndx + ny + nu]
+        self._root = [root[:ndx], self._y, root[ndx + ny : 2 * ndx + ny], root[2 * ndx + ny :]]
+
+    def derivatives(self) -> StepDerivatives:
+        """Rows in the order kinematics, momentum, memory, length, stages, constraints."""
+        at, chain = self._at, self._chain
+        rows = self._rows()
+        in_units = 1.0 / at.given["force"]
+        more = ca.vertcat(at.memory_rows, at.own_rows)
+        kept = [self._made_of_unknowns(more)] if more.numel() else []
+        stages = [in_units * row for row in rows.stages]
+        pieces = [rows.kinematic, in_units * rows.momentum, *kept, *stages, *rows.constraints]
+        c, cost = Affine.join(pieces), self._cost(rows.points)
+        both = Affine.join([c, cost])
+        hessian = ca.triu(chain.hessian(both, ca.vertcat(at.m, 1)))
+        slopes = chain.jacobian(c), chain.jacobian(cost)
+        found = ca.densify(c.value), cost.value, *slopes, hessian
+        return StepDerivatives(*found, partial(self._lengthening, found[:2]), chain.resolve)
+
+    def _lengthening(self, c_and_cost: Sequence[ca.SX]) -> ca.SX:
+        at, (c, cost) = self._at, self._chain.resolve(c_and_cost)
+        by_theta = ca.gradient(cost + ca.dot(at.m, c), at.theta)
+        return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)
+
+    def _rows(self) -> PartitionedRows:
+        at = self._at
+        before, after = (self._node(state) for state in (at.at0, at.at1))
+        pushed = self._controls()
+        h = self._made_of_unknowns(at.dt) if at.has_free_length else at.dt
+        found = [self._made_of_unknowns(at.found)] if at.found.numel() else []
+        return self._step(self._chain, before, after, self._stages(), pushed, h, found)
+
+    def _controls(self) -> list[Affine]:
+        """Those of each stage."""
+        at, pair = self._at, self._step.pair
+        if at.shares:
+            return [self._made_of_unknowns(at.controls_at(c)) for c in pair.c]
+        units = ca.diag(at.units_of_u)
+        pushed = Affine(units @ self._u.value, {k: units @ m for k, m in self._u.parts.items()})
+        return [pushed] * pair.num_stages
+
+    def _stages(self) -> list[Stage]:
+        nv, nc, s = self._mechanics.nv, self._mechanics.nc, self._step.pair.num_stages
+        rates = [self._y[i * nv : (i + 1) * nv] for i in range(s)]
+        impulses = [self._y[s * nv + i * nc : s * nv + (i + 1) * nc] for i in range(s)]
+        force = self._at.given["force"]
+        return [Stage(rate, force * impulse) for rate, impulse in zip(rates, impulses, strict=True)]
+
+    def _node(self, state: ca.SX) -> Node:
+        layout = self._at.space.layout
+        return Node(self._made_of_unknowns(state[layout.z]), self._made_of_unknowns(state[layout.s]))
+
+    def _cost(self, points: tuple[Node, ...]) -> Affine:
+        """Quadrature of the running cost with the weights of the method."""
+        at, pair, s = self._at, self._step.pair, self._at.space.layout.s
+        layout = at.space.layout
+        before, after = (State(x[layout.z], x[layout.s]) for x in (at.at0, at.at1))
+        qs = [ca.SX.sym("q", self._mechanics.nq) for _ in points]
+        vs = [ca.SX.sym("v", s.stop - s.start) for _ in points]
+        inner = [
+            (c, State(q, v)) for c, q, v in zip(pair.c, qs, vs, strict=True) if _INSIDE < c < 1.0 - _INSIDE
+        ]
+        between = [(0.0, before), *inner, (1.0, after)]
+        cost = ca.SX(0)
+        for weight, c, q, v in zip(pair.b, pair.c, qs, vs, strict=True):
+            if not at.shares:
+                acceleration = partial(mean_acceleration, self._mechanics, before, after, at.dt)
+                cost += weight * at.running_cost(q, v, acceleration, share=c)
+                continue
+            acceleration = partial(acceleration_at, self._mechanics, c, between, at.dt)
+            cost += weight * at.running_cost(q, v, acceleration, share=c, control=at.controls_at(c))
+        moving = [*self._symbols, *qs, *vs]
+        function = ca.Function("cost", [*moving, *self._given], [ca.densify(cost)])
+        nodes = [*(point.q for point in points), *(point.v for point in points)]
+        return self._chain.apply(function, [*self._root, *nodes], self._given)[0]
+
+    def _made_of_unknowns(self, expression: ca.SX) -> Affine:
+        """An expression in the symbols of the step as a link."""
+        function = ca.Function("made", [*self._symbols, *self._given], [ca.densify(expression)])
+        return self._chain.apply(function, self._root, self._given)[0]
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._files import MEGABYTE, is_file, read_text
+from mbocp._files import MEGABYTE, is_file
 from mbocp._keys import Table, merge_tables
 from mbocp._text import show
-from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
+from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.problem.file.messages import locate
+from mbocp.problem.file.motion_table import read_columns, read_result
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.phase import Phase
@@ -23,11 +24,9 @@ from mbocp.problem.timeline.sequence import are_alike
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.storage.reading import read_image
 from mbocp.terms.cost import Reader
 from mbocp.terms.kinds import COST_TERMS
-from mbocp.terms.tables import WeightsTable
-from mbocp.terms.written import AUTO
+from mbocp.terms.written import AUTO, WeightsTable
 
 CostTable = merge_tables(
     "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
@@ -228,7 +227,11 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
     """
     if not is_file(path):
         raise ProblemError(f"{_KEY}: no such file {show(str(path))}")
-    motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
+    if path.suffix.lower() == ".csv":
+        motion = _read_csv(path, robot)
+    else:
+        arrays = read_result(path, _KEY).arrays
+        motion = _Motion(*(arrays[name] for name in _Motion._fields))
     _check(motion, robot, path, duration)
     times = np.arange(1, num_steps + 1) * (duration / num_steps)
     qs, ps = zip(*(_at(motion, robot, t) for t in times), strict=True)
@@ -236,36 +239,18 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
 
 
 def _read_csv(path: Path, robot: Robot) -> _Motion:
-    try:
-        text = read_text(path, expected="a CSV table", limit=_MAX_BYTES)
-        header, *rows = list(csv.reader(text.splitlines())) or [[]]
-    except (Unreadable, csv.Error) as error:
-        raise ProblemError(
-            f"{_KEY}: {path} {getattr(error, 'reason', f'is no CSV table ({error})')}"
-        ) from error
-    names = [column.partition(" [")[0].strip() for column in header]
     wanted = ["t", *(f"q:{c.name}" for c in robot.q_labels), *(f"p:{c.name}" for c in robot.p_labels)]
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
-        raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {', '.join(names[:12])}")
-    columns = [names.index(name) for name in wanted]
-    try:
-        table = np.array([[float(row[i]) for i in columns] for row in rows if row])
-    except (ValueError, IndexError) as error:
-        raise ProblemError(f"{_KEY}: {path} has a row that is not all numbers ({error})") from error
-    table = table.reshape(-1, len(wanted))
+
+    def choose(names: Sequence[str]) -> list[str]:
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
+            known = ", ".join(names[:12])
+            raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {known}")
+        return wanted
+
+    table = read_columns(path, _KEY, _MAX_BYTES, choose)
     return _Motion(table[:, 0], table[:, 1 : 1 + robot.nq], table[:, 1 + robot.nq :])
-
-
-def _read_result(path: Path) -> _Motion:
-    from mbocp.storage.hdf5 import content_of  # HDF5 only for those who track a saved motion
-
-    try:
-        arrays = content_of(path, read_image(path)).arrays
-    except ResultFileError as error:
-        raise ProblemError(f"{_KEY}: {path} {error.reason}") from error
-    return _Motion(*(arrays[name] for name in _Motion._fields))
 
 
 def _check(motion: _Motion, robot: Robot, path: Path, duration: float) -> None:

@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array
+from mbocp._memory import check_horizon
 from mbocp.problem.excite import Excite
 from mbocp.problem.file.cost_table import make_cost_reader, read_cost
-from mbocp.problem.file.excite_table import read_excite
 from mbocp.problem.file.gait_table import phases_of_gait
-from mbocp.problem.file.goal_table import GoalTable, read_goals
+from mbocp.problem.file.goal_table import GoalTable, read_excite, read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
@@ -47,7 +47,6 @@ from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.memory import check_horizon
 from mbocp.problem.parameter import opened_robot
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions

@@ -15,7 +15,7 @@ from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_re
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
-from mbocp.terms.held import ContactConditionTerm
+from mbocp.terms.contact import ContactConditionTerm
 from mbocp.terms.span import Span
 
 
