@@ -205,5 +205,4 @@ def _largest_of_unit(formulation: Formulation, motion: Motion, is_momentum: bool
     rates = momenta_of(robot.model, motion.qs, motion.vs) if is_momentum else motion.vs
     largest = np.abs(rates).max(axis=0)
     units = np.array([label.unit for label in labels])
-    found: Array = np.array([largest[units == unit].max() for unit in units])
-    return found
+    return np.array([largest[units == unit].max() for unit in units])

@@ -288,8 +288,7 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     root = np.linalg.cholesky(problem.robot.mass_matrix(q))
     scaled = np.linalg.solve(root, J.T).T  # J L^-T
     leap = np.linalg.lstsq(scaled, J @ v, rcond=1e-10)[0]
-    found: Array = v - np.linalg.solve(root.T, leap)
-    return found
+    return v - np.linalg.solve(root.T, leap)
 
 
 def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
@@ -358,5 +357,4 @@ def _between(problem: Problem, raw: Sequence[Stop], clock: Array, node: int) -> 
     after = next(k for k, stop in enumerate(raw) if stop.node > node)
     a, b = raw[after - 1], raw[after]
     share = (clock[node] - clock[a.node]) / (clock[b.node] - clock[a.node])
-    found: Array = np.array(pin.interpolate(problem.robot.model, a.q, b.q, share))
-    return found
+    return np.array(pin.interpolate(problem.robot.model, a.q, b.q, share))

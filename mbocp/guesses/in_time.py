@@ -27,8 +27,7 @@ _CUTS, _ROUNDS, _PLACES = 150, 40, 81
 
 def blend(shares: Array) -> Array:
     """Shares of a way by those of the time, from rest to rest, with no acceleration at the ends."""
-    smooth: Array = shares**3 * (10 - 15 * shares + 6 * shares**2)
-    return smooth
+    return shares**3 * (10 - 15 * shares + 6 * shares**2)
 
 
 def way_in_time(problem: Problem, limits: Array, seed: int) -> Way | None:

@@ -296,8 +296,7 @@ def _axis(place: pin.SE3, model: pin.Model, joint: int) -> Array:
 
 def _across(vector: Array, axis: Array) -> Array:
     """What of a vector is across an axis."""
-    across: Array = vector - axis * float(vector @ axis)
-    return across
+    return vector - axis * float(vector @ axis)
 
 
 def _short(joint: str) -> str:

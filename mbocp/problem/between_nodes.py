@@ -343,8 +343,7 @@ class _Flow:
         return self._moved(qs, h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), after
 
     def _rest(self, qs: Array, vs: Array, us: Array) -> Array:
-        found: Array = accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
-        return found
+        return accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
 
     def _moved(self, qs: Array, ways: Array) -> Array:
         return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])

@@ -88,8 +88,7 @@ class ContactBounds(BoundedTerm):
         if self.contact.surface is not None:
             axes = np.eye(3)[[2, 0, 1]]
         whole = self.source.constraint.wrench_map[:, list(self.source.rows)]
-        found: Array = np.vstack([axes @ whole[:3], axes @ whole[3:]])
-        return found
+        return np.vstack([axes @ whole[:3], axes @ whole[3:]])
 
     @cached_property
     def term(self) -> ContactTerm:

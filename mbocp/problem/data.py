@@ -309,8 +309,7 @@ class ProblemData:
     @property
     def sets_acceleration(self) -> BoolArray:
         """Accelerations of the last step that the goal asks for, shape (nv,), but for limits of jerk."""
-        found: BoolArray = self.goal.a_active & ~self.limits_of_ends[1].finite("j")
-        return found
+        return self.goal.a_active & ~self.limits_of_ends[1].finite("j")
 
     @property
     def inequalities(self) -> tuple[Inequality, ...]:

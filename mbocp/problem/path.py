@@ -120,8 +120,7 @@ class PathConstraint(BoundedTerm):
 
     def number(self, key: str) -> Array:
         """Value of one of its parameters."""
-        value: Array = self.point if key == "point" else self.further[key]
-        return value
+        return self.point if key == "point" else self.further[key]
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""

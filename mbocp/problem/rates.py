@@ -117,8 +117,7 @@ class EndJerkLimit(RateLimit):
     def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
         """Values as if each step were the last."""
         lengths = np.where(dts > 0.0, dts, self.length)[:, None]
-        found: Array = (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
-        return found
+        return (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
 
 
 def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:

@@ -111,8 +111,7 @@ class FrameTolerance(BoundedTerm):
         """Derivatives of the expression in the values."""
         if not self.term.is_cone:
             return np.ones_like(values) / self._scale
-        slopes: Array = 4.0 * np.tan(values / 2.0) / (np.cos(values / 2.0) * self._scale) ** 2
-        return slopes
+        return 4.0 * np.tan(values / 2.0) / (np.cos(values / 2.0) * self._scale) ** 2
 
 
 def frame_tolerances(goals: tuple[FrameGoal, ...], robot: Robot) -> tuple[FrameTolerance, ...]:

@@ -60,8 +60,7 @@ class Traced(NamedTuple):
         a = at.joint_acceleration() if "a" in self.uses else ca.SX.zeros(robot.nv)
         t = at.time if "t" in self.uses else ca.SX(0)
         own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
-        found: ca.SX = self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
-        return found
+        return self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

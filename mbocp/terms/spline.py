@@ -84,8 +84,7 @@ class Curve(NamedTuple):
             curvature = square + (away * second).sum(axis=1)
             curvature = np.where(curvature > _CONVEX * square, curvature, square)
             s = np.clip(s - slope / curvature, low, high)
-        found: Array = np.maximum.accumulate(s)
-        return found
+        return np.maximum.accumulate(s)
 
 
 def curve_through(points: Array, *, is_closed: bool) -> Curve:

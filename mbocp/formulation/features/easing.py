@@ -38,5 +38,4 @@ def easing_weights(problem: Problem, terms: tuple[RunningTerm, ...]) -> Array | 
     ends = (problem.q_start, problem.v_start, goal.q, goal.q_active)
     weights = velocity_weight(problem.robot, typical_force(problem.robot, *ends, duration), duration)
     efforts = np.asarray(problem.cost.effort)
-    eased: Array = float(efforts[efforts > 0.0].mean()) * weights
-    return eased
+    return float(efforts[efforts > 0.0].mean()) * weights

@@ -49,5 +49,4 @@ def _times(timeline: Timeline, tau: float) -> Array:
     if timeline.has_unequal_lengths:
         return timeline.times()[:-1] + tau * timeline.lengths()
     goes = (~timeline.is_impact).astype(np.float64)
-    found: Array = timeline.dt * (np.cumsum(goes) - goes + tau * goes)
-    return found
+    return timeline.dt * (np.cumsum(goes) - goes + tau * goes)

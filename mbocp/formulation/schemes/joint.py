@@ -148,8 +148,7 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
     native = kernel_programme(programme)
     iterate.load_into(native)
     native.evaluate()
-    costates: Array = native.costates.reshape(programme.num_steps + 1, -1)
-    return costates
+    return native.costates.reshape(programme.num_steps + 1, -1)
 
 
 def stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:

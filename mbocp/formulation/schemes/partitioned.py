@@ -244,8 +244,7 @@ class PartitionedFormulation(JointFormulation):
             found = np.asarray(slopes(*(a.T for a in arguments), theta, rho.T)).ravel()
         except RuntimeError:  # what CasADi raises where a compiled function reports that it failed
             return np.full(N, np.nan)
-        by_length: Array = found / motion.dts
-        return by_length
+        return found / motion.dts
 
 
 def _algebraic(pair: Pair, nv: int, nc: int, dt: float) -> Algebraic:

@@ -146,8 +146,7 @@ def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolA
         rests and not frame_rates(goal).any() and _scaled_rank(rows) == _scaled_rank(free)
     ):  # frames stop every joint
         stops = ~none
-    found: BoolArray = stops & limited
-    return found
+    return stops & limited
 
 
 def _is_set(robot: Robot, goal: Goal, stops: BoolArray, free: Array) -> bool:

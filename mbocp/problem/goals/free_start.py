@@ -61,8 +61,7 @@ class FreeStart:
     @property
     def mask(self) -> BoolArray:
         """Which directions of (q, v) are free, shape (2 nv,)."""
-        found: BoolArray = np.concatenate([self.q, self.v])
-        return found
+        return np.concatenate([self.q, self.v])
 
     @property
     def directions(self) -> tuple[int, ...]:

@@ -150,8 +150,7 @@ def _always(table: SwitchTable) -> BoolArray:
 def _sum(one: Array, other: Array) -> Array:
     """Orthonormal basis of the sum of two spaces."""
     left, values, _ = np.linalg.svd(np.hstack([one, other]), full_matrices=False)
-    found: Array = left[:, values > RANK_TOLERANCE]
-    return found
+    return left[:, values > RANK_TOLERANCE]
 
 
 def _intersection(one: Array, other: Array) -> Array:

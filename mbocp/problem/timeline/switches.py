@@ -162,8 +162,7 @@ class SwitchTable:
             Derivatives of the robot's own rows there.
         """
         acts = np.hstack([self.own, self.rows])
-        found: Array = np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
-        return found
+        return np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
