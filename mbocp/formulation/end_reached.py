@@ -57,7 +57,7 @@ class EndMissed(NamedTuple):
     words: str
 
 
-def end_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
+def miss_of_end(formulation: Formulation, qs: Array) -> EndMissed | None:
     """How a motion that meets the end condition misses the goal, or None where it is there.
 
     Parameters

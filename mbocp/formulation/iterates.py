@@ -37,7 +37,7 @@ def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     )
 
 
-def end_as_solved(problem: Problem, carried: Carried) -> Problem:
+def take_end_of(problem: Problem, carried: Carried) -> Problem:
     """A solution's problem with conditions of the end where its solve chose them."""
     if carried.q_end.size:
         is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
@@ -113,7 +113,7 @@ def _meaning(formulation: Formulation) -> str:
     return hashlib.sha256(material.encode()).hexdigest()
 
 
-def at_found(formulation: Formulation, motion: Motion) -> Formulation:
+def with_robot_of(formulation: Formulation, motion: Motion) -> Formulation:
     """Return it with the robot of a motion; its programme and all else of the problem stay as they are."""
     if not formulation.problem.parameter:
         return formulation

@@ -160,7 +160,7 @@ class StepSymbols:
         return self.given.get(HAS_BEFORE, ca.SX(1))
 
     @property
-    def linked(self) -> Mechanics:
+    def mechanics_of_links(self) -> Mechanics:
         """Equations of which links are made: with symbols in the place of `found`."""
         if self.of_found is None:
             return self.mechanics

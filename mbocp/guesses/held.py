@@ -100,7 +100,7 @@ class _Ties:
             if self.anchors[at.start] >= 0:
                 turn = _turn(robot, constraint, qs[self.anchors[at.start]]).T @ turn
             found[at] = pin.log3(turn)
-        own = closure_by_angle(robot, q)[0][self._kept]
+        own = closure_by_angle(robot, q)[0][self._kept_rows]
         return np.concatenate([own, found[self.rows]])
 
     def jacobian(self, q: Array) -> Array:
@@ -112,11 +112,11 @@ class _Ties:
                 frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in constraint.frame_ids
             )
             found[at] = in_a - _turn(robot, constraint, q).T @ in_b
-        own = closure_by_angle(robot, q)[1]()[self._kept]
+        own = closure_by_angle(robot, q)[1]()[self._kept_rows]
         return np.vstack([own, found[self.rows]])
 
     @cached_property
-    def _kept(self) -> IntArray:
+    def _kept_rows(self) -> IntArray:
         """Rows of the robot's own constraints that act, among all of them."""
         return np.array(self.table.robot.kept_rows, dtype=np.intp)[self.own]
 

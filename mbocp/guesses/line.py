@@ -52,7 +52,7 @@ def _free_motions(problem: Problem) -> Array:
     if problem.timeline.switches is None:
         return tangent_space(problem.robot, problem.goal.q)
     table = problem.timeline.switches  # a place that is found counts: what is let go stays there
-    return null_space(table.in_step(problem.goal.q, table.last_timed), RANK_TOLERANCE)
+    return null_space(table.in_step(problem.goal.q, table.last_timed_step), RANK_TOLERANCE)
 
 
 def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
-from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
 from mbocp.job import Job, settings_of
@@ -189,7 +189,7 @@ class _Batch:
             task = self.tasks[number]
             start = Start(task.formulation.programme, task.guess.iterate, watch, label=_label(number))
             settings, plain = task.settings(self.deadline), self.outcomes[number]
-            return try_eased(task.formulation, settings, start, plain, number=among[number])
+            return try_easing(task.formulation, settings, start, plain, number=among[number])
 
         if not self.is_over:
             self._side_by_side(work, left, threads)

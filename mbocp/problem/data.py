@@ -227,7 +227,7 @@ class ProblemData:
     @property
     def phase(self) -> tuple[Phase, ...]:
         """Phases with names, of which `num_steps` and `duration` are the sums; empty where there are none."""
-        return self.timeline.named
+        return self.timeline.named_phases
 
     @property
     def via(self) -> tuple[ViaPoint, ...]:

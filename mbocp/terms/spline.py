@@ -55,7 +55,7 @@ class Curve(NamedTuple):
         return True
 
     @property
-    def drawn(self) -> Array:
+    def polyline(self) -> Array:
         """Points that look like the curve, shape (k, 3)."""
         return self.at(np.linspace(0.0, 1.0, min(_DRAWN * len(self.pieces), _MAX_SAMPLES) + 1))[:, :3]
 

@@ -108,10 +108,10 @@ def repeat_at_impacts(values: Array, is_impact: BoolArray) -> Array:
 
     It is the step before, or the first that takes time.
     """
-    return values[steps_repeated(is_impact)]
+    return values[repeat_steps(is_impact)]
 
 
-def steps_repeated(is_impact: BoolArray) -> IntArray:
+def repeat_steps(is_impact: BoolArray) -> IntArray:
     """Whose values each step has, see `repeat_at_impacts`, shape (N,)."""
     steps = np.flatnonzero(~is_impact)
     places = np.searchsorted(steps, np.arange(len(is_impact)), side="right") - 1
@@ -151,7 +151,7 @@ def labels_of(problem: Problem) -> tuple[Label, ...]:
     return own if problem.timeline.switches is None else (*own, *problem.timeline.switches.labels)
 
 
-def with_held(problem: Problem, lams: Array) -> Array:
+def add_held_columns(problem: Problem, lams: Array) -> Array:
     """Multipliers (N, nc) of the robot's constraints with zeros for what is held, where they have none."""
     missing = len(labels_of(problem)) - lams.shape[1]
     return np.hstack([lams, np.zeros((len(lams), missing))]) if missing else lams

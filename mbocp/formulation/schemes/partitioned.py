@@ -62,7 +62,7 @@ class PartitionedSteps(Steps):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
-        mechanics = symbols.linked
+        mechanics = symbols.mechanics_of_links
         if not isinstance(mechanics, JointMechanics):
             raise TypeError("a partitioned scheme needs JointMechanics")
         is_flat = symbols.space.layout.is_flat

@@ -180,7 +180,7 @@ def _with_horizon(
     """Steps and duration; one way to say which steps there are takes the place of another."""
     if not (values.keys() & {*_HORIZON, "phase"} or "phase" in tables):
         return document
-    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made.named))
+    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made.named_phases))
     table = _horizon_now(document, values, made, has_phases=has_phases)
     if "duration" in values or "duration_range" in values:
         bounds = values.get("duration_range")

@@ -167,7 +167,7 @@ class Clearance(BoundedTerm):
             model.addFrame(pin.Frame(name, joint, 0, at, pin.FrameType.OP_FRAME))
         return model
 
-    def placed(self, qs: Array, ts: Array | None = None) -> Array:
+    def scene_configurations(self, qs: Array, ts: Array | None = None) -> Array:
         """Configurations of the scene at some times; at no time what moves is far away."""
         qs = np.asarray(qs, dtype=np.float64)
         if not self.movers:
@@ -272,13 +272,13 @@ class Clearance(BoundedTerm):
         """
         is_all = pairs is None or len(pairs) == self.num_pairs
         found = self._pair_clearances if is_all or pairs is None else self._pair_clearances.of_pairs(pairs)
-        return found.values(self.placed(qs, ts), near)
+        return found.values(self.scene_configurations(qs, ts), near)
 
     def pairs_near(self, qs: Array, near: float, ts: Array | None = None) -> IntArray:
         """All pairs that come nearer than `near` [m] at some configurations, and some others."""
         if self.num_pairs <= _FEW or near == np.inf:
             return np.arange(self.num_pairs)
-        return self._pair_clearances.near(self.placed(qs, ts), near)
+        return self._pair_clearances.near(self.scene_configurations(qs, ts), near)
 
     def joint_placements(self, places: Array) -> Array:
         """Rotation and origin of each joint of the scene, shape (n, njoints, 3, 4) [m]."""
@@ -286,7 +286,7 @@ class Clearance(BoundedTerm):
 
     def least(self, qs: Array, most: float = np.inf, ts: Array | None = None) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
-        return self._pair_clearances.least(self.placed(qs, ts), self.margins, most)
+        return self._pair_clearances.least(self.scene_configurations(qs, ts), self.margins, most)
 
     def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
         """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.

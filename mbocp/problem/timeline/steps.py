@@ -115,7 +115,7 @@ class AskedNodes:
     def of(cls, timeline: Timeline, path: Sequence[object], terms: Sequence[OwnTerm]) -> AskedNodes:
         """Return what a problem says."""
         via = tuple(point.via for point in timeline.waypoints)
-        return cls(timeline.duration, timeline.duration_range, timeline.named, via, path, terms)
+        return cls(timeline.duration, timeline.duration_range, timeline.named_phases, via, path, terms)
 
     def base_counts(self) -> tuple[int, ...]:
         """Return least numbers of steps, one for each phase or one for all, whose multiples have the nodes.

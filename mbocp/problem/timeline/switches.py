@@ -90,7 +90,7 @@ class SwitchTable:
         return found
 
     @property
-    def last_timed(self) -> int:
+    def last_timed_step(self) -> int:
         """The last step that takes time."""
         return int(np.flatnonzero(~self.is_impact)[-1])
 
@@ -114,7 +114,7 @@ class SwitchTable:
         """
         if of_rates:
             return self.in_step(q, len(self.rows) - 1)
-        return self._tie_rows(q, self.last_timed)
+        return self._tie_rows(q, self.last_timed_step)
 
     def _tie_rows(self, q: Array, step: int) -> Array:
         """Derivatives of what ties the configuration after a step, the start being given, shape (any, nv)."""
