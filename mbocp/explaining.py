@@ -260,7 +260,7 @@ def _with_wider_limits(problem: Problem, letter: str, factor: float) -> Problem:
 
 
 def _wider(bounds: Bounds, letter: str, factor: float) -> Bounds:
-    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    lower, upper = bounds.sides(letter)
     if letter == "q":
         lower, upper = _spread(lower, upper, factor)
     else:

@@ -17,7 +17,7 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.axes import perpendiculars
 from mbocp.robot.loops.kinds.base import Constraint
-from mbocp.terms.bounded import BoundedTerm, SidesInSteps
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.span import Place, Span
 
@@ -221,21 +221,14 @@ class ContactBounds(BoundedTerm):
         hits = np.flatnonzero(self.hits & self.span.nodes(num_steps, dt))
         return hits, *self.bounds_of_impulses(is_inner=is_inner)
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Those of the forces."""
         if self.contact.surface is None:
-            return self.values_of(lams)
+            return self.values_of(nodes.lams)
         name = robot.frame_names[self.term.ground[0]]
-        places = np.array([robot.frame_placement(name, q).translation for q in states[0]])
+        places = np.array([robot.frame_placement(name, q).translation for q in nodes.states[0]])
         up = np.column_stack([np.ones(len(places)), -self.contact.surface.at(places)[1]])
-        return self.values_of(lams, up / np.linalg.norm(up, axis=1, keepdims=True))
+        return self.values_of(nodes.lams, up / np.linalg.norm(up, axis=1, keepdims=True))
 
     def wrenches(self, lams: Array) -> Array:
         """Force and torque along the normal and two tangents, shape (n, 6) [N, N m].

@@ -16,7 +16,7 @@ from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
 from mbocp.terms.kinds import PATH_TERMS, Follow, Position
 from mbocp.terms.path import PathTerm
 from mbocp.terms.span import Place, Span
@@ -151,18 +151,11 @@ class PathConstraint(BoundedTerm):
             return self.values_on_path(robot, qs, vs, self.progress(robot, qs))
         return super().values_along(robot, qs, vs, us)
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Values with the progress along a path that the motion has."""
         if self.follows:
-            return self.values_on_path(robot, *states[:2], progress[self.name])
-        return self.values_along(robot, *states)
+            return self.values_on_path(robot, *nodes.states[:2], nodes.progress[self.name])
+        return self.values_along(robot, *nodes.states)
 
     @property
     def follows(self) -> bool:

@@ -155,8 +155,7 @@ def end_jerk_limits(
 
 def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> dict[str, Any]:
     labels = robot.v_labels if term.over == "v" else robot.u_labels
-    lower = getattr(bounds, f"{term.letter}_lower")[columns]
-    upper = getattr(bounds, f"{term.letter}_upper")[columns]
+    lower, upper = (side[columns] for side in bounds.sides(term.letter))
     sizes = np.abs(np.concatenate([lower, upper]))
     largest = float(sizes[np.isfinite(sizes)].max())
     # Speeds begin with the velocities that no control prescribes.
@@ -202,7 +201,7 @@ def _check_one(robot: Robot, bounds: Bounds, term: type[RateTerm], i: int) -> No
             "control (limits.effort), or its rate (limits.effort_rate)"
         )
     if term.key == "effort_rate":
-        lower, upper = (float(getattr(bounds, f"{term.letter}_{side}")[i]) for side in ("lower", "upper"))
+        lower, upper = (float(side[i]) for side in bounds.sides(term.letter))
         if not lower <= 0.0 <= upper:
             name = robot.u_labels[i].name
             raise InvalidValue(

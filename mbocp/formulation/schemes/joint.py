@@ -19,7 +19,7 @@ from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.formulation.schemes.algebraic import Algebraic
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
+from mbocp.formulation.states import States
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -49,18 +49,16 @@ class JointFormulation(Formulation):
         self, motion: Motion, speeds: Array, lams: Array | None = None
     ) -> tuple[Array, Array]:
         """States and controls of the programme at a motion, see `mbocp.formulation.states`."""
-        given = (self.problem, self.pieces.signature.features, self.layout)
-        states = (self.space.coordinates(motion.qs), speeds)
-        xs, us = states_and_controls(*given, motion, states, self.programme.x_start)
-        return with_memory(*given, xs, us, lams), us
+        z_and_speeds = (self.space.coordinates(motion.qs), speeds)
+        xs, us = self.states.of_motion(motion, z_and_speeds, self.programme.x_start)
+        return self.states.remember(xs, us, lams), us
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for; speeds in the place of velocities."""
         at, xs = self.layout, iterate.xs
         zs = xs[:, at.z]
         qs = self.space.configurations(zs) if at.is_flat or at.nz != self.problem.robot.nq else zs
-        features = self.pieces.signature.features
-        return read_motion(self.problem, features, at, (qs, xs[:, at.s]), xs, iterate.us)
+        return self.states.read((qs, xs[:, at.s]), xs, iterate.us)
 
     def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
         """States that are taken by their tangent say it by themselves."""
@@ -121,7 +119,7 @@ def joint_pieces(
         end_rows=rows,
         end=EndTarget(rows.D_q, rows.D_rate, np.asarray(goal.value)),
         turning=turning_factors(robot.turns, space, at),
-        x_start=first_state(problem, signature.features, at, z, start_speeds),
+        x_start=States(problem, signature.features, at).first(z, start_speeds),
         speed_bounds=speed_bounds,
         labels=labels,
     )

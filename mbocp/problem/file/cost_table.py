@@ -39,25 +39,6 @@ _KEY = "cost.target_file"
 _MAX_BYTES = 256 * MEGABYTE  # of a CSV table
 
 
-def make_cost_reader(
-    robot: Robot,
-    said_goal: Goal,
-    folder: Path,
-    said_duration: float,
-    said_duration_range: tuple[float, float] | None,
-    said_via: tuple[ViaPoint, ...],
-    phases_unweighted: tuple[Phase, ...],
-    said_num_steps: int,
-    said_q_start: Array,
-    said_v_start: Array,
-) -> Reader:
-    """Return what reads the values of `[cost]`, here and in phases."""
-    has_free_times = any(point.is_free for point in said_via) or not are_alike(phases_unweighted)
-    horizon = {"duration": said_duration, "duration_range": said_duration_range}
-    start = (said_q_start, said_v_start)
-    return _CostReader(robot, said_goal, folder, horizon, has_free_times, said_num_steps, *start)
-
-
 def read_cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_reader: Reader) -> Cost:
     """The cost; that of a file without one weighs velocities as suits the motion."""
     table = cost_table.model_copy(update={"velocity": AUTO}) if is_cost_left else cost_table
@@ -79,37 +60,45 @@ def write_cost(cost: Cost) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _CostReader:
-    """From the values of `[cost]` to arrays, see `mbocp.terms.cost.Reader`."""
+class CostReader:
+    """From the values of `[cost]` and of those of phases to arrays, see `mbocp.terms.cost.Reader`.
+
+    Its fields have the names of the values that it is made of, see `mbocp.problem.pipeline.Step`.
+    """
 
     robot: Robot
-    goal: Goal
+    said_goal: Goal
     folder: Path
-    horizon: dict[str, Any]  # duration and its range
-    has_free_times: bool  # of via points
-    num_steps: int
-    q_start: Array
-    v_start: Array
+    said_duration: float
+    said_duration_range: tuple[float, float] | None
+    said_via: tuple[ViaPoint, ...]
+    phases_unweighted: tuple[Phase, ...]
+    said_num_steps: int
+    said_q_start: Array
+    said_v_start: Array
 
     def on_controls(self, written: Any, key: str) -> Any:
+        """Return weights on the controls, a number or one for each."""
         if type(written) is float:
             return written  # one for all; errors name no control then
         with locate(key):
             return control_from(self.robot, written, key)
 
     def on_velocities(self, written: Any, key: str) -> Array:
+        """Return weights on the velocities of the joints."""
         if written is None:
             return np.zeros(self.robot.nv)
         if written == AUTO:
-            goal = self.goal
-            T, _ = check_duration(self.horizon["duration"], self.horizon["duration_range"])
-            ends = (self.q_start, self.v_start, goal.q, goal.q_active)
+            goal = self.said_goal
+            T, _ = check_duration(self.said_duration, self.said_duration_range)
+            ends = (self.said_q_start, self.said_v_start, goal.q, goal.q_active)
             return velocity_weight(self.robot, typical_force(self.robot, *ends, T), T)
         with locate(key):
             return weights_from(self.robot, written, key)
 
     def targets(self, target: Any, target_file: str | None) -> tuple[Array, Array, BoolArray]:
-        robot, goal = self.robot, self.goal
+        """Return the targets of q and p, and which of their components are given."""
+        robot, goal = self.robot, self.said_goal
         target_q, given_q = goal.q, goal.q_active
         target_p, given_p = _goal_momentum(robot, goal)
         if target is not None and target_file is not None:
@@ -119,24 +108,28 @@ class _CostReader:
             target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
         elif target_file is not None:
             path = self.folder / target_file
-            if self.horizon["duration_range"] is not None or self.has_free_times:
-                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "via.time is"
+            is_free, is_alike = self.said_duration_range is not None, are_alike(self.phases_unweighted)
+            if is_free or any(point.is_free for point in self.said_via) or not is_alike:
+                what = "horizon.duration is" if is_free else "via.time is"
                 raise ProblemError(
                     f"cost.target_file: a file says when the robot is where, and {what} free; "
                     "give a number there, or cost.target, whose rows belong to the steps"
                 )
-            target_q, target_p = read_target(path, robot, self.horizon["duration"], self.num_steps)
+            target_q, target_p = read_target(path, robot, self.said_duration, self.said_num_steps)
             given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
         return target_q, target_p, np.concatenate([given_q, given_p])
 
     def goal_says(self) -> BoolArray:
-        return np.concatenate([self.goal.q_active, self.goal.rate_active])
+        """Tell which components of (q, rate) the goal gives."""
+        return np.concatenate([self.said_goal.q_active, self.said_goal.rate_active])
 
     def on_states(self, written: WeightsTable | None, default: BoolArray, key: str) -> Array:
+        """Return weights on (q, p)."""
         return _weights(self.robot, written, default, key)
 
     def check_weighed(self, weights: Array, given: BoolArray, key: str, source: str) -> None:
-        if source == "the goal" and self.goal.frames and not weights.any():
+        """Refuse a weight on a component without a target."""
+        if source == "the goal" and self.said_goal.frames and not weights.any():
             return  # frames have weights of their own
         _check_targets(self.robot, weights, given, key, source)
 

@@ -47,7 +47,7 @@ class ExciteTable(Table):
 _CHECKS = checks_of(ExciteTable)
 
 
-def read_excite(table: ExciteTable | None, robot: Robot, *, has_several_goals: bool) -> Excite | None:
+def read_excite(goal_table: GoalTable, robot: Robot) -> Excite | None:
     """Make what a motion is to tell of its table.
 
     Raises
@@ -55,9 +55,10 @@ def read_excite(table: ExciteTable | None, robot: Robot, *, has_several_goals: b
     MbocpError
         If a value does not fit the robot, or cannot be right.
     """
+    table = goal_table.excite
     if table is None:
         return None
-    if has_several_goals:
+    if goal_table.any:
         raise ProblemError("goal.excite: an exciting motion has one goal; choose one of goal.any")
     key = "goal.excite.torque_noise"
     noise = control_from(robot, table.torque_noise, key)

@@ -100,7 +100,7 @@ def write_limits(limits: Bounds) -> dict[str, Any]:
     found = {}
     for letter, key in LIMITS.items():
         if limits.finite(letter).any():
-            lower, upper = getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")
+            lower, upper = limits.sides(letter)
             found[key.removeprefix("limits.")] = upper if letter == "rms" else np.column_stack([lower, upper])
     return found
 

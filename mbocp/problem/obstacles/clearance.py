@@ -19,7 +19,7 @@ from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
 from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
 from mbocp.terms.distances import Core, core_of
 from mbocp.terms.hulls import MOST_PLANES, HullCore
@@ -424,16 +424,9 @@ class Clearance(BoundedTerm):
         found[:, order >= 0] = self.pair_values(qs, ts=ts, pairs=pairs)[:, places]
         return found
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Clearances at the nodes, at their times."""
-        return self.values_along(robot, *states, ts)
+        return self.values_along(robot, *nodes.states, nodes.ts)
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
