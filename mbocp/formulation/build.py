@@ -21,7 +21,6 @@ from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.features.switches import has_step_before
 from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.operations import check_operations
 from mbocp.formulation.parameters import (
     NUMBERS,
     ParameterLayout,
@@ -31,7 +30,7 @@ from mbocp.formulation.parameters import (
 )
 from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.rows import RowDescriber
-from mbocp.formulation.signature import FunctionSignature
+from mbocp.formulation.signature import FunctionSignature, check_operations
 from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.tightening import tighten

@@ -36,8 +36,8 @@ from functools import cached_property, partial
 import casadi as ca
 
 from mbocp.formulation.features.feature import Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.motion import Passage
 from mbocp.formulation.parameters import parameter_layout, pieces, symbols_for
 from mbocp.formulation.path import build_path, build_path_values
 from mbocp.formulation.signature import FunctionSignature

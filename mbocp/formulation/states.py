@@ -13,9 +13,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, join
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
 

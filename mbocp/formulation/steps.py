@@ -13,8 +13,8 @@ from typing import NamedTuple, Protocol
 
 import casadi as ca
 
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of

@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.moment import TIME
+from mbocp.formulation.features.clock import TIME
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameters import NUMBERS
 from mbocp.formulation.steps import HAS_BEFORE

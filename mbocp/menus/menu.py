@@ -17,7 +17,7 @@ from mbocp._threads import SideBySide, Watch
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
-from mbocp.formulation.resolution import describe_coarse_turn
+from mbocp.formulation.trajectory import describe_coarse_turn
 from mbocp.guesses.line import line
 from mbocp.guesses.ranking import SAME_COST
 from mbocp.guesses.screening import Screening, Trial, can_screen, finer, with_fewer_steps

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.menus.places import box_around, tool_of
+from mbocp.menus.candidates import box_around, tool_of
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle

@@ -171,12 +171,9 @@ class ContactForce:
     def write(self) -> dict[str, Any]:
         """Keys of `[[path]]` that read back as the same."""
         table: dict[str, Any] = {"name": self.name, "kind": ContactTerm.kind, "constraint": self.constraint}
-        for name in ("normal", "pressure"):
-            value = getattr(self, name)
-            table |= {} if value is None else {name: list(value)}
-        for name in ("friction", "facets", "min_normal", "max_normal", "max", "yaw_friction"):
-            value = getattr(self, name)
-            table |= {} if value is None else {name: value}
+        names = "normal", "pressure", "friction", "facets", "min_normal", "max_normal", "max", "yaw_friction"
+        for name, value in ((name, getattr(self, name)) for name in names):
+            table |= {} if value is None else {name: list(value) if isinstance(value, tuple) else value}
         table |= {} if self.impulses else {"impulses": False}
         table |= {} if self.surface is None else self.surface.keys
         return {**table, **self.span.write()}

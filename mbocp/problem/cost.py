@@ -149,18 +149,11 @@ class Cost:
 
     def on_controls(self, nu: int) -> Cost:
         """Return the same with a weight for each of `nu` controls where one number stood for all."""
-        spread: dict[str, Any] = {}
-        for key in _ON_CONTROLS:
-            value = getattr(self, key)
-            if value.shape not in ((), (nu,)):
-                raise DimensionMismatch(f"cost.{key}", value.shape, (nu,), "one weight for each control")
-            spread[key] = np.broadcast_to(value, (nu,))
-        on_controls = [key for key in self.further if further_terms()[key].over == "u"]
-        for key in on_controls:
-            if self.further[key].shape not in ((), (nu,)):
-                shape = self.further[key].shape
+        for key in (*_ON_CONTROLS, *(key for key in self.further if further_terms()[key].over == "u")):
+            shape = self.weight(key).shape
+            if shape not in ((), (nu,)):
                 raise DimensionMismatch(f"cost.{key}", shape, (nu,), "one weight for each control")
-        return replace(self, **spread)
+        return replace(self, **{key: np.broadcast_to(getattr(self, key), (nu,)) for key in _ON_CONTROLS})
 
     def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:
         """Refuse controls that nothing determines: without effort, rate and, as `bounded` says, limits."""

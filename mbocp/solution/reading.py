@@ -20,8 +20,13 @@ from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of, with_robot_of
-from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
-from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
+from mbocp.formulation.trajectory import (
+    describe_coarse_turn,
+    describe_sensitive_time,
+    measures_of,
+    read_trajectory,
+    times_of,
+)
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess

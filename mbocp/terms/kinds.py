@@ -18,7 +18,7 @@ from mbocp.terms.running import (
     Velocity as Velocity,
 )
 from mbocp.terms.energy import Energy as Energy
-from mbocp.terms.time import Time as Time
+from mbocp.terms.energy import Time as Time
 from mbocp.terms.end import (
     AccelerationEnd as AccelerationEnd,
     ExactGoal as ExactGoal,

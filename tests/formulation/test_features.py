@@ -12,8 +12,8 @@ import pytest
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.features import kinds
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 from mbocp.robot import Label, load_robot

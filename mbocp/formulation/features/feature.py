@@ -19,9 +19,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Label

@@ -26,10 +26,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space

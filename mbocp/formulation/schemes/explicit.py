@@ -17,8 +17,7 @@ from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import RowLabels, impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.schemes.joint import (
     JointFormulation,

@@ -22,8 +22,7 @@ from mbocp.formulation.features.switches import (
 )
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.schemes.joint import (
     JointFormulation,

@@ -16,8 +16,7 @@ from mbocp.formulation.features.switches import breaks_symmetries, labels_of, sw
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import Pieces, RowLabels
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.states import States
 from mbocp.lie import ConfigurationSpace

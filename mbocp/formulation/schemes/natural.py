@@ -24,8 +24,7 @@ from mbocp.formulation.features.switches import (
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import Pieces, RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
 from mbocp.formulation.schemes.joint import (
     boundary_duals,

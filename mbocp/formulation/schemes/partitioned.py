@@ -20,8 +20,7 @@ from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.accelerations import acceleration_at, mean_acceleration
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import RowLabels
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.pieces import Algebraic, RowLabels
 from mbocp.formulation.schemes.joint import (
     JointFormulation,
     boundary_duals,

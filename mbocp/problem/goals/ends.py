@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import DIRECTION_TOLERANCE
-from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError
+from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
@@ -30,13 +30,9 @@ def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) 
     DimensionMismatch, InvalidValue, InconsistentStart
         If they do not fit the robot, or violate a holonomic constraint or a drive.
     """
-    q = frozen_array(q_start, name="start.q")
-    if q.shape != (robot.nq,):
-        raise DimensionMismatch("start.q", q.shape, (robot.nq,))
+    q = frozen_array(q_start, shape=(robot.nq,), name="start.q")
     check_finite("start.q", q)
-    v = frozen_array(v_start, name="start.v")
-    if v.shape != (robot.nv,):
-        raise DimensionMismatch("start.v", v.shape, (robot.nv,))
+    v = frozen_array(v_start, shape=(robot.nv,), name="start.v")
     check_finite("start.v", v)
     q = frozen_array(robot.normalise(q, name="start.q"))
     check_size("start.q", q, robot.q_labels, MAX_POSITION)
@@ -57,9 +53,8 @@ def checked_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
     DimensionMismatch, InvalidValue, ProblemError
         If it does not fit the robot, is beyond its limits, or controls prescribe velocities.
     """
-    a = frozen_array(a_start if np.size(a_start) else np.zeros(robot.nv), name="start.a")
-    if a.shape != (robot.nv,):
-        raise DimensionMismatch("start.a", a.shape, (robot.nv,))
+    given = a_start if np.size(a_start) else np.zeros(robot.nv)
+    a = frozen_array(given, shape=(robot.nv,), name="start.a")
     check_finite("start.a", a)
     if robot.drives and a.any():
         raise ProblemError(
