@@ -153,7 +153,8 @@ class Cost:
             shape = self.weight(key).shape
             if shape not in ((), (nu,)):
                 raise DimensionMismatch(f"cost.{key}", shape, (nu,), "one weight for each control")
-        return replace(self, **{key: np.broadcast_to(getattr(self, key), (nu,)) for key in _ON_CONTROLS})
+        spread: dict[str, Any] = {key: np.broadcast_to(getattr(self, key), (nu,)) for key in _ON_CONTROLS}
+        return replace(self, **spread)
 
     def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:
         """Refuse controls that nothing determines: without effort, rate and, as `bounded` says, limits."""
