@@ -12,16 +12,16 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._memory import check_horizon
-from mbocp.formulation.bounds import state_bounds
+from mbocp.formulation.features.all_features import features_of
 from mbocp.formulation.features.easing import eased_terms, easing_weights
 from mbocp.formulation.features.feature import Asked
-from mbocp.formulation.features.kinds import features_of
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.features.switches import has_step_before
 from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.parameters import (
+from mbocp.formulation.ordinary_units import units_of
+from mbocp.formulation.parameter_layout import (
     NUMBERS,
     ParameterLayout,
     concatenate,
@@ -29,12 +29,12 @@ from mbocp.formulation.parameters import (
     path_parameters,
 )
 from mbocp.formulation.pieces import Pieces
-from mbocp.formulation.rows import RowDescriber
+from mbocp.formulation.row_words import RowDescriber
 from mbocp.formulation.signature import FunctionSignature, check_operations
 from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
+from mbocp.formulation.state_bounds import state_bounds
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.tightening import tighten
-from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.programme import StageKind, StagewiseProgramme

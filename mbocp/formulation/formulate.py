@@ -16,10 +16,10 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.build import load_end_functions
 from mbocp.formulation.goal import EndTarget
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameters import concatenate
+from mbocp.formulation.ordinary_units import units_of_end
+from mbocp.formulation.parameter_layout import concatenate
 from mbocp.formulation.pieces import Pieces
-from mbocp.formulation.rows import RowDescriber
-from mbocp.formulation.units import units_of_end
+from mbocp.formulation.row_words import RowDescriber
 from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -105,7 +105,7 @@ def _formulate(problem: Problem, deadline: float) -> Formulation:
 
         return ExplicitFormulation.of(problem, deadline=deadline)
     if problem.scheme in PAIRS:
-        from mbocp.formulation.schemes.partitioned import PartitionedFormulation
+        from mbocp.formulation.schemes.symplectic import PartitionedFormulation
 
         return PartitionedFormulation.of(problem, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.

@@ -9,11 +9,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.bounds import sides_of_path
-from mbocp.formulation.features.progress import progress_along
+from mbocp.formulation.features.path_progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
+from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem

@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.parameters import ParameterLayout, parameter_layout
+from mbocp.formulation.parameter_layout import ParameterLayout, parameter_layout
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space

@@ -23,17 +23,17 @@ from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.steps import Steps
-from mbocp.terms.clearance import ClearanceTerm
+from mbocp.terms.clearance_term import ClearanceTerm
 from mbocp.terms.contact import ContactConditionTerm, ContactTerm
 from mbocp.terms.cost import RunningTerm
+from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_tolerance import ToleranceTerm
-from mbocp.terms.frames import FrameEnd
 from mbocp.terms.kinds import AccelerationEnd, Effort, ExactGoal, TerminalCost
 from mbocp.terms.own_parts import OwnEnd, OwnPath
 from mbocp.terms.path import PathTerm
-from mbocp.terms.periodic import PeriodicEnd, StartEnd
+from mbocp.terms.periodic_end import PeriodicEnd, StartEnd
 from mbocp.terms.rates import RateTerm
-from mbocp.terms.via import ViaTerm
+from mbocp.terms.via_term import ViaTerm
 
 
 @dataclass(frozen=True)

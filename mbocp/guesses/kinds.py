@@ -14,7 +14,7 @@ from mbocp.formulation.features.step_lengths import length_controls
 from mbocp.guesses.along import follows_path
 from mbocp.guesses.around import around
 from mbocp.guesses.balance import balance, balances, required_force
-from mbocp.guesses.line import at_rest, driven_line, is_whole, line
+from mbocp.guesses.straight_line import at_rest, driven_line, is_whole, line
 from mbocp.guesses.ways import given_way
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES

@@ -7,7 +7,7 @@ from dataclasses import replace
 from mbocp.formulation import Formulation
 from mbocp.formulation.end_reached import miss_of_end
 from mbocp.formulation.iterates import with_robot_of
-from mbocp.formulation.trajectory import describe_coarse_turn
+from mbocp.formulation.read_trajectory import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 
 SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it

@@ -16,8 +16,8 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation, Motion, formulate
-from mbocp.guesses.line import is_whole, line
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
+from mbocp.guesses.straight_line import is_whole, line
 from mbocp.guesses.ways import Way, middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.robot.nodes import between

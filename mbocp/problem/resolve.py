@@ -15,7 +15,7 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import Cost
-from mbocp.problem.goals.consistency import at_rest, check_end_conditions
+from mbocp.problem.goals.end_conditions import at_rest, check_end_conditions
 from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_integrator, choose_scheme
@@ -39,7 +39,7 @@ from mbocp.problem.timeline.phase_values import (
     widest_limits,
 )
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
-from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_steps
+from mbocp.problem.timeline.step_counts import AskedNodes, check_accuracy, check_lengths, check_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
 from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration

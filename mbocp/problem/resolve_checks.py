@@ -9,14 +9,14 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
+from mbocp.problem.found_parameter import Parameter
 from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_control_terms
 from mbocp.problem.limits import LIMITS, Bounds, check_limits, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.parameter import Parameter
 from mbocp.problem.path import PathConstraint, check_path
-from mbocp.problem.rates import check_rates
+from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.phase import Phase

@@ -15,7 +15,7 @@ from mbocp.problem import Problem, ProblemWarning
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.read import read_tables
+from mbocp.problem.file.read_tables import read_tables
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.problem import problem_from_tables
 from mbocp.problem.timeline.times import FreeTime

@@ -20,7 +20,7 @@ from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of, with_robot_of
-from mbocp.formulation.trajectory import (
+from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
     describe_sensitive_time,
     measures_of,

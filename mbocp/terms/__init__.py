@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.terms.kinematics import Kinematics as Kinematics
     from mbocp.terms.own import OwnTerm as OwnTerm
     from mbocp.terms.own import end_condition as end_condition
     from mbocp.terms.own import path_constraint as path_constraint
     from mbocp.terms.own import running_cost as running_cost
     from mbocp.terms.own import terminal_cost as terminal_cost
+    from mbocp.terms.own_kinematics import Kinematics as Kinematics
 
 
 __getattr__ = names_of(__name__, __file__)

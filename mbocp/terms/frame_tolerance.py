@@ -12,8 +12,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm, Structure
+from mbocp.terms.frame_end import FrameShape
 from mbocp.terms.frame_goal import FrameGoal
-from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span
 

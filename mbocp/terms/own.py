@@ -28,7 +28,7 @@ from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of
 from mbocp.robot import Robot
-from mbocp.terms.kinematics import Kinematics
+from mbocp.terms.own_kinematics import Kinematics
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span, end_from
 

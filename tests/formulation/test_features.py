@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.features import kinds
+from mbocp.formulation.features import all_features
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Passage
@@ -79,7 +79,7 @@ class Haste(Feature):
 
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kinds, "_KINDS", (*kinds._KINDS, Haste))
+    monkeypatch.setattr(all_features, "_KINDS", (*all_features._KINDS, Haste))
 
 
 def problem(scheme: str) -> Problem:

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.schemes.partitioned import PartitionedSteps
+from mbocp.formulation.schemes.symplectic import PartitionedSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.lie import ConfigurationSpace

@@ -37,7 +37,7 @@ from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes
 from mbocp.problem.timeline.cycle import compare_ends
 from mbocp.robot import Label
-from mbocp.terms.periodic import KeptRows, PeriodicEnd, StartEnd, StartState
+from mbocp.terms.periodic_end import KeptRows, PeriodicEnd, StartEnd, StartState
 from mbocp.terms.point import Sizes
 
 

@@ -24,7 +24,7 @@ from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.pieces import RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
     joint_pieces,

@@ -26,7 +26,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     boundary_duals,
     stage_costs,
     weighed_components,

@@ -14,10 +14,8 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_positive, check_size, choice, whole
-from mbocp.problem.data import ProblemData
 from mbocp.problem.excite import FRICTIONS, Excite
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
-from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import (
     configuration_from,
@@ -27,8 +25,10 @@ from mbocp.problem.file.named_values import (
     with_motors_at_rest,
 )
 from mbocp.problem.file.periodic_table import periodic_from, periodic_table
+from mbocp.problem.file.value_kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.goals.ends import without_driven_velocities
 from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal, of_member
+from mbocp.problem.problem_data import ProblemData
 from mbocp.robot import Robot
 from mbocp.terms.written import Control, VectorOrNamed
 

@@ -11,10 +11,10 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
+from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label

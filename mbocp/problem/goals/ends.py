@@ -12,7 +12,7 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
-from mbocp.problem.goals.consistency import check_end_conditions, check_goal_rate
+from mbocp.problem.goals.end_conditions import check_end_conditions, check_goal_rate
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_unused

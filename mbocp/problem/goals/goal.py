@@ -58,7 +58,7 @@ class Goal:
     a_rule : {"given", "free", "rest"}
         Why: as it is ``given``; or nothing is asked for, and all shall be ``free``; or a `Problem` asks for
         a = 0 of the joints that stop, since their jerk is limited: ``rest``, see
-        `mbocp.problem.goals.consistency`.
+        `mbocp.problem.goals.end_conditions`.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
         configuration at it, one near the start; see `mbocp.problem.goals.frames`.

@@ -20,7 +20,7 @@ from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
-from mbocp.terms.clearance import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
+from mbocp.terms.clearance_term import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
 from mbocp.terms.distances import MOST_PLANES, Core, HullCore, core_of
 from mbocp.terms.span import Span
 

@@ -15,7 +15,7 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.robot import joints
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
-from mbocp.terms.clearance import ClearanceRow
+from mbocp.terms.clearance_term import ClearanceRow
 from mbocp.terms.distances import CORE, HullCore
 
 if TYPE_CHECKING:

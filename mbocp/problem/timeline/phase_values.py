@@ -18,7 +18,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.cost import Cost, weights_by_key
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.rates import check_rates
+from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.timeline.phase import Phase
 from mbocp.robot import Robot
 

@@ -24,10 +24,10 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import FreeTime, InPhase
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.frame_end import FrameShape
 from mbocp.terms.frame_goal import FrameGoal
-from mbocp.terms.frames import FrameShape
 from mbocp.terms.span import Span
-from mbocp.terms.via import ViaFrameShape, ViaTerm
+from mbocp.terms.via_term import ViaFrameShape, ViaTerm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

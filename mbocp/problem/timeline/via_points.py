@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
-from mbocp.problem.goals.consistency import check_goal_rate
+from mbocp.problem.goals.end_conditions import check_goal_rate
 from mbocp.problem.goals.ends import check_driven_rate, without_driven_velocities
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal

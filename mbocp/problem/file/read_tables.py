@@ -44,8 +44,8 @@ from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
+from mbocp.problem.found_parameter import opened_robot
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.parameter import opened_robot
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import Phase

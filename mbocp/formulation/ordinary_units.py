@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp._arrays import BoolArray
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.parameters import ParameterLayout, mask
+from mbocp.formulation.parameter_layout import ParameterLayout, mask
 from mbocp.formulation.pieces import Algebraic
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem

@@ -21,7 +21,7 @@ from mbocp.formulation.features.accelerations import acceleration_at, mean_accel
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.pieces import Algebraic, RowLabels
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
     joint_pieces,

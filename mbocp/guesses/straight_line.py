@@ -17,7 +17,7 @@ from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_lengths, repeat_at_impacts
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
-from mbocp.guesses.held import Stop, carried_rate, carry, held_stops
+from mbocp.guesses.held_stops import Stop, carried_rate, carry, held_stops
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
@@ -234,7 +234,7 @@ class Line:
 def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> Line:
     """From a configuration at the node `first` through the via points to the end.
 
-    Where something is held, it is held at all of them, see `mbocp.guesses.held`.
+    Where something is held, it is held at all of them, see `mbocp.guesses.held_stops`.
     """
     robot, N = problem.robot, problem.num_steps
     points = [point for point in problem.timeline.waypoints if first < point.node < N]

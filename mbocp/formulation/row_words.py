@@ -19,7 +19,7 @@ from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.terms.periodic import PeriodicEnd
+from mbocp.terms.periodic_end import PeriodicEnd
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from mbocp.formulation.features.found_numbers import FoundNumbers
 from mbocp.formulation.features.heat import Heat
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moved_start import MovedStart
-from mbocp.formulation.features.progress import Progress
+from mbocp.formulation.features.path_progress import Progress
 from mbocp.formulation.features.reactions import Reactions
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches
