@@ -83,10 +83,10 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     ProblemError
         If a velocity is limited that is no unknown of the programme.
     """
-    problem, signature, at = pieces.problem, pieces.signature, pieces.layout
-    robot, space, layout = problem.robot, pieces.space, pieces.parameters
+    problem, signature, layout = pieces.problem, pieces.signature, pieces.parameters
+    robot = problem.robot
     theta, rho, rho_terminal = _parameters(pieces, layout)
-    bounds = state_bounds(problem, space, signature.features, at, pieces.speed_bounds)
+    bounds = state_bounds(pieces)
     at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
     programme = StagewiseProgramme(
         num_steps=problem.num_steps,
@@ -111,7 +111,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         dt=problem.dt,
         control_weight=control_weight_of(problem),
         describe_row=RowDescriber(pieces, bounds),
-        units=units_of(problem, signature, at, pieces.algebraic, layout),
+        units=units_of(pieces),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=problem.timeline.has_free_lengths,
         easing=_easing(problem, signature, layout),

@@ -84,12 +84,10 @@ def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
     found = at.controls.get("found", slice(0))
     pairs = [(iterate.us[:, part], motion.us[:, part]) for part in (own, found)]
     pairs.append((iterate.xs[1:, places], motion.xs[1:, places]))
-    return all(_is_near(one, other) for one, other in pairs)
-
-
-def _is_near(one: Array, other: Array) -> bool:
-    largest = np.abs(one).max(initial=0.0)
-    return bool(np.abs(one - other).max(initial=0.0) <= _SAME_MOTION * (1.0 + largest))
+    return all(
+        np.abs(one - other).max(initial=0.0) <= _SAME_MOTION * (1.0 + np.abs(one).max(initial=0.0))
+        for one, other in pairs
+    )
 
 
 def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Iterate:

@@ -5,7 +5,7 @@ All formulations store coordinates and speeds in the same way; the rest is what 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, join
-from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
@@ -107,7 +107,10 @@ class States:
         first = join(feature.first(problem) for feature in features)
         known: dict[str, Array] = {}
         filled = np.array(xs)
-        for feature, block in _remembered_blocks(features, at.ns, problem.robot.nu):
+        blocks = (
+            (feature, block) for feature in features for block in feature.blocks(at.ns, problem.robot.nu)
+        )
+        for feature, block in ((feature, block) for feature, block in blocks if block.is_remembered):
             taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
             before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
             after = feature.following(block.name, passage(taken, before))
@@ -123,8 +126,3 @@ class States:
         zs = xs[:, self.layout.z]
         pairs = zip(zs[:-1][taken], zs[1:][taken], strict=True)
         return np.array([self.problem.robot.difference(before, after) for before, after in pairs])
-
-
-def _remembered_blocks(features: Sequence[Feature], ns: int, nu: int) -> Iterator[tuple[Feature, Block]]:
-    for feature in features:
-        yield from ((feature, block) for block in feature.blocks(ns, nu) if block.is_remembered)

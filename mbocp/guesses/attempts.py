@@ -86,7 +86,9 @@ def with_rates_at_end(
         if np.array_equal(moved.end_rows.of_joints, known.end_rows.of_joints):
             break
         carried = Carried.of(shown.result.iterate, moved.programme)
-        known, shown = moved, _join(shown, again(moved, _fit(carried, moved)))
+        none = np.zeros(moved.programme.ng)  # no multiplier of the end, whose rows are others
+        after = again(moved, replace(carried, iterate=replace(carried.iterate, eta=none)))
+        known, shown = moved, after.with_history((*shown.result.history, *after.result.history))
     return formulation, outcome.with_history(shown.result.history)
 
 
@@ -94,13 +96,3 @@ def _with_end_at(formulation: Formulation, q: Array) -> Formulation:
     """The same problem, its conditions of the end chosen at another configuration."""
     problem = formulation.problem
     return formulate(replace(problem, goal=replace(problem.goal, q=q, q_is_reached=True)))
-
-
-def _fit(carried: Carried, formulation: Formulation) -> Carried:
-    """With no multiplier of the end: its rows are others."""
-    return replace(carried, iterate=replace(carried.iterate, eta=np.zeros(formulation.programme.ng)))
-
-
-def _join(before: Outcome, after: Outcome) -> Outcome:
-    """An outcome with the records of the one before it."""
-    return after.with_history((*before.result.history, *after.result.history))

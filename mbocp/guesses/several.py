@@ -62,7 +62,7 @@ def solve_from_starts(
     if threads > 1:
         batch.run_in_threads(threads)
     else:
-        batch.run(_count_helpers() if workers is None else workers - 1)
+        batch.run((available_threads() if workers is None else workers) - 1)
     batch.ease(threads)
     tried = [(tasks[i], with_end(tasks[i].formulation, batch.outcomes[i])) for i in sorted(batch.outcomes)]
     for place, formulation in goals:
@@ -89,11 +89,6 @@ def _try_further_kinds(
         tried.append((task, end))
         if end.result.status is Status.CONVERGED:
             return
-
-
-def _count_helpers() -> int:
-    """Count the processes that may help: none where this one is a worker among others."""
-    return available_threads() - 1
 
 
 @dataclass(frozen=True, eq=False)

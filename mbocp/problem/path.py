@@ -14,6 +14,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
@@ -200,21 +201,13 @@ class PathConstraint(BoundedTerm):
 
 
 def check_path(
-    robot: Robot,
-    path: Sequence[BoundedTerm],
-    q_start: Array,
-    v_start: Array,
-    goal: Goal,
-    *,
-    num_steps: int,
-    dt: float,
-    num_lengths: int = 0,
+    robot: Robot, path: Sequence[BoundedTerm], q_start: Array, v_start: Array, goal: Goal, timeline: Timeline
 ) -> None:
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
 
-    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_lengths`: of
-    steps that are found with the motion, or differ.
+    Each has to hold somewhere in the horizon.
     """
+    num_steps, dt, num_lengths = timeline.num_steps, timeline.dt, timeline.num_lengths
     names = [constraint.name for constraint in path]
     for name in names:
         if names.count(name) > 1:

@@ -13,7 +13,7 @@ from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
 from mbocp.problem.excite import Excite
 from mbocp.problem.found_parameter import Parameter
-from mbocp.problem.goals.end_conditions import check_end_conditions
+from mbocp.problem.goals.end_conditions import check_end_conditions, free_at_end
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
@@ -26,7 +26,6 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.rate_limits import RateLimit, end_jerk_limits, rate_limits
-from mbocp.problem.resolve import free_at_end
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
