@@ -82,7 +82,7 @@ class Measured:
         try:
             read = inner(checked)
         except ValidationError as error:
-            if (text := _unknown(checked)) is not None:
+            if (text := _text_of_unknown(checked)) is not None:
                 expected = " or ".join(self.units) or "its unit"
                 expected = f"a number in {expected}, or a text such as {EXAMPLES}; units: {KNOWN}"
                 raise ValueError(f"got {show(text)}, expected {expected}") from error
@@ -186,13 +186,13 @@ def _floats(value: Any) -> Any:
     return {key: _floats(entry) for key, entry in value.items()} if isinstance(value, dict) else value
 
 
-def _unknown(value: Any) -> str | None:
+def _text_of_unknown(value: Any) -> str | None:
     """The first text that has a number and something behind it."""
     if isinstance(value, str):
         return value if has_unit(value) else None
     if isinstance(value, Mapping):
         value = [entry for name, entry in value.items() if name != _PART]
-    texts = (_unknown(entry) for entry in value) if isinstance(value, list | tuple) else ()
+    texts = (_text_of_unknown(entry) for entry in value) if isinstance(value, list | tuple) else ()
     return next((text for text in texts if text is not None), None)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
-from mbocp.formulation.trajectory import times_of
+from mbocp.formulation.read_trajectory import times_of
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm

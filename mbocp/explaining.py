@@ -95,7 +95,8 @@ def explain(
         return Explanation(causes, is_solvable=True)
     found = []
     for relaxation in relaxations(problem):
-        say(f"with {_plural(relaxation.kind)}")
+        is_time = relaxation.kind == "duration"
+        say("with a longer duration" if is_time else f"with more room for {relaxation.kind}")
         given = _given(problem, relaxation)
         found += [given] if given is not None else []
     found.sort(key=lambda one: one.factor)
@@ -170,7 +171,7 @@ def _largest(problem: Problem, letter: str, factor: float, solution: Solution) -
     when = solution.t[n if letter == "u" else n + 1]
     return (
         f"{column.name} would need {value:.4g} {column.unit} at {when:.3g} s, and has {bound:.4g} "
-        f"{column.unit} ({_key(letter)}: {factor:.3g} times as wide)"
+        f"{column.unit} ({LIMITS[letter].removeprefix('limits.')}: {factor:.3g} times as wide)"
     )
 
 
@@ -178,10 +179,6 @@ def _sizes(lower: Array, upper: Array) -> Array:
     """Size of the larger finite bound of each entry."""
     finite = (np.where(np.isfinite(side), np.abs(side), 0.0) for side in (lower, upper))
     return np.fmax(np.fmax(*finite), _TINY)
-
-
-def _key(letter: str) -> str:
-    return LIMITS[letter].removeprefix("limits.")
 
 
 def _contact(solution: Solution) -> str:
@@ -206,10 +203,6 @@ def _without_all(problem: Problem, say: Callable[[str], object]) -> str:
         "not even without its limits is it solved: another guess, more steps, a softer goal "
         '(goal.enforce = "penalty") or fewer conditions at the end may help'
     )
-
-
-def _plural(kind: str) -> str:
-    return "a longer duration" if kind == "duration" else f"more room for {kind}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +253,7 @@ def _with_wider_limits(problem: Problem, letter: str, factor: float) -> Problem:
 
 
 def _wider(bounds: Bounds, letter: str, factor: float) -> Bounds:
-    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    lower, upper = bounds.sides(letter)
     if letter == "q":
         lower, upper = _spread(lower, upper, factor)
     else:

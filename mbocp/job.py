@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.formulation import Formulation
-from mbocp.formulation.iterates import end_as_solved
+from mbocp.formulation.iterates import take_end_of
 from mbocp.problem import Problem
 from mbocp.problem.file.goal_table import write_goal
 from mbocp.programme.carried import Carried
@@ -169,7 +169,7 @@ def _with_end_of(problem: Problem, before: Solution) -> Problem:
     is_same &= problem.robot.shape_fingerprint == known.robot.shape_fingerprint
     is_same &= any(np.allclose(problem.q_start, q, rtol=0.0, atol=_SAME) for q in starts)
     is_same &= _written(write_goal(problem)) == _written(write_goal(known))
-    return end_as_solved(problem, carried) if is_same else problem
+    return take_end_of(problem, carried) if is_same else problem
 
 
 def _written(table: dict[str, Any]) -> str:

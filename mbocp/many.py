@@ -24,7 +24,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Proble
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.build import control_weight_of
 from mbocp.formulation.formulate import formulate, formulate_with_independent_ends
-from mbocp.formulation.trajectory import times_of
+from mbocp.formulation.read_trajectory import times_of
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem import Problem

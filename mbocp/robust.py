@@ -26,7 +26,7 @@ from mbocp.job import Job, Strategy
 from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import can_hold_within
-from mbocp.problem.robust import Robust, Tube
+from mbocp.problem.uncertainty import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.functions import load_stage_functions
 from mbocp.sensitivity.kkt import call

@@ -25,7 +25,7 @@ from mbocp.solution import Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
 from mbocp.solvers import Phase, Status
-from mbocp.terms import Braking
+from mbocp.terms.kinds import Braking
 
 _NEARLY_KEPT = 0.5  # excess of a limit within steps, as a part of it
 _ROUNDS = 6  # of solving again with more reserve, ...

@@ -28,7 +28,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
-from mbocp.formulation.sources import sources_digest
+from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.held import Acting

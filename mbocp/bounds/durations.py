@@ -17,7 +17,7 @@ from mbocp.bounds.task import Place, Task
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import FrameGoal
+from mbocp.terms.frame_goal import FrameGoal
 
 BY_FORCES = "efforts speed joints up no faster"
 BY_FRAMES = "joints carry a frame to its goal no faster"

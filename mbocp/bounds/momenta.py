@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.bounds.boxes import Box, cosine, sine
-from mbocp.bounds.slopes import slopes_of
+from mbocp.bounds.intervals import Box, cosine, sine
+from mbocp.bounds.slope_bounds import slopes_of
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.bounds.boxes import Box
+from mbocp.bounds.intervals import Box
 from mbocp.bounds.momenta import momenta_over
 from mbocp.robot import Robot
 

@@ -90,8 +90,7 @@ class Task:
     def between(self, begin: Array, end: Array) -> Array:
         """How far joints go from one place to another, angles that may go round the shortest way."""
         away = end - begin
-        found: Array = np.where(self.circles, (away + np.pi) % (2.0 * np.pi) - np.pi, away)
-        return found
+        return np.where(self.circles, (away + np.pi) % (2.0 * np.pi) - np.pi, away)
 
     def lightest(self, key: str, size: int) -> Array:
         """Weights of a term of the cost, the least of all phases."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.bounds.boxes import Box
+from mbocp.bounds.intervals import Box
 from mbocp.bounds.momenta import gravity_by_lines, momenta_over
 from mbocp.bounds.task import Place, Task
 

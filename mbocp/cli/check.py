@@ -14,7 +14,7 @@ from rich.text import Text
 from mbocp.cli.report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
-from mbocp.problem.goals.consistency import stops_at_end
+from mbocp.problem.goals.end_conditions import stops_at_end
 from mbocp.problem.limits import LIMITS
 
 if TYPE_CHECKING:

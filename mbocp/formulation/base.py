@@ -23,6 +23,7 @@ from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.states import States
 from mbocp.integrators import TAU, VELOCITY_TAU, evaluation_points
 from mbocp.mechanics import Space
 from mbocp.mechanics.diagnostics import ConstraintViolation
@@ -99,6 +100,11 @@ class Formulation(ABC):
         """Return the formulation with its programme, compiled or from the cache."""
         programme = build_programme(pieces, deadline=deadline)
         return cls(pieces.problem, programme, pieces.layout, pieces.space, pieces.end_rows, pieces)
+
+    @property
+    def states(self) -> States:
+        """What its states and controls are."""
+        return States(self.problem, self.pieces.signature.features, self.layout)
 
     @property
     @abstractmethod

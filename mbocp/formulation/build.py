@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.bounds import state_bounds
-from mbocp.formulation.end import build_end_functions
+from mbocp._memory import check_horizon
+from mbocp.formulation.features.all_features import features_of
 from mbocp.formulation.features.easing import eased_terms, easing_weights
 from mbocp.formulation.features.feature import Asked
-from mbocp.formulation.features.kinds import features_of
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.features.switches import has_step_before
 from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.operations import check_operations
-from mbocp.formulation.parameters import (
+from mbocp.formulation.ordinary_units import units_of
+from mbocp.formulation.parameter_layout import (
     NUMBERS,
     ParameterLayout,
     concatenate,
@@ -30,27 +29,20 @@ from mbocp.formulation.parameters import (
     path_parameters,
 )
 from mbocp.formulation.pieces import Pieces
-from mbocp.formulation.rows import RowDescriber
-from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import LATER, build_first_functions, build_functions
+from mbocp.formulation.row_words import RowDescriber
+from mbocp.formulation.signature import FunctionSignature, check_operations
+from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
+from mbocp.formulation.state_bounds import state_bounds
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.tightening import tighten
-from mbocp.formulation.units import units_of
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
-from mbocp.problem.memory import check_horizon
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
-from mbocp.terms import (
-    AccelerationEnd,
-    ExactGoal,
-    Follow,
-    TerminalCost,
-    TermNumbers,
-    own_ends,
-    running_terms,
-)
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.kinds import AccelerationEnd, ExactGoal, Follow, TerminalCost
+from mbocp.terms.own_parts import own_ends, running_terms
 
 
 def needs_plain_states(problem: Problem) -> bool:
@@ -91,10 +83,10 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     ProblemError
         If a velocity is limited that is no unknown of the programme.
     """
-    problem, signature, at = pieces.problem, pieces.signature, pieces.layout
-    robot, space, layout = problem.robot, pieces.space, pieces.parameters
+    problem, signature, layout = pieces.problem, pieces.signature, pieces.parameters
+    robot = problem.robot
     theta, rho, rho_terminal = _parameters(pieces, layout)
-    bounds = state_bounds(problem, space, signature.features, at, pieces.speed_bounds)
+    bounds = state_bounds(pieces)
     at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
     programme = StagewiseProgramme(
         num_steps=problem.num_steps,
@@ -119,7 +111,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         dt=problem.dt,
         control_weight=control_weight_of(problem),
         describe_row=RowDescriber(pieces, bounds),
-        units=units_of(problem, signature, at, pieces.algebraic, layout),
+        units=units_of(pieces),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=problem.timeline.has_free_lengths,
         easing=_easing(problem, signature, layout),

@@ -57,7 +57,7 @@ class EndMissed(NamedTuple):
     words: str
 
 
-def end_missed(formulation: Formulation, qs: Array) -> EndMissed | None:
+def miss_of_end(formulation: Formulation, qs: Array) -> EndMissed | None:
     """How a motion that meets the end condition misses the goal, or None where it is there.
 
     Parameters
@@ -205,5 +205,4 @@ def _largest_of_unit(formulation: Formulation, motion: Motion, is_momentum: bool
     rates = momenta_of(robot.model, motion.qs, motion.vs) if is_momentum else motion.vs
     largest = np.abs(rates).max(axis=0)
     units = np.array([label.unit for label in labels])
-    found: Array = np.array([largest[units == unit].max() for unit in units])
-    return found
+    return np.array([largest[units == unit].max() for unit in units])

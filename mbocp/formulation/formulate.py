@@ -1,4 +1,7 @@
-"""Which formulation a problem asks for: the one place where coordinates and schemes are looked at."""
+"""Which formulation a problem asks for: the one place where coordinates and schemes are looked at.
+
+A formulation less some rows of its end condition keeps all else, which is not made again.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.build import load_end_functions
+from mbocp.formulation.goal import EndTarget
+from mbocp.formulation.layout import places
+from mbocp.formulation.ordinary_units import units_of_end
+from mbocp.formulation.parameter_layout import concatenate
+from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.row_words import RowDescriber
 from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -38,8 +51,6 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     found = _formulate(problem, deadline)
     if not without:
         return found
-    from mbocp.formulation.fewer_ends import without_end_rows
-
     return without_end_rows(found, without, deadline=deadline)
 
 
@@ -55,8 +66,6 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
     rows = implied_end_rows(whole)
     if not rows:
         return whole, ""
-    from mbocp.formulation.fewer_ends import without_end_rows
-
     names = ", ".join(whole.programme.describe_row(-1, row) for row in rows)
     fewer = without_end_rows(whole, rows, deadline=deadline)
     return fewer, f"; left out, since the dynamics imply it: {names}"
@@ -96,7 +105,7 @@ def _formulate(problem: Problem, deadline: float) -> Formulation:
 
         return ExplicitFormulation.of(problem, deadline=deadline)
     if problem.scheme in PAIRS:
-        from mbocp.formulation.schemes.partitioned import PartitionedFormulation
+        from mbocp.formulation.schemes.symplectic import PartitionedFormulation
 
         return PartitionedFormulation.of(problem, deadline=deadline)
     # Robots whose bodies only slide have the same equations in both coordinates.
@@ -120,3 +129,69 @@ def transcribe(
 ) -> StagewiseProgramme:
     """Stagewise programme of a problem, all that a solver asks for; see `formulate`."""
     return formulate(problem, without, deadline=deadline).programme
+
+
+def without_end_rows(
+    formulation: Formulation, rows: Sequence[int], *, deadline: float = math.inf
+) -> Formulation:
+    """Formulation of the same problem, less some rows of the joints' end condition.
+
+    Parameters
+    ----------
+    formulation : Formulation
+        One of the package's.
+    rows : sequence of int
+        As `EndRows.of_joints` has them.
+    deadline : float
+        Time of `time.perf_counter` at which compiling is given up.
+
+    Raises
+    ------
+    TranscriptionError
+        If the functions of the end cannot be compiled, or not before the deadline.
+    """
+    pieces = _fewer(formulation.pieces, rows)
+    programme = _with_end_of(formulation.programme, formulation.pieces, pieces, deadline)
+    return replace(formulation, programme=programme, end_rows=pieces.end_rows, pieces=pieces)
+
+
+def _fewer(pieces: Pieces, rows: Sequence[int]) -> Pieces:
+    end_rows, end = pieces.end_rows.without(rows), pieces.end
+    count = len(end.D_q)
+    goal = replace(pieces.signature.goal, ng_q=len(end_rows.D_q), ng_rate=len(end_rows.D_rate))
+    return replace(
+        pieces,
+        signature=replace(pieces.signature, goal=goal),
+        end_rows=end_rows,
+        end=EndTarget(
+            np.delete(end.D_q, [row for row in rows if row < count], axis=0),
+            np.delete(end.D_rate, [row - count for row in rows if row >= count], axis=0),
+            end.rate,
+        ),
+    )
+
+
+def _with_end_of(
+    programme: StagewiseProgramme, before: Pieces, pieces: Pieces, deadline: float
+) -> StagewiseProgramme:
+    problem, signature, layout = pieces.problem, pieces.signature, pieces.parameters
+    numbers = {
+        name: programme.rho_terminal[place] for name, place in places(before.parameters.terminal).items()
+    }
+    numbers |= {"D_q": _by_columns(pieces.end.D_q), "D_rate": _by_columns(pieces.end.D_rate)}
+    of_force, force_rows = units_of_end(signature, layout)
+    return replace(
+        programme,
+        ng=signature.end_rows,
+        end_functions=load_end_functions(
+            signature, problem.robot, deadline, at_once=problem.solver.is_interior_point
+        ),
+        rho_terminal=concatenate(numbers, layout.terminal),
+        terminal_weights=layout.weighing(layout.terminal),
+        describe_row=RowDescriber(pieces, programme.bounds),
+        units=replace(programme.units, terminal=of_force, end_rows=force_rows),
+    )
+
+
+def _by_columns(D: Array) -> Array:
+    return D.ravel(order="F")  # as CasADi reshapes

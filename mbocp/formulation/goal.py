@@ -17,7 +17,7 @@ from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem import Goal, Problem
 from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot
-from mbocp.terms import FrameEnd, FrameProjections
+from mbocp.terms.frame_end import FrameEnd, FrameProjections
 
 _RANK_TOLERANCE = (
     1e-9  # relative to the largest singular value: far above round-off, far below any real direction

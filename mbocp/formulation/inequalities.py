@@ -9,15 +9,16 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.bounds import sides_of_path
-from mbocp.formulation.features.progress import progress_along
+from mbocp.formulation.features.path_progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
+from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
+from mbocp.terms.bounded import MotionAtNodes
 
 
 def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> dict[str, Any]:
@@ -64,8 +65,8 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
     names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
     progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))
-    ts = np.cumsum(motion.dts)
-    return [one.values_in_motion(problem.robot, ts, states, lams, progress) for one in problem.path]
+    nodes = MotionAtNodes(np.cumsum(motion.dts), states, lams, progress)
+    return [one.values_in_motion(problem.robot, nodes) for one in problem.path]
 
 
 def _violation(problem: Problem, motion: Motion, path: Array) -> float:

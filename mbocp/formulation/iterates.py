@@ -1,4 +1,4 @@
-"""Iterates of a formulation as starts for others, and back as they were."""
+"""Iterates of a formulation as starts for others, and back as they were; with the robot that was found."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.step_lengths import lengths_of_states
 from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.motion import Motion
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
@@ -36,15 +37,13 @@ def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
     )
 
 
-def end_as_solved(problem: Problem, carried: Carried) -> Problem:
+def take_end_of(problem: Problem, carried: Carried) -> Problem:
     """A solution's problem with conditions of the end where its solve chose them."""
     if carried.q_end.size:
         is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
         problem = replace(problem, goal=replace(problem.goal, q=carried.q_end, q_is_reached=is_reached))
     if carried.first.size:
-        names = [one.name for one in problem.parameter]
-        problem = problem.with_found(dict(zip(names, carried.first.tolist(), strict=True)))
-        problem = replace(problem, q_start=carried.q_start)
+        problem = replace(_with_found(problem, carried.first), q_start=carried.q_start)
     return problem
 
 
@@ -85,12 +84,10 @@ def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
     found = at.controls.get("found", slice(0))
     pairs = [(iterate.us[:, part], motion.us[:, part]) for part in (own, found)]
     pairs.append((iterate.xs[1:, places], motion.xs[1:, places]))
-    return all(_is_near(one, other) for one, other in pairs)
-
-
-def _is_near(one: Array, other: Array) -> bool:
-    largest = np.abs(one).max(initial=0.0)
-    return bool(np.abs(one - other).max(initial=0.0) <= _SAME_MOTION * (1.0 + largest))
+    return all(
+        np.abs(one - other).max(initial=0.0) <= _SAME_MOTION * (1.0 + np.abs(one).max(initial=0.0))
+        for one, other in pairs
+    )
 
 
 def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Iterate:
@@ -112,3 +109,15 @@ def _meaning(formulation: Formulation) -> str:
     ends = [problem.num_steps - run.last for run in problem.timeline.free_phases]
     material = json.dumps([formulation.pieces.signature.unknowns, problem.scheme, ends])
     return hashlib.sha256(material.encode()).hexdigest()
+
+
+def with_robot_of(formulation: Formulation, motion: Motion) -> Formulation:
+    """Return it with the robot of a motion; its programme and all else of the problem stay as they are."""
+    if not formulation.problem.parameter:
+        return formulation
+    return replace(formulation, problem=_with_found(formulation.problem, motion.found))
+
+
+def _with_found(problem: Problem, values: Array) -> Problem:
+    names = [one.name for one in problem.parameter]
+    return problem.with_found(dict(zip(names, values.tolist(), strict=True)))

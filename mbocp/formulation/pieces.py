@@ -1,20 +1,58 @@
-"""What a formulation chooses, and a programme is made of."""
+"""What a formulation chooses, and a programme is made of, also unknowns beside states and controls."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mbocp._arrays import Array
+import numpy as np
+
+from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.parameters import ParameterLayout, parameter_layout
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.parameter_layout import ParameterLayout, parameter_layout
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
 from mbocp.problem import Problem
 from mbocp.robot import Label
-from mbocp.terms import Sizes
+from mbocp.terms.point import Sizes
+
+
+@dataclass(frozen=True, eq=False)
+class Algebraic:
+    """Factors from the programme's rows and unknowns to the reported ones, see `StageKind`.
+
+    Attributes
+    ----------
+    scale_c, scale_y, scale_m : ndarray, shape (ny,)
+        Of the rows that belong to these unknowns, of the unknowns, of the rows' multipliers.
+    is_force : ndarray of bool, shape (ny,)
+        Unknowns that count in the unit of force.
+    is_balance : ndarray of bool, shape (ny,)
+        Rows that count in it.
+    """
+
+    scale_c: Array
+    scale_y: Array
+    scale_m: Array
+    is_force: BoolArray
+    is_balance: BoolArray
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns, and of rows."""
+        return len(self.scale_y)
+
+
+def impulses(size: int, dt: float) -> Algebraic:
+    """Impulses of constraints, whose rows are Phi / dt."""
+    return Algebraic(
+        scale_c=np.full(size, dt),
+        scale_y=np.full(size, 1 / dt),
+        scale_m=np.full(size, 1 / dt),
+        is_force=np.ones(size, dtype=np.bool_),
+        is_balance=np.zeros(size, dtype=np.bool_),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,39 +1,39 @@
 """The signature of a problem: all that decides the stage functions, and nothing that is only a number.
 
 Two problems of the same signature share their compiled functions; start, goal, weights, target, bounds and
-step length are parameters.
+step length are parameters. The sources that write the functions belong to it: a change in them makes what
+was written before stale.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
+from mbocp import integrators, lie, mechanics, meshes, robot, symbolic, terms
+from mbocp._environment import number_from
+from mbocp.exceptions import TooManyOperations
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.sources import sources_digest
 from mbocp.formulation.steps import Steps
-from mbocp.terms import (
-    AccelerationEnd,
-    ClearanceTerm,
-    ContactConditionTerm,
-    ContactTerm,
-    Effort,
-    ExactGoal,
-    FrameEnd,
-    OwnEnd,
-    OwnPath,
-    PathTerm,
-    PeriodicEnd,
-    RateTerm,
-    RunningTerm,
-    StartEnd,
-    TerminalCost,
-    ToleranceTerm,
-    ViaTerm,
-)
+from mbocp.terms.clearance_term import ClearanceTerm
+from mbocp.terms.contact import ContactConditionTerm, ContactTerm
+from mbocp.terms.cost import RunningTerm
+from mbocp.terms.frame_end import FrameEnd
+from mbocp.terms.frame_tolerance import ToleranceTerm
+from mbocp.terms.kinds import AccelerationEnd, Effort, ExactGoal, TerminalCost
+from mbocp.terms.own_parts import OwnEnd, OwnPath
+from mbocp.terms.path import PathTerm
+from mbocp.terms.periodic_end import PeriodicEnd, StartEnd
+from mbocp.terms.rates import RateTerm
+from mbocp.terms.via_term import ViaTerm
 
 
 @dataclass(frozen=True)
@@ -172,3 +172,57 @@ class FunctionSignature:
 
 def _text(material: dict[str, Any]) -> str:
     return json.dumps({**material, "sources": sources_digest()}, sort_keys=True)
+
+
+_LIMIT_OF_OPERATIONS = "MBOCP_OPERATIONS_LIMIT"
+_LIMIT = 10e6
+
+
+def check_operations(robot: str, nv: int, signature: FunctionSignature) -> None:
+    """Refuse a signature whose functions would be too large, before CasADi builds them.
+
+    A function with millions of operations takes minutes to build and to compile, and gigabytes. How their
+    number grows with the robot is for each kind of `Steps` to say: with chains, arms and legged robots
+    between a third and fifteen times of what "complete" has.
+
+    Parameters
+    ----------
+    robot : str
+        Its name, for the message.
+    nv : int
+        Velocities: of the joints, or of the bodies in natural coordinates.
+    signature : FunctionSignature
+
+    Raises
+    ------
+    TooManyOperations
+    """
+    operations, limit = signature.steps.operations(nv), number_from(_LIMIT_OF_OPERATIONS, "a number > 0")
+    limit = _LIMIT if limit is None else limit
+    if operations > limit:
+        raise TooManyOperations(robot, nv, operations, limit, signature.steps.remedy)
+
+
+_BRIDGE = "mbocp._native._bridge"  # Pinocchio's algorithms as expressions, compiled
+
+
+def writing_sources() -> Iterator[Path]:
+    """Files that have a part in writing stage functions: this folder, those that it builds on, the ground."""
+    own = Path(__file__).parent
+    for package in (integrators, lie, mechanics, meshes, robot, symbolic, terms):
+        yield from sorted(Path(str(package.__file__)).parent.rglob("*.py"))
+    yield from sorted(own.rglob("*.py"))
+    yield from sorted(own.parent.glob("*.py"))
+    bridge = find_spec(_BRIDGE)
+    if bridge is not None and bridge.origin is not None:
+        yield Path(bridge.origin)
+
+
+@cache
+def sources_digest() -> str:
+    """Digest of these files."""
+    digest = hashlib.sha256()
+    for source in writing_sources():
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Stage functions of a problem's signature, with exact first and second derivatives.
+"""Functions of the stages and of the end of a problem's signature, with exact first and second derivatives.
 
 A state is x = (z, s, b): coordinates of the configuration, speeds, and the blocks that features add, such as
 what it remembers of the step before, see `mbocp.formulation.features.feature`. Derivatives are taken along
@@ -15,6 +15,8 @@ Inputs and outputs (see `mbocp/_native/kernel/kind.hpp`):
 - path_values (x1, u, theta)                -> h; likewise
 - lengthening (x0, x1, y, u, m, theta, rho) -> derivative of l + m'c in log(dt); of some schemes
 - retract   (x, dx) -> x, and its inverse, difference (x, x_moved) -> dx
+- terminal_values (x, rho), terminal_complete (x, eta, rho): like values and complete, for psi and g_T
+- guard     (x, m, rho) -> h, dh_dx, upper Hessian of m'h: h >= 0 excludes other roots of the end condition
 
 A solve by Newton's method asks for neither `gradient` nor `jacobian`, but for a few first derivatives, which
 `complete` has as well: so these are built when a solver asks for them. `lengthening`, which Hamiltonians come
@@ -34,14 +36,15 @@ from functools import cached_property, partial
 import casadi as ca
 
 from mbocp.formulation.features.feature import Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
-from mbocp.formulation.parameters import parameter_layout, pieces, symbols_for
-from mbocp.formulation.path import build_path, build_path_values
+from mbocp.formulation.motion import Passage
+from mbocp.formulation.parameter_layout import parameter_layout, pieces, symbols_for
+from mbocp.formulation.path_functions import build_path, build_path_values
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
+from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Mechanics
-from mbocp.terms import Point, Sizes
+from mbocp.terms.point import Point, Sizes
 
 LATER = ("gradient", "jacobian")  # solvers ask for them that follow a motion step by step
 _ALL = ("values", "complete", "path", "path_values", "retract", "difference", "lengthening", *LATER)
@@ -226,3 +229,48 @@ def _makers(at: StepSymbols, step: StepDerivatives) -> dict[str, Callable[[], ca
     if slope is not None:
         makers["lengthening"] = lambda: ca.Function("lengthening", with_m, [slope()])
     return makers
+
+
+def build_end_functions(mechanics: Mechanics, signature: FunctionSignature) -> dict[str, ca.Function]:
+    """Terminal cost, eq. (9), and end condition, eq. (14), with the projection D as a parameter."""
+    layout = parameter_layout(signature, Sizes.of(mechanics)).terminal
+    space = state_space(mechanics, signature)
+    at = space.layout
+    x, eta = ca.SX.sym("x", at.nx), ca.SX.sym("eta", signature.end_rows)
+    rho = symbols_for("rho", layout, mechanics.numbers)
+    d = x if at.is_flat else ca.SX.sym("d", at.ndx)
+    moved = x if at.is_flat else space.retract(x, d)
+    goal = pieces(rho, layout)
+    q, s = moved[at.z], moved[at.s]
+    remembered = {name: moved[where] for name, where in at.states.items()}  # in units of their own
+    for feature in signature.features:
+        mechanics = feature.equations(mechanics, remembered, goal)
+    point = Point(mechanics, q, mechanics.velocity(q, s, ca.SX.zeros(mechanics.nu)), remembered=remembered)
+    g = signature.goal.expression(point, goal)
+    psi = (
+        ca.SX(0) if signature.terminal is None else signature.terminal.expression(point, signature.goal, goal)
+    )
+    for term in signature.ends:
+        value = term.expression(point, goal)
+        psi, g = (psi + value, g) if term.is_cost else (psi, ca.vertcat(g, value))
+    hessian, _ = ca.hessian(psi + ca.dot(eta, g), d)
+    derivatives = [psi, ca.densify(g), ca.jacobian(g, d), ca.jacobian(psi, d), ca.triu(hessian)]
+    derivatives = space.at_zero_tangents([x], derivatives, [eta, rho], [d])
+    found = {
+        "terminal_values": ca.Function("terminal_values", [x, rho], derivatives[:2]),
+        "terminal_complete": ca.Function("terminal_complete", [x, eta, rho], derivatives),
+    }
+    if signature.guarded:
+        found["guard"] = _guard(mechanics.joint_space, signature, x, x[at.z], goal["q"], rho)
+    return found
+
+
+def _guard(
+    space: ConfigurationSpace, signature: FunctionSignature, x: ca.SX, q: ca.SX, goal: ca.SX, rho: ca.SX
+) -> ca.Function:
+    parts = space.parts
+    wanted = [parts[i] for i in signature.guarded]
+    h = ca.vertcat(*[value for part, value in space.guards(goal, q) if part in wanted])
+    m = ca.SX.sym("m", h.numel())
+    hessian, _ = ca.hessian(ca.dot(m, h), x)
+    return ca.Function("guard", [x, m, rho], [ca.densify(h), ca.jacobian(h, x), ca.triu(hessian)])

@@ -5,152 +5,124 @@ All formulations store coordinates and speeds in the same way; the rest is what 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, join
-from mbocp.formulation.features.passage import Passage
-from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.layout import StateLayout
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.mechanics.rates import spacings
 from mbocp.problem import Problem
 
 
-def first_state(
-    problem: Problem, features: Sequence[Feature], at: StateLayout, z: Array, speeds: Array
-) -> Array:
-    """Return the state at coordinates and speeds with which a programme begins, shape (nx,)."""
-    state = np.concatenate([z, speeds, np.zeros(at.num_more_states)])
-    for name, values in join(feature.first(problem) for feature in features).items():
-        state[at.states[name]] = values
-    return state
+@dataclass(frozen=True, eq=False)
+class States:
+    """What states and controls of a programme are.
 
-
-def states_and_controls(
-    problem: Problem,
-    features: Sequence[Feature],
-    at: StateLayout,
-    motion: Motion,
-    z_and_speeds: tuple[Array, Array],
-    start: Array,
-) -> tuple[Array, Array]:
-    """States, shape (N + 1, nx), and controls, shape (N, nu), of a programme at a motion.
-
-    Parameters
+    Attributes
     ----------
-    z_and_speeds : tuple of ndarray, shapes (N + 1, nz), (N + 1, ns)
-        Coordinates, and the motion's velocities or what a formulation has in their place.
-    start : ndarray, shape (nx,)
-        The programme's first state. Memory of the step before is left at zero.
+    problem : Problem
+    features : sequence of Feature
+        That states and controls have blocks of.
+    layout : StateLayout
     """
-    xs = np.zeros((len(motion.qs), at.nx))
-    xs[:, at.z], xs[:, at.s] = z_and_speeds
-    for name, values in join(feature.states_of(problem, motion) for feature in features).items():
-        xs[:, at.states[name]] = values
-    xs[0] = start
-    us = join(feature.controls_of(problem, motion) for feature in features)
-    return xs, np.hstack(list(us.values()))
 
+    problem: Problem
+    features: Sequence[Feature]
+    layout: StateLayout
 
-def read_motion(
-    problem: Problem,
-    features: Sequence[Feature],
-    at: StateLayout,
-    qs_and_vs: tuple[Array, Array],
-    xs: Array,
-    us: Array,
-) -> Motion:
-    """Return the motion that states and controls stand for, whose configurations and velocities are given."""
-    motion = Motion(*qs_and_vs, us, problem.timeline.lengths())
-    for feature in features:
-        motion = feature.read(problem, at, xs, us, motion)
-    return motion
+    def first(self, z: Array, speeds: Array) -> Array:
+        """Return the state at coordinates and speeds with which a programme begins, shape (nx,)."""
+        state = np.concatenate([z, speeds, np.zeros(self.layout.num_more_states)])
+        for name, values in join(feature.first(self.problem) for feature in self.features).items():
+            state[self.layout.states[name]] = values
+        return state
 
+    def of_motion(
+        self, motion: Motion, z_and_speeds: tuple[Array, Array], start: Array
+    ) -> tuple[Array, Array]:
+        """States, shape (N + 1, nx), and controls, shape (N, nu), of a programme at a motion.
 
-def with_memory(
-    problem: Problem,
-    features: Sequence[Feature],
-    at: StateLayout,
-    xs: Array,
-    us: Array,
-    lams: Array | None = None,
-) -> Array:
-    """States (N + 1, nx) that remember what their speeds, controls (N, any) and lengths of steps say.
+        Parameters
+        ----------
+        z_and_speeds : tuple of ndarray, shapes (N + 1, nz), (N + 1, ns)
+            Coordinates, and the motion's velocities or what a formulation has in their place.
+        start : ndarray, shape (nx,)
+            The programme's first state. Memory of the step before is left at zero.
+        """
+        problem, at, features = self.problem, self.layout, self.features
+        xs = np.zeros((len(motion.qs), at.nx))
+        xs[:, at.z], xs[:, at.s] = z_and_speeds
+        for name, values in join(feature.states_of(problem, motion) for feature in features).items():
+            xs[:, at.states[name]] = values
+        xs[0] = start
+        us = join(feature.controls_of(problem, motion) for feature in features)
+        return xs, np.hstack(list(us.values()))
 
-    `lams`: forces of the robot's constraints, shape (N, nc), where any are remembered.
-    """
-    if not at.nr:
-        return xs
-    is_impact = problem.timeline.is_impact
-    still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
-    motion = read_motion(problem, features, at, still, xs, us)
-    between = partial(_ways, problem, xs[:, at.z])
-    forces = None if lams is None else np.where(is_impact[:, None], lams / problem.dt, lams)
-    given = join(feature.stage_numbers(problem) for feature in features)
-    units = join(feature.units(problem) for feature in features)
-    first = join(feature.first(problem) for feature in features)
-    controls = {name: us[:, where] for name, where in at.controls.items()}
-    known: dict[str, Array] = {}
-    filled = np.array(xs)
-    for feature, block in _remembered_blocks(features, at.ns, problem.robot.nu):
-        taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
-        before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
-        step = _passage(problem, motion, xs[:, at.s], taken, before, units, controls, given, forces, between)
-        after = feature.following(block.name, step)
-        begin = first.get(block.name, np.zeros(after.shape[1]))
-        after = begin + np.cumsum(after, axis=0) if block.adds_up else after
-        known[block.name] = np.vstack([begin, after])
-        nodes = np.cumsum(np.append(0, taken))  # for each its place among those after such steps
-        filled[:, at.states[block.name]] = known[block.name][nodes]
-    return filled
+    def read(self, qs_and_vs: tuple[Array, Array], xs: Array, us: Array) -> Motion:
+        """Return the motion of states and controls, whose configurations and velocities are given."""
+        motion = Motion(*qs_and_vs, us, self.problem.timeline.lengths())
+        for feature in self.features:
+            motion = feature.read(self.problem, self.layout, xs, us, motion)
+        return motion
 
+    def remember(self, xs: Array, us: Array, lams: Array | None = None) -> Array:
+        """States (N + 1, nx) that remember what their speeds, controls (N, any) and lengths of steps say.
 
-def _remembered_blocks(features: Sequence[Feature], ns: int, nu: int) -> Iterator[tuple[Feature, Block]]:
-    for feature in features:
-        yield from ((feature, block) for block in feature.blocks(ns, nu) if block.is_remembered)
+        `lams`: forces of the robot's constraints, shape (N, nc), where any are remembered.
+        """
+        problem, at, features = self.problem, self.layout, self.features
+        if not at.nr:
+            return xs
+        is_impact = problem.timeline.is_impact
+        still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
+        motion, lams = self.read(still, xs, us), np.zeros((len(is_impact), 0)) if lams is None else lams
+        forces = np.where(is_impact[:, None], lams / problem.dt, lams)
+        units = join(feature.units(problem) for feature in features)
+        given = join(feature.stage_numbers(problem) for feature in features)
 
+        def passage(taken: BoolArray, before: Mapping[str, Any]) -> Passage:
+            dts, speeds = motion.dts[taken], xs[:, at.s]
+            return Passage(
+                s0=speeds[:-1][taken],
+                s1=speeds[1:][taken],
+                u=motion.us_at_ends[taken],
+                units_of_u=1.0,
+                dt=dts[:, None],
+                spacing=spacings(dts)[:, None],
+                has_before=(np.arange(len(dts)) > 0).astype(np.float64)[:, None],
+                before=before,
+                units=units,
+                controls={name: us[:, where][taken] for name, where in at.controls.items()},
+                given={name: rows[taken] for name, rows in given.items()},
+                forces=lambda rows: forces[taken][:, list(rows) if forces.size else []],
+                way=lambda: self._ways(xs, taken),
+                begin=motion.values[taken, 0] if problem.controls == "linear" else None,
+            )
 
-def _ways(problem: Problem, zs: Array, taken: BoolArray) -> Array:
-    """What leads from node to node where coordinates are those of the joints, in the steps that are taken."""
-    pairs = zip(zs[:-1][taken], zs[1:][taken], strict=True)
-    return np.array([problem.robot.difference(before, after) for before, after in pairs])
+        first = join(feature.first(problem) for feature in features)
+        known: dict[str, Array] = {}
+        filled = np.array(xs)
+        blocks = (
+            (feature, block) for feature in features for block in feature.blocks(at.ns, problem.robot.nu)
+        )
+        for feature, block in ((feature, block) for feature, block in blocks if block.is_remembered):
+            taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
+            before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
+            after = feature.following(block.name, passage(taken, before))
+            begin = first.get(block.name, np.zeros(after.shape[1]))
+            after = begin + np.cumsum(after, axis=0) if block.adds_up else after
+            known[block.name] = np.vstack([begin, after])
+            nodes = np.cumsum(np.append(0, taken))  # for each its place among those after such steps
+            filled[:, at.states[block.name]] = known[block.name][nodes]
+        return filled
 
-
-def _passage(
-    problem: Problem,
-    motion: Motion,
-    speeds: Array,
-    taken: BoolArray,
-    before: Mapping[str, Any],
-    units: Mapping[str, float],
-    controls: Mapping[str, Array],
-    given: Mapping[str, Array],
-    forces: Array | None,
-    between: Callable[[BoolArray], Array],
-) -> Passage:
-    """Steps of a motion as the rules see them, of those that are taken."""
-    dts = motion.dts[taken]
-
-    def forces_of(rows: Sequence[int]) -> Array:
-        return np.zeros((len(dts), 0)) if forces is None else forces[taken][:, list(rows)]
-
-    return Passage(
-        s0=speeds[:-1][taken],
-        s1=speeds[1:][taken],
-        u=motion.us_at_ends[taken],
-        units_of_u=1.0,
-        dt=dts[:, None],
-        spacing=spacings(dts)[:, None],
-        has_before=(np.arange(len(dts)) > 0).astype(np.float64)[:, None],
-        before=before,
-        units=units,
-        controls={name: values[taken] for name, values in controls.items()},
-        given={name: rows[taken] for name, rows in given.items()},
-        forces=forces_of,
-        way=partial(between, taken),
-        begin=motion.values[taken, 0] if problem.controls == "linear" else None,
-    )
+    def _ways(self, xs: Array, taken: BoolArray) -> Array:
+        """What leads from node to node in the steps that are taken; coordinates are those of the joints."""
+        zs = xs[:, self.layout.z]
+        pairs = zip(zs[:-1][taken], zs[1:][taken], strict=True)
+        return np.array([self.problem.robot.difference(before, after) for before, after in pairs])

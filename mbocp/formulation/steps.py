@@ -13,8 +13,8 @@ from typing import NamedTuple, Protocol
 
 import casadi as ca
 
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import StateSpace
+from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
@@ -160,7 +160,7 @@ class StepSymbols:
         return self.given.get(HAS_BEFORE, ca.SX(1))
 
     @property
-    def linked(self) -> Mechanics:
+    def mechanics_of_links(self) -> Mechanics:
         """Equations of which links are made: with symbols in the place of `found`."""
         if self.of_found is None:
             return self.mechanics

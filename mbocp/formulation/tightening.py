@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.problem.robust import Tube
+from mbocp.problem.uncertainty import Tube
 from mbocp.programme import StagewiseProgramme
 
 _LEAST_ROOM = 1e-6  # of a range, or of its unit: less is no room for an interior-point method

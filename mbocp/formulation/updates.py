@@ -13,14 +13,17 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.moment import TIME
+from mbocp.formulation.features.clock import TIME
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameters import NUMBERS
+from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
-from mbocp.terms import FrameEnd, TerminalCost, TermNumbers, running_terms
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.frame_end import FrameEnd
+from mbocp.terms.kinds import TerminalCost
+from mbocp.terms.own_parts import running_terms
 
 
 class ParameterUpdates:

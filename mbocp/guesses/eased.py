@@ -41,7 +41,7 @@ class _Run:
         return self.outcome.result.status is Status.CONVERGED
 
 
-def try_eased(
+def try_easing(
     formulation: Formulation,
     settings: SolverSettings,
     start: Start,
@@ -96,7 +96,7 @@ class _Descent:
     Attributes
     ----------
     formulation, settings, start, plain, number
-        As `try_eased` has them.
+        As `try_easing` has them.
     easing : ndarray, shape (ntheta,)
         What the full weight on velocities adds to the parameters of the stages.
     runs : list of _Run

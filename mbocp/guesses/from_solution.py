@@ -225,7 +225,7 @@ def _put_impacts(nodes: Array, impacts: Sequence[int], saved: IntArray) -> None:
 def _phases_of(problem: Problem) -> tuple[tuple[str, int, int], ...]:
     """Name, first and last node of each phase, where there are several."""
     timeline = problem.timeline
-    phases = timeline.phases if timeline.named or len(timeline.phases) > 1 else ()
+    phases = timeline.phases if timeline.named_phases or len(timeline.phases) > 1 else ()
     return tuple((timeline.name_of(phase), phase.first, phase.last) for phase in phases)
 
 

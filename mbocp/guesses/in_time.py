@@ -27,8 +27,7 @@ _CUTS, _ROUNDS, _PLACES = 150, 40, 81
 
 def blend(shares: Array) -> Array:
     """Shares of a way by those of the time, from rest to rest, with no acceleration at the ends."""
-    smooth: Array = shares**3 * (10 - 15 * shares + 6 * shares**2)
-    return smooth
+    return shares**3 * (10 - 15 * shares + 6 * shares**2)
 
 
 def way_in_time(problem: Problem, limits: Array, seed: int) -> Way | None:
@@ -49,7 +48,7 @@ def way_in_time(problem: Problem, limits: Array, seed: int) -> Way | None:
         search = _Search(clearance, problem.duration, ends, limits, reserve, np.random.default_rng(seed))
         path = search.run()
         if path is not None:
-            return _by_time(search.rounded(path))
+            return _by_time(search.round_corners(path))
     return None
 
 
@@ -167,7 +166,7 @@ class _Search:
         ts, most = self.duration * places[:, -1], self.reserve + 1e-3
         return bool(self.clearance.least(places[:, :-1], most, ts).min() >= self.reserve)
 
-    def rounded(self, path: Array) -> Array:
+    def round_corners(self, path: Array) -> Array:
         """Configurations at equal shares of the time, with corners cut and drawn towards their neighbours."""
         for _ in range(_CUTS):
             times = np.sort(self.rng.uniform(size=2))

@@ -8,7 +8,7 @@ from itertools import chain
 
 from mbocp.exceptions import CompilationTimeout, ProblemError
 from mbocp.formulation import Formulation
-from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
 from mbocp.guesses.kinds import none_made
 from mbocp.guesses.ranking import is_better, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
@@ -86,7 +86,7 @@ def _descend(
         return outcome
     begun = time.perf_counter()
     until = min(job.deadline, begun + patience.left) if has_failed else job.deadline
-    outcome = try_eased(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
+    outcome = try_easing(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
     patience.spend(time.perf_counter() - begun)
     return outcome
 

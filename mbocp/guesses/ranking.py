@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mbocp.formulation import Formulation
-from mbocp.formulation.end_reached import end_missed
-from mbocp.formulation.found import at_found
-from mbocp.formulation.resolution import describe_coarse_turn
+from mbocp.formulation.end_reached import miss_of_end
+from mbocp.formulation.iterates import with_robot_of
+from mbocp.formulation.read_trajectory import describe_coarse_turn
 from mbocp.solvers import Outcome, SolverResult, Status
 
 SAME_COST = 1e-9  # relative: the same minimum, and the earlier start has found it
@@ -43,7 +43,7 @@ def with_end(formulation: Formulation, outcome: Outcome) -> Outcome:
     if result.status is not Status.CONVERGED:
         return outcome
     motion = formulation.motion_of(result.iterate)
-    missed = end_missed(at_found(formulation, motion), motion.qs)
+    missed = miss_of_end(with_robot_of(formulation, motion), motion.qs)
     if missed is None:
         return outcome
     status = Status.OTHER_ROOT if missed.is_other_root else result.status

@@ -16,8 +16,8 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.formulation import Formulation, Motion, formulate
-from mbocp.guesses.line import is_whole, line
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
+from mbocp.guesses.straight_line import is_whole, line
 from mbocp.guesses.ways import Way, middle_of_line, random_way, straight
 from mbocp.programme import Iterate
 from mbocp.robot.nodes import between
@@ -136,7 +136,7 @@ class Screening:
             result = self._solve(coarse, iterate, share, words).result
             iterate, cost = result.iterate, result.record.cost
             if result.status is not Status.CONVERGED or any(
-                _same(cost, was) for at, was in passed if at == share
+                abs(cost - was) <= _SAME * abs(was) for at, was in passed if at == share
             ):
                 return None
             passed.add((share, cost))
@@ -177,10 +177,6 @@ def can_screen(formulation: Formulation) -> bool:
     """Whether the ways of a screening suit a problem: to a goal that is a place, past nothing in between."""
     problem = formulation.problem
     return is_whole(problem) and not problem.via and problem.guess.kind in ("auto", "line")
-
-
-def _same(cost: float, other: float) -> bool:
-    return abs(cost - other) <= _SAME * abs(other)
 
 
 def _effort(formulation: Formulation, iterate: Iterate) -> float:

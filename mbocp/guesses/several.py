@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
-from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_eased
+from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
 from mbocp.job import Job, settings_of
@@ -62,7 +62,7 @@ def solve_from_starts(
     if threads > 1:
         batch.run_in_threads(threads)
     else:
-        batch.run(_count_helpers() if workers is None else workers - 1)
+        batch.run((available_threads() if workers is None else workers) - 1)
     batch.ease(threads)
     tried = [(tasks[i], with_end(tasks[i].formulation, batch.outcomes[i])) for i in sorted(batch.outcomes)]
     for place, formulation in goals:
@@ -89,11 +89,6 @@ def _try_further_kinds(
         tried.append((task, end))
         if end.result.status is Status.CONVERGED:
             return
-
-
-def _count_helpers() -> int:
-    """Count the processes that may help: none where this one is a worker among others."""
-    return available_threads() - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +184,7 @@ class _Batch:
             task = self.tasks[number]
             start = Start(task.formulation.programme, task.guess.iterate, watch, label=_label(number))
             settings, plain = task.settings(self.deadline), self.outcomes[number]
-            return try_eased(task.formulation, settings, start, plain, number=among[number])
+            return try_easing(task.formulation, settings, start, plain, number=among[number])
 
         if not self.is_over:
             self._side_by_side(work, left, threads)

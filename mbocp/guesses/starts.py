@@ -15,8 +15,8 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.around import around
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates, kinds_in_turn, none_made
-from mbocp.guesses.line import driven_line, line
 from mbocp.guesses.make import make_guess
+from mbocp.guesses.straight_line import driven_line, line
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess

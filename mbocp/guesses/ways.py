@@ -195,8 +195,7 @@ def _two_legs(problem: Problem, through: Array) -> Way:
 
 def _blend(shares: Array) -> Array:
     """From rest to rest."""
-    smooth: Array = shares**2 * (3.0 - 2.0 * shares)
-    return smooth
+    return shares**2 * (3.0 - 2.0 * shares)
 
 
 def _along(robot: Robot, ahead: Array, q_goal: Array) -> Way:

@@ -14,18 +14,19 @@ from itertools import chain, count, islice
 
 import numpy as np
 
+from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.around import around
 from mbocp.guesses.kinds import kinds_in_turn
-from mbocp.guesses.line import driven_line, is_whole, line
 from mbocp.guesses.make import make_guess
 from mbocp.guesses.starts import start_guesses
+from mbocp.guesses.straight_line import driven_line, is_whole, line
 from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turned_ways
 from mbocp.job import Warm
-from mbocp.menus.places import box_around, tool_of
 from mbocp.problem import Guess, Problem
 from mbocp.programme.carried import Carried
+from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.joints import joint_kind, velocity_slice
 
 _RESTARTS = 100  # of the search for configurations at the goal: an arm of six joints has eight
@@ -187,3 +188,20 @@ def _random_ways(problem: Problem) -> Iterator[tuple[str, Way]]:
     for number in count(1):
         rng, reach = np.random.default_rng([problem.solver.seed, number]), _REACHES[number % 2]
         yield f"line through random configuration {number}", random_way(problem, rng, reach, middle)
+
+
+def tool_of(problem: Problem) -> str:
+    """The frame that is to reach the goal, or leaves a trace; else the last one."""
+    for names in ([pose.name for pose in problem.goal.poses], problem.robot.trace_frames):
+        if names:
+            return str(names[0])
+    return str(problem.robot.frame_names[-1])
+
+
+def box_around(obstacle: Obstacle) -> tuple[Array, Array]:
+    """Centre and half the sides of a box around an obstacle, along its frame's axes [m]."""
+    shape, place = obstacle.geometry, obstacle.placement
+    shape.computeLocalAABB()
+    low, high = np.asarray(shape.aabb_local.min_), np.asarray(shape.aabb_local.max_)
+    centre = place.translation + place.rotation @ (0.5 * (low + high))
+    return centre, np.abs(place.rotation) @ (0.5 * (high - low))

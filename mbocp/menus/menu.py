@@ -17,10 +17,10 @@ from mbocp._threads import SideBySide, Watch
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
-from mbocp.formulation.resolution import describe_coarse_turn
-from mbocp.guesses.line import line
+from mbocp.formulation.read_trajectory import describe_coarse_turn
 from mbocp.guesses.ranking import SAME_COST
 from mbocp.guesses.screening import Screening, Trial, can_screen, finer, with_fewer_steps
+from mbocp.guesses.straight_line import line
 from mbocp.guesses.ways import straight
 from mbocp.job import Job, settings_of
 from mbocp.menus.candidates import Candidate, candidates, has_ways

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.menus.places import box_around, tool_of
+from mbocp.menus.candidates import box_around, tool_of
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
@@ -172,15 +172,15 @@ class _Halfway:
 
     def __init__(self, robot: Robot, solutions: Sequence[Solution]) -> None:
         self._robot = robot
-        found = np.array([self._moved(solution) for solution in solutions])
+        found = np.array([self._displacement(solution) for solution in solutions])
         self._at = int(np.argmax(np.ptp(found, axis=0)))
 
     def __call__(self, solution: Solution) -> str:
-        label, moved = self._robot.v_labels[self._at], float(self._moved(solution)[self._at])
+        label, moved = self._robot.v_labels[self._at], float(self._displacement(solution)[self._at])
         how = f"{moved:+.2f} m" if label.unit == "m/s" else f"{math.degrees(moved):+.0f} deg"
         return f"{_short(label.name)} {how} at half time"
 
-    def _moved(self, solution: Solution) -> Array:
+    def _displacement(self, solution: Solution) -> Array:
         half = 1 + int(np.argmin(np.abs(solution.t - 0.5 * (solution.t[0] + solution.t[-1]))))
         moved: Array = steps_between(self._robot, solution.qs[:half]).sum(axis=0)
         return moved
@@ -296,8 +296,7 @@ def _axis(place: pin.SE3, model: pin.Model, joint: int) -> Array:
 
 def _across(vector: Array, axis: Array) -> Array:
     """What of a vector is across an axis."""
-    across: Array = vector - axis * float(vector @ axis)
-    return across
+    return vector - axis * float(vector @ axis)
 
 
 def _short(joint: str) -> str:

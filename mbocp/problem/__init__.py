@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mbocp.problem.problem import Problem as Problem
     from mbocp.problem.solver import SolverOptions as SolverOptions
     from mbocp.problem.timeline.via import ViaPoint as ViaPoint
-    from mbocp.terms import FrameGoal as FrameGoal
+    from mbocp.terms.frame_goal import FrameGoal as FrameGoal
 
 
 __getattr__ = names_of(__name__, __file__)

@@ -30,7 +30,7 @@ from mbocp.mechanics.rates import accelerations, powers
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
@@ -218,7 +218,7 @@ class _Steps:
             yield of_cubics
             return
         followed = np.argsort(-self._nearest(sides))[: max(_FOLLOWED, np.count_nonzero(is_coarse))]
-        looks = list(self._speeds_followed(followed, (sides[0][followed], sides[1][followed])))
+        looks = list(self._follow_speeds(followed, (sides[0][followed], sides[1][followed])))
         yield from looks
         counts = np.ones(len(largest), dtype=np.bool_)
         is_known = np.isfinite(looks[-1].values).all(axis=1)
@@ -226,7 +226,7 @@ class _Steps:
         if counts.any():
             yield of_cubics.of_steps(counts)
 
-    def _speeds_followed(self, chosen: IntArray, within: Sides) -> Iterator[_Look]:
+    def _follow_speeds(self, chosen: IntArray, within: Sides) -> Iterator[_Look]:
         """Along the flow of the robot in some steps."""
         robot, cubics = self.problem.robot, self.cubics
         qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
@@ -333,20 +333,19 @@ class _Flow:
         h, (e, p1, p2, p3), (e_half, p_half, *_) = self.lengths, self.whole, self.half
         n1 = self._rest(qs, vs, us[0])
         v2 = _times(e_half, vs) + h / 2.0 * _times(p_half, n1)
-        n2 = self._rest(self._moved(qs, h / 2.0 * vs), v2, us[1])
+        n2 = self._rest(self._move(qs, h / 2.0 * vs), v2, us[1])
         v3 = _times(e_half, vs) + h / 2.0 * _times(p_half, n2)
-        n3 = self._rest(self._moved(qs, h / 2.0 * v2), v3, us[1])
+        n3 = self._rest(self._move(qs, h / 2.0 * v2), v3, us[1])
         v4 = _times(e_half, v2) + h / 2.0 * _times(p_half, 2.0 * n3 - n1)
-        n4 = self._rest(self._moved(qs, h * v3), v4, us[2])
+        n4 = self._rest(self._move(qs, h * v3), v4, us[2])
         ends = _times(p1 - 3.0 * p2 + 4.0 * p3, n1) + _times(4.0 * p3 - p2, n4)
         after = _times(e, vs) + h * (ends + _times(2.0 * p2 - 4.0 * p3, n2 + n3))
-        return self._moved(qs, h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), after
+        return self._move(qs, h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), after
 
     def _rest(self, qs: Array, vs: Array, us: Array) -> Array:
-        found: Array = accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
-        return found
+        return accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
 
-    def _moved(self, qs: Array, ways: Array) -> Array:
+    def _move(self, qs: Array, ways: Array) -> Array:
         return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
 
 

@@ -17,8 +17,9 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.axes import perpendiculars
 from mbocp.robot.loops.kinds.base import Constraint
-from mbocp.terms import BoundedTerm, ContactTerm, SidesInSteps, Span
-from mbocp.terms.span import Place
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.span import Place, Span
 
 _ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
@@ -87,8 +88,7 @@ class ContactBounds(BoundedTerm):
         if self.contact.surface is not None:
             axes = np.eye(3)[[2, 0, 1]]
         whole = self.source.constraint.wrench_map[:, list(self.source.rows)]
-        found: Array = np.vstack([axes @ whole[:3], axes @ whole[3:]])
-        return found
+        return np.vstack([axes @ whole[:3], axes @ whole[3:]])
 
     @cached_property
     def term(self) -> ContactTerm:
@@ -221,21 +221,14 @@ class ContactBounds(BoundedTerm):
         hits = np.flatnonzero(self.hits & self.span.nodes(num_steps, dt))
         return hits, *self.bounds_of_impulses(is_inner=is_inner)
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Those of the forces."""
         if self.contact.surface is None:
-            return self.values_of(lams)
+            return self.values_of(nodes.lams)
         name = robot.frame_names[self.term.ground[0]]
-        places = np.array([robot.frame_placement(name, q).translation for q in states[0]])
+        places = np.array([robot.frame_placement(name, q).translation for q in nodes.states[0]])
         up = np.column_stack([np.ones(len(places)), -self.contact.surface.at(places)[1]])
-        return self.values_of(lams, up / np.linalg.norm(up, axis=1, keepdims=True))
+        return self.values_of(nodes.lams, up / np.linalg.norm(up, axis=1, keepdims=True))
 
     def wrenches(self, lams: Array) -> Array:
         """Force and torque along the normal and two tangents, shape (n, 6) [N, N m].

@@ -12,7 +12,8 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.kinds.axes import Axis, unit_axis
 from mbocp.robot.loops.kinds.base import Constraint
-from mbocp.terms import ContactTerm, Span
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.span import Span
 from mbocp.terms.surface import Surface
 
 _Z: Axis = (0.0, 0.0, 1.0)
@@ -170,12 +171,9 @@ class ContactForce:
     def write(self) -> dict[str, Any]:
         """Keys of `[[path]]` that read back as the same."""
         table: dict[str, Any] = {"name": self.name, "kind": ContactTerm.kind, "constraint": self.constraint}
-        for name in ("normal", "pressure"):
-            value = getattr(self, name)
-            table |= {} if value is None else {name: list(value)}
-        for name in ("friction", "facets", "min_normal", "max_normal", "max", "yaw_friction"):
-            value = getattr(self, name)
-            table |= {} if value is None else {name: value}
+        names = "normal", "pressure", "friction", "facets", "min_normal", "max_normal", "max", "yaw_friction"
+        for name, value in ((name, getattr(self, name)) for name in names):
+            table |= {} if value is None else {name: list(value) if isinstance(value, tuple) else value}
         table |= {} if self.impulses else {"impulses": False}
         table |= {} if self.surface is None else self.surface.keys
         return {**table, **self.span.write()}

@@ -14,8 +14,8 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, sugg
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.terms import COST_TERMS, EffortAboutGravity, Energy, Weighted
-from mbocp.terms.cost import RunningCost
+from mbocp.terms.cost import RunningCost, Weighted
+from mbocp.terms.kinds import COST_TERMS, EffortAboutGravity, Energy
 
 _BEND = 0.7  # of every joint [rad, m]
 _SHARE = 0.1  # of the weight with which a radian in the whole time costs as much as the largest force
@@ -65,7 +65,7 @@ class Cost:
     terminal_weights : ndarray, shape (2 nv,)
         Diagonal of :math:`Q_T` on (q, p), or on (q, v) if the goal gives a velocity.
     further : mapping of str to ndarray
-        Weights of all other terms of `mbocp.terms.COST_TERMS` by name; those left out are zero.
+        Weights of all other terms of `mbocp.terms.kinds.COST_TERMS` by name; those left out are zero.
     """
 
     effort: Array
@@ -149,17 +149,11 @@ class Cost:
 
     def on_controls(self, nu: int) -> Cost:
         """Return the same with a weight for each of `nu` controls where one number stood for all."""
-        spread: dict[str, Any] = {}
-        for key in _ON_CONTROLS:
-            value = getattr(self, key)
-            if value.shape not in ((), (nu,)):
-                raise DimensionMismatch(f"cost.{key}", value.shape, (nu,), "one weight for each control")
-            spread[key] = np.broadcast_to(value, (nu,))
-        on_controls = [key for key in self.further if further_terms()[key].over == "u"]
-        for key in on_controls:
-            if self.further[key].shape not in ((), (nu,)):
-                shape = self.further[key].shape
+        for key in (*_ON_CONTROLS, *(key for key in self.further if further_terms()[key].over == "u")):
+            shape = self.weight(key).shape
+            if shape not in ((), (nu,)):
                 raise DimensionMismatch(f"cost.{key}", shape, (nu,), "one weight for each control")
+        spread: dict[str, Any] = {key: np.broadcast_to(getattr(self, key), (nu,)) for key in _ON_CONTROLS}
         return replace(self, **spread)
 
     def check_controls(self, bounded: BoolArray, names: Sequence[str]) -> None:

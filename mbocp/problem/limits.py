@@ -15,7 +15,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
 from mbocp.robot.joints import unit_groups
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 LIMITS = {  # keys of a problem file
     "u": "limits.effort",
@@ -44,7 +44,7 @@ class Bounds:
         \underline{v} \le v_n \le \overline{v}, \qquad \underline{q} \le q_n \le \overline{q}
 
     at the nodes n = 1, ..., N, and in all N steps for u: eq. (32) of [Manara2017]_; and bounds on rates, see
-    `mbocp.terms.RateTerm`. What is left out is unbounded; a `Problem` fills it in.
+    `mbocp.terms.rates.RateTerm`. What is left out is unbounded; a `Problem` fills it in.
 
     Attributes
     ----------
@@ -132,18 +132,16 @@ class Bounds:
     @property
     def fields(self) -> dict[str, Array]:
         """Lower and upper bounds as a `Solution` keeps them: limits_u (2, nu), limits_v (2, nv), limits_q."""
-        return {
-            f"limits_{letter}": np.vstack(
-                [getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")]
-            )
-            for letter in _STORED
-        }
+        return {f"limits_{letter}": np.vstack(self.sides(letter)) for letter in _STORED}
+
+    def sides(self, letter: str) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds of a letter of `LIMITS`."""
+        return getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")
 
     def finite(self, letter: str) -> BoolArray:
         """Which entries of a letter of `LIMITS` have a bound on at least one side."""
-        lower, upper = getattr(self, f"{letter}_lower"), getattr(self, f"{letter}_upper")
-        mask: BoolArray = np.isfinite(lower) | np.isfinite(upper)
-        return mask
+        lower, upper = self.sides(letter)
+        return np.isfinite(lower) | np.isfinite(upper)
 
 
 def check_mean_squares(robot: Robot, bounds: Bounds) -> None:
@@ -222,7 +220,7 @@ def _configuration_mask(robot: Robot, active: BoolArray) -> BoolArray:
 
 def check_within(bounds: Bounds, where: str, letter: str, value: Array, labels: Sequence[Label]) -> None:
     """Refuse values at an end that its limits exclude, by more than a plan may leave them."""
-    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    lower, upper = bounds.sides(letter)
     slack = _SLACK * np.maximum(1.0, np.abs(value))
     outside = (value < lower - slack) | (value > upper + slack)
     _refuse_outside(bounds, where, letter, value, outside, labels)
@@ -231,7 +229,7 @@ def check_within(bounds: Bounds, where: str, letter: str, value: Array, labels: 
 def _refuse_outside(
     bounds: Bounds, where: str, letter: str, value: Array, asked: BoolArray, labels: Sequence[Label]
 ) -> None:
-    lower, upper = getattr(bounds, f"{letter}_lower"), getattr(bounds, f"{letter}_upper")
+    lower, upper = bounds.sides(letter)
     outside = asked & ((value < lower - BOUND_TOLERANCE) | (value > upper + BOUND_TOLERANCE))
     if outside.any():
         i = int(np.flatnonzero(outside)[0])

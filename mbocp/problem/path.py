@@ -14,10 +14,13 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_finite
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_TERMS, BoundedTerm, Follow, PathTerm, Position, Span
-from mbocp.terms.span import Place
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
+from mbocp.terms.kinds import PATH_TERMS, Follow, Position
+from mbocp.terms.path import PathTerm
+from mbocp.terms.span import Place, Span
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
@@ -42,7 +45,7 @@ class PathConstraint(BoundedTerm):
     name : str
         What it is called in messages, results and plots.
     kind : str
-        One of `mbocp.terms.PATH_TERMS`.
+        One of `mbocp.terms.kinds.PATH_TERMS`.
     frame : int
         Index of the frame.
     other : int, optional
@@ -118,8 +121,7 @@ class PathConstraint(BoundedTerm):
 
     def number(self, key: str) -> Array:
         """Value of one of its parameters."""
-        value: Array = self.point if key == "point" else self.further[key]
-        return value
+        return self.point if key == "point" else self.further[key]
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""
@@ -150,18 +152,11 @@ class PathConstraint(BoundedTerm):
             return self.values_on_path(robot, qs, vs, self.progress(robot, qs))
         return super().values_along(robot, qs, vs, us)
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Values with the progress along a path that the motion has."""
         if self.follows:
-            return self.values_on_path(robot, *states[:2], progress[self.name])
-        return self.values_along(robot, *states)
+            return self.values_on_path(robot, *nodes.states[:2], nodes.progress[self.name])
+        return self.values_along(robot, *nodes.states)
 
     @property
     def follows(self) -> bool:
@@ -206,21 +201,13 @@ class PathConstraint(BoundedTerm):
 
 
 def check_path(
-    robot: Robot,
-    path: Sequence[BoundedTerm],
-    q_start: Array,
-    v_start: Array,
-    goal: Goal,
-    *,
-    num_steps: int,
-    dt: float,
-    num_lengths: int = 0,
+    robot: Robot, path: Sequence[BoundedTerm], q_start: Array, v_start: Array, goal: Goal, timeline: Timeline
 ) -> None:
     """Refuse constraints that exclude the start, or an exact goal that says enough to tell.
 
-    `num_steps` and `dt` [s] are those of the horizon, in which each has to hold somewhere; `num_lengths`: of
-    steps that are found with the motion, or differ.
+    Each has to hold somewhere in the horizon.
     """
+    num_steps, dt, num_lengths = timeline.num_steps, timeline.dt, timeline.num_lengths
     names = [constraint.name for constraint in path]
     for name in names:
         if names.count(name) > 1:

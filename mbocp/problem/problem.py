@@ -9,14 +9,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbocp.problem.data import ProblemData
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.tables import written_tables
+from mbocp.problem.found_parameter import with_values
 from mbocp.problem.goals.goal import Goal, reachable_members
-from mbocp.problem.parameter import with_values
 from mbocp.problem.pipeline import run_steps
+from mbocp.problem.problem_data import ProblemData
 from mbocp.problem.resolve import RESOLVE
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
@@ -30,7 +30,9 @@ _FIELDS = [
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Problem(ProblemData):
-    """Optimal control of a multibody system; `mbocp.problem.data.ProblemData` has its mathematics and fields.
+    """Optimal control of a multibody system.
+
+    `mbocp.problem.problem_data.ProblemData` has its mathematics and fields.
 
     `Problem.create` makes one from the words of a problem file, `with_` makes another one from it.
 

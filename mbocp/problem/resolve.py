@@ -10,13 +10,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mbocp._arrays import Array
-from mbocp._linear import null_space
-from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.mechanisms.consistency import tangent_space
 from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import Cost
-from mbocp.problem.goals.consistency import at_rest, check_end_conditions
-from mbocp.problem.goals.ends import checked_acceleration, checked_start, completed_goal
+from mbocp.problem.goals.ends import checked_acceleration, checked_start, settle_goal
+from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_integrator, choose_scheme
 from mbocp.problem.limits import Bounds
@@ -25,12 +22,12 @@ from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearan
 from mbocp.problem.pipeline import Step
 from mbocp.problem.resolve_checks import (
     check_coordinates,
-    check_ends_of_motion,
     check_inequalities,
     check_parameters,
     check_solver,
 )
 from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
+from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import (
@@ -39,7 +36,7 @@ from mbocp.problem.timeline.phase_values import (
     widest_limits,
 )
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
-from mbocp.problem.timeline.steps import AskedNodes, check_accuracy, check_lengths, check_steps
+from mbocp.problem.timeline.step_counts import AskedNodes, check_accuracy, check_lengths, check_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
 from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration
@@ -54,7 +51,8 @@ from mbocp.problem.together import (
 )
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 
 _Range = tuple[float, float] | None
 
@@ -132,42 +130,6 @@ def _acting(
     return table, with_contacts(path_of_frames, robot, scheme, table)
 
 
-def free_at_end(robot: Robot, switches: SwitchTable | None, q: Array) -> Array:
-    """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
-    if switches is None:
-        return tangent_space(robot, q)
-    return null_space(switches.at_end(q, of_rates=True), RANK_TOLERANCE)
-
-
-def _goal(
-    robot: Robot,
-    said_goal: Goal,
-    limits_at_end: Bounds,
-    q_start: Array,
-    via_in_order: tuple[ViaPoint, ...],
-    num_steps: int,
-    scheme: str,
-    scheme_reason: str,
-    switches: SwitchTable | None,
-) -> Goal:
-    """Complete the goal with what its poses and loops leave open."""
-    goal = completed_goal(
-        robot,
-        said_goal,
-        limits_at_end,
-        q_start,
-        via_in_order[-1].goal.q if via_in_order else q_start,
-        num_steps=num_steps,
-        scheme=scheme,
-        suits=scheme_reason,
-        closes_loops=switches is None or bool(switches.own[-1].all()),
-    )
-    rests = at_rest(robot, goal, limits_at_end, free_at_end(robot, switches, goal.q))
-    if rests.a_rule == "rest":  # more conditions than what was said
-        check_end_conditions(robot, rests, num_steps)
-    return rests
-
-
 def _timeline(
     robot: Robot,
     via_in_order: tuple[ViaPoint, ...],
@@ -233,11 +195,13 @@ RESOLVE = (
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),
     Step.of(ordered_via, "via_in_order", "nodes_of_via"),
-    Step.of(_goal, "goal_at_pose"),
+    Step.of(settle_goal, "goal_at_pose"),
     Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),
     Step.of(check_parameters),
-    Step.of(check_ends_of_motion),
+    Step.of(check_periodic),
+    Step.of(check_cycle),
+    Step.of(check_free_start),
     Step.of(check_steps),
     Step.of(_cost, "cost"),
     Step.of(check_weights),

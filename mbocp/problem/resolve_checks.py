@@ -9,26 +9,25 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
-from mbocp.problem.goals.free_start import FreeStart, check_free_start, check_periodic
+from mbocp.problem.found_parameter import Parameter
+from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_control_terms
 from mbocp.problem.limits import LIMITS, Bounds, check_limits, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.parameter import Parameter
 from mbocp.problem.path import PathConstraint, check_path
-from mbocp.problem.rates import check_rates
+from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import heaviest_cost, limits_along
-from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import take
 from mbocp.solvers.options import BOUNDED_METHODS
-from mbocp.terms import RATE_TERMS, BoundedTerm
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.rates import RATE_TERMS
 
 
 def check_parameters(
@@ -44,27 +43,6 @@ def check_parameters(
         raise ProblemError(
             f"parameter: {moving[0]} moves frames, which obstacle and self_collision do not follow yet; "
             "take masses, or springs, or leave these tables out"
-        )
-
-
-def check_ends_of_motion(
-    robot: Robot,
-    coordinates: str,
-    start_free: FreeStart | None,
-    goal: Goal,
-    q_start: Array,
-    v_start: Array,
-    limits_at_start: Bounds,
-    switches: SwitchTable | None,
-) -> None:
-    """Refuse a free start, and a periodic motion, where they do not fit the rest."""
-    check_periodic(robot, goal, coordinates)
-    if switches is not None:
-        check_cycle(switches, start_free, goal.periodic, (q_start, goal.q))
-    if start_free is not None:
-        state = (q_start, v_start)
-        check_free_start(
-            robot, start_free, limits_at_start, state, coordinates=coordinates, switches=switches
         )
 
 
@@ -89,10 +67,9 @@ def check_inequalities(
     heaviest = heaviest_cost(cost, timeline.phases, robot)
     check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
-    num_steps, dt, num_lengths = timeline.num_steps, timeline.dt, timeline.num_lengths
-    check_path(robot, path, q_start, v_start, goal, num_steps=num_steps, dt=dt, num_lengths=num_lengths)
+    check_path(robot, path, q_start, v_start, goal, timeline)
     frames = [one for one in path if isinstance(one, PathConstraint)]
-    warn_alternating(frames, goal, scheme, num_steps=num_steps, dt=dt)
+    warn_alternating(frames, goal, scheme, timeline)
     warn_held_anywhere(robot, timeline, frames)
 
 

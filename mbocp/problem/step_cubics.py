@@ -38,8 +38,7 @@ class StepCubics:
 
     def times(self, s: Array) -> Array:
         """At shares of the steps [s]."""
-        found: Array = self.begins + s * self.lengths
-        return found
+        return self.begins + s * self.lengths
 
     def speeds(self, s: Array) -> Array:
         """At shares of the steps, shape (n, nv)."""
@@ -54,10 +53,7 @@ class StepCubics:
 
     def accelerations(self, s: float) -> Array:
         """At a share of the steps, shape (n, nv); they are extreme at both ends."""
-        found: Array = (
-            (6 * s - 4) * self.v0 + (6 * s - 2) * self.v1 + (6 - 12 * s) * self.means
-        ) / self.lengths
-        return found
+        return ((6 * s - 4) * self.v0 + (6 * s - 2) * self.v1 + (6 - 12 * s) * self.means) / self.lengths
 
     def extremes_of_speeds(self) -> Array:
         """Shares at which speeds are extreme, 0 where that is not within a step."""
@@ -76,5 +72,4 @@ class StepCubics:
 
 
 def _within(s: Array) -> Array:
-    found: Array = np.where((s > 0.0) & (s < 1.0), s, 0.0)
-    return found
+    return np.where((s > 0.0) & (s < 1.0), s, 0.0)

@@ -21,7 +21,10 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.terms import BoundedTerm, OwnPathConstraint, OwnTerm, frame_tolerances
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.frame_tolerance import frame_tolerances
+from mbocp.terms.own_parts import OwnPathConstraint
 
 
 def check_has_actuators(robot: Robot) -> None:

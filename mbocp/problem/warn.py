@@ -36,9 +36,7 @@ def warn_singular(robot: Robot, q: Array, key: str) -> None:
         warn_caller(f"{key}: {words}; {_BESIDE}", ProblemWarning)
 
 
-def warn_alternating(
-    path: Iterable[PathConstraint], goal: Goal, scheme: str, *, num_steps: int, dt: float
-) -> None:
+def warn_alternating(path: Iterable[PathConstraint], goal: Goal, scheme: str, timeline: Timeline) -> None:
     """Say that equations at all nodes and a velocity at the end are too much for schemes of mean velocities.
 
     With q1 - q0 = dt (v0 + v1) / 2 the velocity across the equations is minus the one before, at each node.
@@ -47,7 +45,7 @@ def warn_alternating(
     if not (SCHEMES[scheme].alternates and goal.is_exact and goal.rate_active.any()):
         return
     for constraint in path:
-        if has_equations_throughout(constraint, num_steps, dt):
+        if has_equations_throughout(constraint, timeline.num_steps, timeline.dt):
             warn_caller(
                 f"path {constraint.name!r}: equations at all nodes, and a velocity at the end; "
                 f'integrator.scheme = "{scheme}" moves by mean velocities, so that those across the '

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp.formulation.sources import sources_digest
+from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.receding import unknowns as own_unknowns

@@ -24,9 +24,8 @@ from pathlib import Path
 import casadi as ca
 
 from mbocp.formulation import Formulation
-from mbocp.formulation.end import build_end_functions
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import build_functions
+from mbocp.formulation.stage import build_end_functions, build_functions
 from mbocp.mechanics import Mechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.programme.tapes import as_operations

@@ -21,7 +21,8 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.sensitivity.numbers import Change, change_along
 from mbocp.sensitivity.parameter import Parameter
-from mbocp.terms import FrameEnd, FrameGoal
+from mbocp.terms.frame_end import FrameEnd
+from mbocp.terms.frame_goal import FrameGoal
 
 _SAME = 1e-9  # [rad, m]
 

@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameters import NUMBERS
+from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model

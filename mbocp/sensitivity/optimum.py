@@ -12,7 +12,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
-from mbocp.formulation.iterates import end_as_solved
+from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
@@ -81,7 +81,7 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = replace(end_as_solved(solution.problem, carried), limits_within=carried.limits_within)
+    problem = replace(take_end_of(solution.problem, carried), limits_within=carried.limits_within)
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:

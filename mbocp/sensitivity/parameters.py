@@ -18,7 +18,8 @@ from mbocp.sensitivity.numbers import Change, change_along
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter
-from mbocp.terms import RunningTerm, Tracking, Weighted
+from mbocp.terms.cost import RunningTerm, Weighted
+from mbocp.terms.kinds import Tracking
 
 _SIDES = ("lower", "upper")
 

@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array, IntArray
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.moved_start import MovedStart
-from mbocp.formulation.features.switches import steps_repeated
+from mbocp.formulation.features.switches import repeat_steps
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.motion import NodeSlopes
 from mbocp.programme import BoundMultipliers, Iterate
@@ -173,7 +173,7 @@ class Reader:
     @cached_property
     def _steps(self) -> IntArray:
         """Whose controls each step has."""
-        return steps_repeated(self.formulation.problem.timeline.is_impact)
+        return repeat_steps(self.formulation.problem.timeline.is_impact)
 
     def _of_motion(self, move: Move) -> dict[str, Array]:
         """Derivatives of what states and controls say by themselves, exact."""

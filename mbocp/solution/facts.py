@@ -130,7 +130,7 @@ class Facts:
     path : tuple of PathRow
         The rows of the path constraints.
     rates : mapping of str to (tuple of float, tuple of float)
-        Lower and upper bounds by key of `mbocp.terms.RATE_TERMS`, for all velocities or controls; where
+        Lower and upper bounds by key of `mbocp.terms.rates.RATE_TERMS`, for all velocities or controls; where
         phases differ, the widest of them.
     along : mapping of str to (tuple, tuple)
         Lower and upper limits of "u" in the N steps, and of "v" and "q" at the nodes 1..N, where phases have

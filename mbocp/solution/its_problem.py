@@ -15,7 +15,7 @@ from mbocp.problem import Problem, ProblemWarning
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.read import read_tables
+from mbocp.problem.file.read_tables import read_tables
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.problem import problem_from_tables
 from mbocp.problem.timeline.times import FreeTime
@@ -25,7 +25,8 @@ from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, tell_changed
-from mbocp.terms import RATE_TERMS, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.rates import RATE_TERMS
 
 
 def problem_of(

@@ -13,8 +13,7 @@ from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.loads import rms_of
 from mbocp.solution.records import Column
-from mbocp.terms import RATE_TERMS
-from mbocp.terms.rates import PLACES, name_at
+from mbocp.terms.rates import PLACES, RATE_TERMS, name_at
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance
 _OF_TIME = ("duration", "time", "phase")  # relative to themselves: there are short motions
@@ -29,7 +28,7 @@ class ActiveLimit:
     ----------
     kind : str
         "control", "velocity", "position", "path", "duration", "time" or "way" of a via point, or a key of
-        `mbocp.terms.RATE_TERMS`; "phase" for its duration; "parameter". A way takes
+        `mbocp.terms.rates.RATE_TERMS`; "phase" for its duration; "parameter". A way takes
         the least time that its steps may have.
     name : str
         Of the control, joint, path constraint or via point; "horizon" of a free duration, "end" of the way to

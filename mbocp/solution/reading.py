@@ -18,11 +18,15 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
-from mbocp.formulation.found import at_found
 from mbocp.formulation.gains import feedback_gains
-from mbocp.formulation.iterates import carried_of
-from mbocp.formulation.resolution import describe_coarse_turn, describe_sensitive_time
-from mbocp.formulation.trajectory import measures_of, read_trajectory, times_of
+from mbocp.formulation.iterates import carried_of, with_robot_of
+from mbocp.formulation.read_trajectory import (
+    describe_coarse_turn,
+    describe_sensitive_time,
+    measures_of,
+    read_trajectory,
+    times_of,
+)
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
@@ -89,7 +93,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     """
     outcome, phases = attempt.outcome, list(attempt.phases)
     result = outcome.result
-    formulation, asked = _at_found(attempt.formulation, result.iterate, asked)
+    formulation, asked = _with_robot_of(attempt.formulation, result.iterate, asked)
     problem = formulation.problem
     approach: Approach | None = None
     last = result.record
@@ -153,12 +157,12 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     return defer(Solution, now, rest, alone)
 
 
-def _at_found(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:
+def _with_robot_of(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:
     """Formulation and problem with the robot that was found."""
     if not asked.parameter:
         return formulation, asked
     motion = formulation.motion_of(iterate)
-    problem = at_found(formulation, motion).problem
+    problem = with_robot_of(formulation, motion).problem
     if iterate.bounds is not None:
         multipliers = iterate.bounds.us[0, formulation.layout.controls["found"]].tolist()
         pairs = zip(problem.parameter, multipliers, strict=True)

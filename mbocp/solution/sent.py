@@ -19,7 +19,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import Curves
 from mbocp.solution.data import SolutionData
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 INTERPOLATIONS = ("cubic", "quintic")
 _LARGEST_RATE = 1e5  # [1/s]

@@ -16,7 +16,7 @@ from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import between
 from mbocp.solution.sent import Excess, find_excesses
 from mbocp.solution.sent_states import Follower
-from mbocp.terms import BoundedTerm
+from mbocp.terms.bounded import BoundedTerm
 
 _PARTS = 8  # of a polynomial at whose ends they are looked at
 _SAME = 1e-6  # of a step: times closer to a node than this are the node's

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -39,6 +39,15 @@ class Structure:
     def signature(self) -> dict[str, Any]:
         """What its function depends on."""
         return {"term": self.kind, **dataclasses.asdict(self)}  # type: ignore[call-overload]
+
+
+class MotionAtNodes(NamedTuple):
+    """A motion at its nodes 1..N."""
+
+    ts: Array  # [s]
+    states: tuple[Array, Array, Array]  # configurations, velocities and controls
+    lams: Array  # forces of constraints
+    progress: Mapping[str, Array]  # along paths that are followed, by the names of their constraints
 
 
 class BoundedTerm:
@@ -122,29 +131,9 @@ class BoundedTerm:
         function = self.function(robot, {"control": u}, u).map(len(qs))
         return self.value(np.asarray(function(qs.T, vs.T, us.T)).T)
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
-        """Values at the nodes 1..N of a motion, shape (N, rows).
-
-        Parameters
-        ----------
-        robot : Robot
-        ts : ndarray, shape (N,)
-            [s].
-        states : (ndarray, ndarray, ndarray)
-            Configurations, velocities and controls.
-        lams : ndarray, shape (N, rows)
-            Forces of constraints.
-        progress : mapping of str to ndarray, shape (N,)
-            Along paths that are followed, by the names of their constraints.
-        """
-        return self.values_along(robot, *states)
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
+        """Values at the nodes 1..N of a motion, shape (N, rows)."""
+        return self.values_along(robot, *nodes.states)
 
     def function(self, robot: Robot, remembered: Mapping[str, ca.SX], *more: ca.SX) -> ca.Function:
         """The expression as a function of configuration, velocity, and symbols of what is remembered."""

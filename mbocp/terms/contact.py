@@ -12,17 +12,21 @@ along the normal and :math:`f_t` across it, and for a weld its torque :math:`\ta
 Beside :math:`f_n \ge 0` the second is the cone :math:`|f_t| \le \mu f_n`, by a polynomial, which has
 derivatives at its apex, too. Or a pyramid within the cone, with k facets:
 :math:`\cos\theta_i f_1 + \sin\theta_i f_2 \le \mu \cos(\pi/k) f_n`.
+
+Where a constraint is taken on, positions coincide and velocities fit it: :math:`\Phi(q_n) = 0` where frames
+coincide, :math:`J(q_n)\,v_n = 0` without an impact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 
 from mbocp._keys import Key
+from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
 from mbocp.terms.surface import SurfaceKeys, SurfaceShape
@@ -151,3 +155,54 @@ class ContactKeys(SurfaceKeys):
             default="true",
         ),
     ] = None
+
+
+@dataclass(frozen=True)
+class ContactConditionTerm:
+    """The structure of such rows, as `mbocp.terms.path.PathTerm` is that of a path constraint.
+
+    Attributes
+    ----------
+    frame : HeldFrame
+    kept : tuple of int
+        Those of its rows that act.
+    has_place, has_rate : bool
+        Whether positions coincide and velocities are allowed.
+    """
+
+    frame: HeldFrame
+    kept: tuple[int, ...]
+    has_place: bool
+    has_rate: bool
+
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether it depends on the velocity."""
+        return self.has_rate
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its function depends on."""
+        said = {"kept": self.kept, "has_place": self.has_place, "has_rate": self.has_rate}
+        return {"term": "meeting", "frame": self.frame.signature, **said}
+
+    @property
+    def rows(self) -> int:
+        """Number of its values."""
+        return len(self.kept) * (self.has_place + self.has_rate)
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """No parameters."""
+        return {}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Rows of positions, and of velocities below them."""
+        kept, found = list(self.kept), [ca.SX.zeros(0, 1)]
+        if self.has_place:
+            found.append(held_rows((self.frame,), at.mechanics, at.q, at.q)[kept])
+        if self.has_rate:
+            found.append((held_jacobian((self.frame,), at.mechanics, at.q) @ at.v)[kept])
+        return ca.vertcat(*found)

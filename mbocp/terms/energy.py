@@ -1,4 +1,4 @@
-"""A term of the running cost: what the motors of a robot draw from their supply, with losses of gears."""
+"""What a motion spends: energy that motors draw from their supply, with losses of gears, and time."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, shortest
+from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.written import Control, ControlWeights
+from mbocp.terms.written import Control, ControlWeights, NonNegative
 
 _KEYS = ("efficiency", "regeneration", "losses", "width")  # rows of the numbers, one column a control
 _FORCES = ("N", "N m")
@@ -150,3 +150,20 @@ def _check(key: str, value: float, name: str) -> None:
     is_right, words = allowed[key]
     if not is_right:
         raise InvalidValue(f"cost.energy.{key}.{name}", value, words)
+
+
+@dataclass(frozen=True)
+class Time(Weighted):
+    """A weight on the duration: 1 and little or no effort ask for minimum time."""
+
+    key = "time"
+    over = ""
+
+    class Keys(Table):
+        """Keys."""
+
+        time: Annotated[NonNegative, Key("weight of a free duration", "1/s")] = 0.0
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """The weight: the running cost is per second."""
+        return p["time"]

@@ -262,7 +262,7 @@ class Follow(PathTerm):
 
     def draw(self, given: PathNumbers) -> Array | None:
         """The path."""
-        return self.curve(given).drawn
+        return self.curve(given).polyline
 
     def target(
         self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float

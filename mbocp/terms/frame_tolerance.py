@@ -12,8 +12,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm, Structure
+from mbocp.terms.frame_end import FrameShape
 from mbocp.terms.frame_goal import FrameGoal
-from mbocp.terms.frames import FrameShape
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span
 
@@ -111,8 +111,7 @@ class FrameTolerance(BoundedTerm):
         """Derivatives of the expression in the values."""
         if not self.term.is_cone:
             return np.ones_like(values) / self._scale
-        slopes: Array = 4.0 * np.tan(values / 2.0) / (np.cos(values / 2.0) * self._scale) ** 2
-        return slopes
+        return 4.0 * np.tan(values / 2.0) / (np.cos(values / 2.0) * self._scale) ** 2
 
 
 def frame_tolerances(goals: tuple[FrameGoal, ...], robot: Robot) -> tuple[FrameTolerance, ...]:

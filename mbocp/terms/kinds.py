@@ -1,6 +1,7 @@
 """All kinds of terms, in the order of the documentation: a class adds itself to its list when it is defined.
 
-Modules with terms of a list are imported here and nowhere else, so that their order is always the same.
+Modules with terms of a list are imported here and nowhere else, so that their order is always the same; one
+name of each is enough.
 """
 
 # isort: off
@@ -17,22 +18,17 @@ from mbocp.terms.running import (
     Velocity as Velocity,
 )
 from mbocp.terms.energy import Energy as Energy
-from mbocp.terms.time import Time as Time
-from mbocp.terms.end import ExactGoal as ExactGoal, TerminalCost as TerminalCost
-from mbocp.terms.path import PATH_TERMS as PATH_TERMS
-from mbocp.terms.frame_path import (
-    AngularMomentum as AngularMomentum,
-    AngularSpeed as AngularSpeed,
-    CentreOfMass as CentreOfMass,
-    Distance as Distance,
-    Orientation as Orientation,
-    Position as Position,
-    Speed as Speed,
+from mbocp.terms.energy import Time as Time
+from mbocp.terms.end import (
+    AccelerationEnd as AccelerationEnd,
+    ExactGoal as ExactGoal,
+    TerminalCost as TerminalCost,
 )
+from mbocp.terms.path import PATH_TERMS as PATH_TERMS
+from mbocp.terms.frame_path import Position as Position
 from mbocp.terms.braking import Braking as Braking
 from mbocp.terms.motor import Motor as Motor
-from mbocp.terms.motor import MotorSpeed as MotorSpeed
-from mbocp.terms.kept import Line as Line, OrientationKept as OrientationKept
+from mbocp.terms.kept_poses import Line as Line
 from mbocp.terms.follow import Follow as Follow
 from mbocp.terms.height import Height as Height
 from mbocp.terms.contact import ContactKeys, ContactTerm

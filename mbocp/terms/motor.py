@@ -75,7 +75,7 @@ class Motor(PathTerm):
             for name in ("stall", "no_load"):
                 if name in given:
                     raise ProblemError(f"{key}: curve and {name}; which of the two? Give one")
-            speeds, torques = _checked(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve")
+            speeds, torques = _check_curve(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve")
         else:
             for name in ("stall", "no_load"):
                 if name not in given:
@@ -97,7 +97,7 @@ class Motor(PathTerm):
     @classmethod
     def check(cls, given: PathNumbers, key: str) -> None:
         """Refuse torques and speeds that are none."""
-        _checked(np.column_stack([given.number("speeds"), given.number("torques")]), f"{key}: curve")
+        _check_curve(np.column_stack([given.number("speeds"), given.number("torques")]), f"{key}: curve")
 
     @property
     def sizes(self) -> dict[str, int]:  # type: ignore[override]
@@ -173,7 +173,7 @@ def falling_lines(curve: Array, key: str) -> Array:
     InvalidValue
         If it is no table of a motor.
     """
-    speeds, torques = _checked(curve, key)
+    speeds, torques = _check_curve(curve, key)
     first = int(np.searchsorted(-torques, -torques[0], side="right")) - 1
     if first + 1 == len(speeds):
         return np.zeros((0, 2))
@@ -187,7 +187,7 @@ def _slopes(speeds: Any, torques: Any) -> Any:
     return (torques[:-1] - torques[1:]) / (speeds[1:] - speeds[:-1])
 
 
-def _checked(curve: Array, key: str) -> tuple[Array, Array]:
+def _check_curve(curve: Array, key: str) -> tuple[Array, Array]:
     """Speeds and torques of a table."""
     speeds, torques = curve.T
     if len(curve) < 2 or not np.isfinite(curve).all():

@@ -28,7 +28,7 @@ from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of
 from mbocp.robot import Robot
-from mbocp.terms.kinematics import Kinematics
+from mbocp.terms.own_kinematics import Kinematics
 from mbocp.terms.point import Point
 from mbocp.terms.span import Span, end_from
 
@@ -60,8 +60,7 @@ class Traced(NamedTuple):
         a = at.joint_acceleration() if "a" in self.uses else ca.SX.zeros(robot.nv)
         t = at.time if "t" in self.uses else ca.SX(0)
         own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
-        found: ca.SX = self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
-        return found
+        return self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -116,7 +116,7 @@ class OwnEnd(_Part):
 
 @dataclass(frozen=True)
 class OwnPath(_Part):
-    """The structure of a path constraint, as `mbocp.terms.PathTerm` is that of a file's."""
+    """The structure of a path constraint, as `mbocp.terms.path.PathTerm` is that of a file's."""
 
     @property
     def sizes(self) -> dict[str, int]:

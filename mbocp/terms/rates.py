@@ -1,8 +1,8 @@
 """Limits of rates: functions of a state and of what it remembers of the step that led to it.
 
 A class is a kind of limit: its key in `[limits]`, what it is a limit of, what it needs remembered, and its
-expression. An instance is the structure of a limit: which entries have bounds. `mbocp.problem.rates` has the
-numbers, `mbocp.formulation.features.memory` says how a state remembers.
+expression. An instance is the structure of a limit: which entries have bounds. `mbocp.problem.rate_limits`
+has the numbers, `mbocp.formulation.features.memory` says how a state remembers.
 """
 
 from __future__ import annotations

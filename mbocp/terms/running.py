@@ -13,8 +13,15 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._keys import Key, Table
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.tables import TargetTable, Weights
-from mbocp.terms.written import ControlOrAuto, ControlWeights, Finite, NonNegative, check_weight_is_given
+from mbocp.terms.written import (
+    ControlOrAuto,
+    ControlWeights,
+    Finite,
+    NonNegative,
+    TargetTable,
+    Weights,
+    check_weight_is_given,
+)
 
 
 @dataclass(frozen=True)

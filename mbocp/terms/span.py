@@ -185,10 +185,9 @@ class Span:
         """Which of the nodes 1..N belong to it, shape (N,)."""
         n = np.arange(1, num_steps + 1, dtype=np.float64)
         first, last = (_place(end, num_steps, dt) for end in (self.since, self.until))
-        found: BoolArray = (n >= (-np.inf if first is None else first - _GRAIN)) & (
+        return (n >= (-np.inf if first is None else first - _GRAIN)) & (
             n <= (np.inf if last is None else last + _GRAIN)
         )
-        return found
 
     def check(self, key: str) -> None:
         """Refuse what are no times in their order.

@@ -55,7 +55,7 @@ class Curve(NamedTuple):
         return True
 
     @property
-    def drawn(self) -> Array:
+    def polyline(self) -> Array:
         """Points that look like the curve, shape (k, 3)."""
         return self.at(np.linspace(0.0, 1.0, min(_DRAWN * len(self.pieces), _MAX_SAMPLES) + 1))[:, :3]
 
@@ -84,8 +84,7 @@ class Curve(NamedTuple):
             curvature = square + (away * second).sum(axis=1)
             curvature = np.where(curvature > _CONVEX * square, curvature, square)
             s = np.clip(s - slope / curvature, low, high)
-        found: Array = np.maximum.accumulate(s)
-        return found
+        return np.maximum.accumulate(s)
 
 
 def curve_through(points: Array, *, is_closed: bool) -> Curve:

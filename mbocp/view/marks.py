@@ -18,7 +18,7 @@ from mbocp.solution import Solution
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
-    from mbocp.terms import FrameGoal
+    from mbocp.terms.frame_goal import FrameGoal
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from matplotlib.gridspec import GridSpec
 
 from mbocp.robot import Robot
 from mbocp.solution import Solution
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 from mbocp.view.figures import panels as panels
 from mbocp.view.figures.lines import FEW, SHORT_NOTE, LinePanel
 from mbocp.view.figures.path import FramePaths, frame_paths

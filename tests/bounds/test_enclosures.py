@@ -11,9 +11,9 @@ import ruckig
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from mbocp.bounds.boxes import Box, cosine, sine
+from mbocp.bounds.intervals import Box, cosine, sine
 from mbocp.bounds.momenta import gravity_by_lines, momenta_over, why_no_momenta
-from mbocp.bounds.slopes import slopes_of
+from mbocp.bounds.slope_bounds import slopes_of
 from mbocp.bounds.speeds import Forces, speeds_after
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.robot import Robot, load_robot

@@ -100,7 +100,7 @@ def test_pictures_of_a_result_need_no_problem() -> None:
     """They read its text; only who solves it again makes a `Problem` of it."""
     there = modules("import mbocp.view.plots, mbocp.view.of_solution, mbocp.solution.its_robot")
     assert "mbocp.robot.robot" in there  # else the test would see nothing
-    assert not there & {"mbocp.problem.problem", "mbocp.problem.file.read", "mbocp.terms.kinds"}
+    assert not there & {"mbocp.problem.problem", "mbocp.problem.file.read_tables", "mbocp.terms.kinds"}
 
 
 def test_a_result_leaves_most_of_the_package_alone() -> None:

@@ -7,14 +7,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.formulation.end import build_end_functions
-from mbocp.formulation.parameters import parameter_layout
+from mbocp.formulation.parameter_layout import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.stage import build_functions
+from mbocp.formulation.stage import build_end_functions, build_functions
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot
-from mbocp.terms import Effort, ExactGoal, Sizes, TerminalCost, Tracking, Velocity
+from mbocp.terms.kinds import Effort, ExactGoal, TerminalCost, Tracking, Velocity
+from mbocp.terms.point import Sizes
 from tests.mechanics.models import POINT, chain
 from tests.mechanics.models import robot as robot_of
 

@@ -13,14 +13,14 @@ import pytest
 from typer.testing import CliRunner
 
 import mbocp
-import mbocp.guesses.end_rates
+import mbocp.guesses.attempts
 from mbocp._linear import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.end_reached import RatesMissed, end_missed, miss_of_rates
+from mbocp.formulation.end_reached import RatesMissed, miss_of_end, miss_of_rates
 from mbocp.formulation.features.switches import ties_at_end
-from mbocp.formulation.fewer_ends import without_end_rows
+from mbocp.formulation.formulate import without_end_rows
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.guesses import attempts, starts
 from mbocp.problem import Problem
@@ -87,19 +87,19 @@ def test_the_command_fails_and_says_why(tmp_path: Path) -> None:
 def test_whole_turns_are_the_goal_where_bodies_do_not_count_them() -> None:
     formulation = formulated(swing(goal={"q": [0.5, 0.2], "v": [0.0, 0.0]}), counts_turns=False)
     there = np.array([[0.0, 0.0], [0.5 - 2 * np.pi, 0.2 + 4 * np.pi]])
-    missed = end_missed(formulation, there)
+    missed = miss_of_end(formulation, there)
     assert missed is not None
     assert not missed.is_other_root
     assert "whole turns" in missed.words
-    half = end_missed(formulation, there + np.array([0.0, np.pi]))
+    half = miss_of_end(formulation, there + np.array([0.0, np.pi]))
     assert half is not None
     assert half.is_other_root
-    assert end_missed(formulation, np.array([[0.0, 0.0], [0.5, 0.2]])) is None
+    assert miss_of_end(formulation, np.array([[0.0, 0.0], [0.5, 0.2]])) is None
 
 
 def test_joint_coordinates_count_turns() -> None:
     formulation = formulated(swing(coordinates="joint", goal={"q": [0.5, 0.2], "v": [0.0, 0.0]}))
-    missed = end_missed(formulation, np.array([[0.0, 0.0], [0.5 - 2 * np.pi, 0.2]]))
+    missed = miss_of_end(formulation, np.array([[0.0, 0.0], [0.5 - 2 * np.pi, 0.2]]))
     assert missed is not None
     assert missed.is_other_root
 
@@ -110,7 +110,7 @@ def test_drift_off_the_loops_is_no_other_root() -> None:
     q0 = np.array(robot.q0)
     given = {"start": {"q": q0}, "goal": {"q": q0, "v": np.zeros(robot.nv)}}
     formulation = formulated(Problem.create(robot, 1.0, 10, scheme="heun", **given))
-    open_ = end_missed(formulation, np.array([q0, q0 + 1e-3 * np.arange(1, robot.nq + 1)]))
+    open_ = miss_of_end(formulation, np.array([q0, q0 + 1e-3 * np.arange(1, robot.nq + 1)]))
     assert open_ is not None
     assert not open_.is_other_root
     assert "drifts off the loops" in open_.words
@@ -218,13 +218,13 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
     )
     right = formulate(problem)
     settings = {"rounds": 0}
-    real = mbocp.guesses.end_rates.miss_of_rates
+    real = mbocp.guesses.attempts.miss_of_rates
 
     def missed_once(formulation: Any, motion: Any) -> Any:
         settings["rounds"] += 1
         return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
 
-    monkeypatch.setattr(mbocp.guesses.end_rates, "miss_of_rates", missed_once)
+    monkeypatch.setattr(mbocp.guesses.attempts, "miss_of_rates", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
     monkeypatch.setattr(attempts, "formulate_with_independent_ends", lambda *given: (blind, ""))
     s = mbocp.solve(problem)

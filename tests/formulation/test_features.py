@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.features import kinds
+from mbocp.formulation.features import all_features
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 from mbocp.robot import Label, load_robot
@@ -79,7 +79,7 @@ class Haste(Feature):
 
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kinds, "_KINDS", (*kinds._KINDS, Haste))
+    monkeypatch.setattr(all_features, "_KINDS", (*all_features._KINDS, Haste))
 
 
 def problem(scheme: str) -> Problem:

@@ -9,7 +9,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.fewer_ends import without_end_rows
+from mbocp.formulation.formulate import without_end_rows
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

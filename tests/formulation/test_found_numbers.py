@@ -14,7 +14,7 @@ from mbocp.exceptions import InvalidValue, ProblemError, ProblemFileError, Robot
 from mbocp.formulation import formulate
 from mbocp.problem import Problem, problem_to_toml
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.parameter import with_values
+from mbocp.problem.found_parameter import with_values
 from mbocp.robot.named_numbers import number_of, opened_for, with_numbers, with_numbers_of_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "design"

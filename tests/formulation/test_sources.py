@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import mbocp
-from mbocp.formulation.sources import writing_sources
+from mbocp.formulation.signature import writing_sources
 from tests.test_architecture import PACKAGE, SOURCES, imported_modules, module_name, reached
 
 IMPORTED = Path(mbocp.__file__).resolve().parent  # where the package is taken from: maybe a copy of this one
-WRITERS = ("mbocp.formulation.stage", "mbocp.formulation.end", "mbocp.integrators.runge_kutta")
+WRITERS = ("mbocp.formulation.stage", "mbocp.integrators.runge_kutta")
 
 
 def test_whatever_the_writers_import_is_among_the_sources() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.schemes.joint import turning_factors
+from mbocp.formulation.schemes.joint_states import turning_factors
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot.kinematics import turns
 from tests.mechanics.models import chain

@@ -15,7 +15,7 @@ from mbocp import Problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
 from mbocp.formulation.features.switches import switched_violation
-from mbocp.guesses.line import is_whole, line
+from mbocp.guesses.straight_line import is_whole, line
 from mbocp.robot import Robot
 from tests.holds.cases import CASES
 from tests.phases.test_partings import cell

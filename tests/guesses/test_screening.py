@@ -10,8 +10,8 @@ import pytest
 
 import mbocp
 from mbocp.formulation import Formulation, formulate
-from mbocp.guesses.line import line
 from mbocp.guesses.screening import can_screen, finer
+from mbocp.guesses.straight_line import line
 from mbocp.programme import Iterate
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 

@@ -161,7 +161,7 @@ def test_numbers_that_cannot_be_are_refused(key, value):
 
 
 def test_ctrl_c_in_a_later_start_returns_the_best_so_far(monkeypatch):
-    monkeypatch.setattr(several, "_count_helpers", lambda: 0)
+    monkeypatch.setattr(several, "available_threads", lambda: 1)
 
     def callback(record: mbocp.solution.IterationRecord) -> None:
         if "start 3" in record.phase:

@@ -18,7 +18,8 @@ from mbocp.problem import Problem
 from mbocp.problem.timeline.hold import Hold
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot.loops.constraints import HOLDS
-from mbocp.terms import ContactConditionTerm, Point
+from mbocp.terms.contact import ContactConditionTerm
+from mbocp.terms.point import Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
 

@@ -6,13 +6,13 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.schemes.partitioned_steps import PartitionedSteps
+from mbocp.formulation.schemes.symplectic import PartitionedSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
-from mbocp.terms import Effort, ExactGoal
+from mbocp.terms.kinds import Effort, ExactGoal
 
 _SMALL = 1e-10  # of rows: from there on Newton's method ends where they fall no more
 

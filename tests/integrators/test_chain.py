@@ -12,14 +12,15 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.memory import Memory
-from mbocp.formulation.parameters import parameter_layout, pieces
+from mbocp.formulation.parameter_layout import parameter_layout, pieces
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, state_space
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.terms import ControlRate, Effort, ExactGoal, Potential, Sizes, Tracking, Velocity
+from mbocp.terms.kinds import ControlRate, Effort, ExactGoal, Potential, Tracking, Velocity
+from mbocp.terms.point import Sizes
 from tests.integrators.explicit import mechanics_of, robot_named, start_of
 
 # --- small chains -----------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.joints import unit_groups
-from mbocp.terms import ExactGoal
+from mbocp.terms.kinds import ExactGoal
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 

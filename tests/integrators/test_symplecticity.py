@@ -16,14 +16,15 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation.parameters import parameter_layout
+from mbocp.formulation.parameter_layout import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions
 from mbocp.integrators import EULER_SCHEMES, TAU, VELOCITY_TAU
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
-from mbocp.terms import Effort, ExactGoal, Sizes, Tracking, Velocity
+from mbocp.terms.kinds import Effort, ExactGoal, Tracking, Velocity
+from mbocp.terms.point import Sizes
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

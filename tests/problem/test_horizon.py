@@ -10,10 +10,9 @@ import pytest
 
 import mbocp
 from mbocp import _memory
-from mbocp._memory import check_memory, memory_limit
+from mbocp._memory import bytes_per_step, check_memory, memory_limit
 from mbocp.exceptions import InvalidValue, MemoryLimitExceeded
 from mbocp.formulation import transcribe
-from mbocp.problem.memory import bytes_per_step
 
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml"
 

@@ -17,7 +17,7 @@ from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot
 from mbocp.robot.collision.hull import hull_of
-from mbocp.terms import Point
+from mbocp.terms.point import Point
 from mbocp.view.meshcat.goals import obstacle_commands, obstacle_points
 from tests.problem.test_obstacles import box, planar, problem
 from tests.robot.collision.test_hull import clouds, obj

@@ -17,7 +17,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
-from mbocp.terms import Point
+from mbocp.terms.point import Point
 from tests.robot.urdfs import link, robot, write
 
 BALL = '<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'

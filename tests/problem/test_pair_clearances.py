@@ -14,7 +14,7 @@ import mbocp
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
-from mbocp.terms import ClearanceRow
+from mbocp.terms.clearance_term import ClearanceRow
 from mbocp.terms.distances import core_of
 from tests.robot.urdfs import link, robot, write
 

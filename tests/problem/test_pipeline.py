@@ -8,10 +8,10 @@ import pytest
 import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.problem import problem_to_toml
-from mbocp.problem.data import ProblemData
 from mbocp.problem.document import make_document
-from mbocp.problem.file.read import READ
+from mbocp.problem.file.read_tables import READ
 from mbocp.problem.pipeline import Step, run_steps
+from mbocp.problem.problem_data import ProblemData
 from mbocp.problem.resolve import RESOLVE
 
 

@@ -18,7 +18,7 @@ from mbocp.problem import Problem, ProblemWarning, ViaPoint, load_problem, parse
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import load_robot
 from mbocp.solution import Solution
-from mbocp.terms import Point
+from mbocp.terms.point import Point
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -10,7 +10,7 @@ import casadi as ca
 import pytest
 
 import mbocp
-from mbocp.formulation import build, sources, transcribe
+from mbocp.formulation import build, signature, transcribe
 from mbocp.programme import compilation, keys
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import running
@@ -102,11 +102,11 @@ def test_a_comment_in_the_source_of_a_term_compiles_nothing_anew(
         return read(path) + b"# a comment\n" if path == edited else read(path)
 
     monkeypatch.setattr(Path, "read_bytes", with_a_comment)
-    sources.sources_digest.cache_clear()
+    signature.sources_digest.cache_clear()
     try:
         second = transcribe(pendulum())
     finally:
-        sources.sources_digest.cache_clear()
+        signature.sources_digest.cache_clear()
     assert len(built) == 2, "what a source says may have changed the functions"
     for a, b in ((first.functions, second.functions), (first.end_functions, second.end_functions)):
         assert not b.compiled_now

@@ -15,7 +15,7 @@ from mbocp.job import Job
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.solution.curves import Curves
 from mbocp.strategies import OneSolve
-from mbocp.terms import Braking
+from mbocp.terms.kinds import Braking
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

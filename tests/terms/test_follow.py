@@ -13,7 +13,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
-from mbocp.formulation.features.progress import advances
+from mbocp.formulation.features.path_progress import advances
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.robot import load_robot
 from mbocp.solution import Solution

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.planes import Planes, planes_around
-from mbocp.terms.hulls import HullCore, hull_measure, plane_slots
+from mbocp.terms.distances import HullCore, hull_measure, plane_slots
 from tests.robot.collision.test_hull import clouds, distance
 
 SMOOTHING, REACH = 2e-3, 0.08

@@ -20,14 +20,7 @@ from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.robot import load_robot
-from mbocp.terms import (
-    Kinematics,
-    OwnTerm,
-    end_condition,
-    path_constraint,
-    running_cost,
-    terminal_cost,
-)
+from mbocp.terms import Kinematics, OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own import _trace
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -15,6 +15,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.path import PathConstraint
+from mbocp.terms.bounded import MotionAtNodes
 from mbocp.terms.surface import Surface, height_at
 from tests.terms.contacts import on_feet, solo
 
@@ -111,7 +112,8 @@ def test_cones_are_about_the_normal_of_the_map() -> None:
     qs[:, 3:7] /= np.linalg.norm(qs[:, 3:7], axis=1, keepdims=True)
     vs = np.zeros((5, robot.nv))
     for one, other in zip(on_map, about, strict=True):
-        values = [c.values_in_motion(robot, np.zeros(5), (qs, vs, vs), lams, {}) for c in (one, other)]
+        nodes = MotionAtNodes(np.zeros(5), (qs, vs, vs), lams, {})
+        values = [c.values_in_motion(robot, nodes) for c in (one, other)]
         np.testing.assert_allclose(*values, atol=1e-9)
         lam = ca.SX.sym("lam", robot.nc)
         seen = [c.function(robot, {"reaction": lam}, lam) for c in (one, other)]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbocp.robot import FrameTarget, load_robot
-from mbocp.terms import FrameGoal
+from mbocp.terms.frame_goal import FrameGoal
 from mbocp.view.camera import ASPECT, FIELD_OF_VIEW, FILL_ABOVE, FILL_BELOW, FILL_SIDE, Camera, fit_camera
 from mbocp.view.marks import Marks, ViaMark
 from mbocp.view.meshcat.goals import axis_points, goal_placements

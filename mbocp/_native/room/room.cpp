@@ -104,7 +104,7 @@ double beyond_sides(const Vec3& p, const std::array<double, core_size>& core) {
 
 double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-// mbocp.terms.hulls.hull_measure
+// mbocp.terms.distances.hull_measure
 double from_planes(const Vec3& p, const Plane* planes, int count, double sharpness) {
     double top = -1e300, sum = 0.0;
     for (int k = 0; k < count; ++k) top = std::max(top, dot(planes[k].normal, p) - planes[k].offset);

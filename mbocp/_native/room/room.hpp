@@ -51,7 +51,7 @@ struct Shape {
     Mat3 axes;  // columns are the shape's axes
     std::array<double, core_size> core;
     int first_plane, num_planes;  // of a hull; no planes: the shape is its core
-    double sharpness;             // see mbocp.terms.hulls
+    double sharpness;             // see mbocp.terms.distances
     double slope, around;         // a point at r from the middle is at least slope r - around away [m]
 };
 

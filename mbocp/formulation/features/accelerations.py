@@ -10,7 +10,7 @@ from mbocp.exceptions import TranscriptionError
 from mbocp.integrators import State, basis_slopes
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.terms import Point
+from mbocp.terms.point import Point
 
 
 def mean_acceleration(mechanics: Mechanics, before: State, after: State, dt: ca.SX) -> ca.SX:

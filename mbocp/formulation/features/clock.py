@@ -1,9 +1,9 @@
-"""The time as part of the state, where obstacles move by it and lengths of steps are given."""
+"""The time of a step: of the state where obstacles move by it, a parameter where the cost asks for it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -18,6 +18,7 @@ from mbocp.robot import Label
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
+    from mbocp.problem.timeline.timeline import Timeline
 
 CLOCK = "time"  # [s]
 STEP_SHARE = "step_share"  # the parameter 1/N, where lengths of steps are found
@@ -54,3 +55,39 @@ class Clock(Feature):
         """Times of the nodes."""
         lengths = np.where(problem.timeline.is_impact, 0.0, motion.dts)
         return {CLOCK: np.append(0.0, np.cumsum(lengths))[:, None]}
+
+
+TIME = "t"  # [s]
+
+
+@dataclass(frozen=True)
+class Moment(Feature):
+    """Time of a share `tau` of each step; states that have a clock tell the time themselves."""
+
+    tau: float
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Moment | None:
+        """Return it where a term looks at the time, and states have no clock."""
+        return cls(asked.tau) if asked.uses_time and not problem.timeline.has_free_times else None
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """The time."""
+        return {TIME: 1}
+
+    def enter(self, at: StepSymbols) -> StepSymbols:
+        """Take the time as it is given."""
+        return replace(at, moment=at.given[TIME])
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Times of the steps, or the guess of them."""
+        return {TIME: _times(problem.timeline, self.tau)[:, None]}
+
+
+def _times(timeline: Timeline, tau: float) -> Array:
+    """Times in the steps at a share of each [s], or the guess of them, shape (N,)."""
+    if timeline.has_unequal_lengths:
+        return timeline.times()[:-1] + tau * timeline.lengths()
+    goes = (~timeline.is_impact).astype(np.float64)
+    return timeline.dt * (np.cumsum(goes) - goes + tau * goes)

@@ -12,7 +12,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.problem import Problem
 from mbocp.problem.cost import typical_force, velocity_weight
-from mbocp.terms import Effort, RunningTerm, Velocity
+from mbocp.terms.cost import RunningTerm
+from mbocp.terms.kinds import Effort, Velocity
 
 
 def eased_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[RunningTerm, ...]:
@@ -37,5 +38,4 @@ def easing_weights(problem: Problem, terms: tuple[RunningTerm, ...]) -> Array | 
     ends = (problem.q_start, problem.v_start, goal.q, goal.q_active)
     weights = velocity_weight(problem.robot, typical_force(problem.robot, *ends, duration), duration)
     efforts = np.asarray(problem.cost.effort)
-    eased: Array = float(efforts[efforts > 0.0].mean()) * weights
-    return eased
+    return float(efforts[efforts > 0.0].mean()) * weights

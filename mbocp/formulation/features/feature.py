@@ -4,8 +4,8 @@ A plain formulation has states (z, s), the controls of the robot, and steps of o
 add to that, free lengths of steps, a memory of the step before, progress along a path, is a `Feature`: a
 frozen value in the signature of the functions, which holds no number of the problem. Layout, parameters,
 bounds, rows, units, functions of a stage and motions loop over the features of a signature. To add one is to
-write its class and to name it in `mbocp.formulation.features.kinds`, whose order is that of the blocks in a
-state, of the controls and of the parameters.
+write its class and to name it in `mbocp.formulation.features.all_features`, whose order is that of the
+blocks in a state, of the controls and of the parameters.
 """
 
 from __future__ import annotations
@@ -19,13 +19,12 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Label
-from mbocp.terms import ClearanceTerm
+from mbocp.terms.clearance_term import ClearanceTerm
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

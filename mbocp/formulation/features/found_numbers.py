@@ -23,9 +23,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.mechanics import JointMechanics, Mechanics
 from mbocp.robot import Label

@@ -19,8 +19,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
+from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_squares, shares_of
 from mbocp.robot import Label
 

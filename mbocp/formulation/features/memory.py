@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
+from mbocp.formulation.motion import Passage
 from mbocp.robot import Label
 
 if TYPE_CHECKING:

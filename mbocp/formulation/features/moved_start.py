@@ -26,10 +26,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistency import tangent_space
@@ -38,7 +37,8 @@ from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes
 from mbocp.problem.timeline.cycle import compare_ends
 from mbocp.robot import Label
-from mbocp.terms import KeptRows, PeriodicEnd, Sizes, StartEnd, StartState
+from mbocp.terms.periodic_end import KeptRows, PeriodicEnd, StartEnd, StartState
+from mbocp.terms.point import Sizes
 
 
 @dataclass(frozen=True)

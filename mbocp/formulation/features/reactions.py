@@ -11,11 +11,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.features.switches import labels_of
 from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Passage
 from mbocp.robot import Label
-from mbocp.terms import ContactTerm
+from mbocp.terms.contact import ContactTerm
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

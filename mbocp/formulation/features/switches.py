@@ -90,20 +90,17 @@ class Switches(Feature):
 def has_step_before(problem: Problem) -> Array:
     """1 in steps that follow one that takes time, shape (N,)."""
     timed = ~problem.timeline.is_impact
-    found: Array = (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
-    return found
+    return (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
 
 
 def filled_lengths(problem: Problem, dts: Array) -> Array:
     """Lengths of steps [s], with the mean one in the place of those of impacts."""
-    found: Array = np.where(problem.timeline.is_impact, problem.dt, dts)
-    return found
+    return np.where(problem.timeline.is_impact, problem.dt, dts)
 
 
 def filled_impulses(problem: Problem, dts: Array) -> Array:
     """What multipliers are multiplied by to be impulses, shape (N, 1): lengths [s], and 1 in impacts."""
-    found: Array = np.where(problem.timeline.is_impact, 1.0, dts)[:, None]
-    return found
+    return np.where(problem.timeline.is_impact, 1.0, dts)[:, None]
 
 
 def repeat_at_impacts(values: Array, is_impact: BoolArray) -> Array:
@@ -111,16 +108,14 @@ def repeat_at_impacts(values: Array, is_impact: BoolArray) -> Array:
 
     It is the step before, or the first that takes time.
     """
-    found: Array = values[steps_repeated(is_impact)]
-    return found
+    return values[repeat_steps(is_impact)]
 
 
-def steps_repeated(is_impact: BoolArray) -> IntArray:
+def repeat_steps(is_impact: BoolArray) -> IntArray:
     """Whose values each step has, see `repeat_at_impacts`, shape (N,)."""
     steps = np.flatnonzero(~is_impact)
     places = np.searchsorted(steps, np.arange(len(is_impact)), side="right") - 1
-    found: IntArray = steps[np.maximum(places, 0)]
-    return found
+    return steps[np.maximum(places, 0)]
 
 
 def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
@@ -156,7 +151,7 @@ def labels_of(problem: Problem) -> tuple[Label, ...]:
     return own if problem.timeline.switches is None else (*own, *problem.timeline.switches.labels)
 
 
-def with_held(problem: Problem, lams: Array) -> Array:
+def add_held_columns(problem: Problem, lams: Array) -> Array:
     """Multipliers (N, nc) of the robot's constraints with zeros for what is held, where they have none."""
     missing = len(labels_of(problem)) - lams.shape[1]
     return np.hstack([lams, np.zeros((len(lams), missing))]) if missing else lams

@@ -26,8 +26,8 @@ import numpy as np
 
 from mbocp._arrays import Array, IntArray
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
+from mbocp.formulation.motion import Passage
 from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
 from mbocp.terms.rates import AT_END, PLACES, name_at

@@ -13,20 +13,19 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Duals
-from mbocp.formulation.bounds import free_speed_bounds
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import RowLabels, impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
     joint_pieces,
     stage_costs,
     tangent_duals,
 )
+from mbocp.formulation.state_bounds import free_speed_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.forward import ForwardMechanics

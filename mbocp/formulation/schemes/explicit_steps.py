@@ -81,7 +81,7 @@ class ExplicitSteps(Steps):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Rows and cost of a step, with exact first and second derivatives."""
-        mechanics, linked = symbols.mechanics, symbols.linked
+        mechanics, linked = symbols.mechanics, symbols.mechanics_of_links
         if not (isinstance(mechanics, ForwardMechanics) and isinstance(linked, ForwardMechanics)):
             raise TypeError("an explicit scheme needs ForwardMechanics")
         is_free = symbols.has_free_length

@@ -13,19 +13,18 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.switches import (
     acting,
+    add_held_columns,
     filled_impulses,
     filled_lengths,
     labels_of,
     repeat_at_impacts,
     ties_at_end,
-    with_held,
 )
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
     joint_pieces,
@@ -71,7 +70,7 @@ class ImplicitFormulation(JointFormulation):
 
     def iterate_of(self, motion: Motion, lams: Array) -> Iterate:
         """Iterate at a motion; adjoints are zero."""
-        held = with_held(self.problem, lams)
+        held = add_held_columns(self.problem, lams)
         xs, us = self.states_and_controls(motion, motion.vs, held)
         dts = filled_impulses(self.problem, motion.dts)
         return zero_multipliers(self.programme, xs, dts * held, us)

@@ -24,17 +24,16 @@ from mbocp.formulation.features.switches import (
 from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import Pieces, RowLabels
-from mbocp.formulation.schemes.algebraic import impulses
+from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
-from mbocp.formulation.schemes.joint import (
+from mbocp.formulation.schemes.joint_states import (
     boundary_duals,
     stage_costs,
     weighed_components,
     weighs_control_changes,
 )
 from mbocp.formulation.start import consistent_velocity
-from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
+from mbocp.formulation.states import States
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, kept_symmetries, worst_violation
@@ -73,6 +72,7 @@ class NaturalFormulation(Formulation):
         check_size(problem, signature, at, len(labels))
         unbounded = np.full(at.ns, np.inf)
         names = mechanics.coordinate_labels
+        start = _start(problem, space, problem.q_start, consistent_velocity(problem))
         pieces = Pieces(
             problem=problem,
             joints=joints,
@@ -84,12 +84,7 @@ class NaturalFormulation(Formulation):
             end_rows=rows,
             end=_natural_end(problem, mechanics, rows),
             turning=np.zeros(at.ndx),
-            x_start=first_state(
-                problem,
-                signature.features,
-                at,
-                *_start(problem, space, problem.q_start, consistent_velocity(problem)),
-            ),
+            x_start=States(problem, signature.features, at).first(*start),
             speed_bounds=(-unbounded, unbounded),
             labels=RowLabels(names, "momentum balance", names, labels),
         )
@@ -111,7 +106,7 @@ class NaturalFormulation(Formulation):
         velocities are not. The robot's constraints are few of the bodies': their multipliers are not used.
         Those that are balance the momenta best, in the least-squares sense.
         """
-        at, programme, features = self.layout, self.programme, self.pieces.signature.features
+        at, programme = self.layout, self.programme
         zs = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
             lengths = filled_lengths(self.problem, motion.dts)[:, None]
@@ -119,20 +114,19 @@ class NaturalFormulation(Formulation):
             ws = np.vstack([programme.x_start[at.s], rates])
         else:
             ws = self.space.rates(motion.qs, motion.vs)
-        given = (self.problem, features, at)
-        xs, us = states_and_controls(*given, motion, (zs, ws), programme.x_start)
+        xs, us = self.states.of_motion(motion, (zs, ws), programme.x_start)
         acts = _acting(self.problem, self.space.mechanics)
         ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
         loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
-        xs = with_memory(*given, xs, us, loops / filled_impulses(self.problem, motion.dts))
+        xs = self.states.remember(xs, us, loops / filled_impulses(self.problem, motion.dts))
         return zero_multipliers(programme, xs, ys, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
-        at, xs, features = self.layout, iterate.xs, self.pieces.signature.features
+        at, xs = self.layout, iterate.xs
         zs, ws = xs[:, at.z], xs[:, at.s]
-        states = (self.space.configurations(zs), self.space.velocities(zs, ws))
-        motion = read_motion(self.problem, features, at, states, xs, iterate.us)
+        qs_and_vs = (self.space.configurations(zs), self.space.velocities(zs, ws))
+        motion = self.states.read(qs_and_vs, xs, iterate.us)
         return replace(motion, us=repeat_at_impacts(motion.us, self.problem.timeline.is_impact))
 
     def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:

@@ -17,7 +17,7 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.document import UNSAID, Document
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
-from mbocp.problem.file.read import READ
+from mbocp.problem.file.read_tables import READ
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
@@ -26,7 +26,7 @@ from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import checked_phase
 from mbocp.problem.timeline.sequence import in_order
-from mbocp.problem.timeline.steps import scaled_lengths
+from mbocp.problem.timeline.step_counts import scaled_lengths
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import written_duration
 from mbocp.terms.written import AUTO
@@ -180,7 +180,7 @@ def _with_horizon(
     """Steps and duration; one way to say which steps there are takes the place of another."""
     if not (values.keys() & {*_HORIZON, "phase"} or "phase" in tables):
         return document
-    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made.named))
+    has_phases = bool(values["phase"] if "phase" in values else tables.get("phase", made.named_phases))
     table = _horizon_now(document, values, made, has_phases=has_phases)
     if "duration" in values or "duration_range" in values:
         bounds = values.get("duration_range")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._files import MEGABYTE, is_file, read_text
+from mbocp._files import MEGABYTE, is_file
 from mbocp._keys import Table, merge_tables
 from mbocp._text import show
-from mbocp.exceptions import ProblemError, ResultFileError, Unreadable
+from mbocp.exceptions import ProblemError
 from mbocp.problem.cost import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.problem.file.messages import locate
+from mbocp.problem.file.motion_table import read_columns, read_result
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.phase import Phase
@@ -23,11 +24,9 @@ from mbocp.problem.timeline.sequence import are_alike
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.storage.reading import read_image
-from mbocp.terms import COST_TERMS
 from mbocp.terms.cost import Reader
-from mbocp.terms.tables import WeightsTable
-from mbocp.terms.written import AUTO
+from mbocp.terms.kinds import COST_TERMS
+from mbocp.terms.written import AUTO, WeightsTable
 
 CostTable = merge_tables(
     "CostTable", "What is minimised: the keys of all terms.", (t.Keys for t in COST_TERMS), Table
@@ -38,25 +37,6 @@ PhaseCostTable = merge_tables(
 )
 _KEY = "cost.target_file"
 _MAX_BYTES = 256 * MEGABYTE  # of a CSV table
-
-
-def make_cost_reader(
-    robot: Robot,
-    said_goal: Goal,
-    folder: Path,
-    said_duration: float,
-    said_duration_range: tuple[float, float] | None,
-    said_via: tuple[ViaPoint, ...],
-    phases_unweighted: tuple[Phase, ...],
-    said_num_steps: int,
-    said_q_start: Array,
-    said_v_start: Array,
-) -> Reader:
-    """Return what reads the values of `[cost]`, here and in phases."""
-    has_free_times = any(point.is_free for point in said_via) or not are_alike(phases_unweighted)
-    horizon = {"duration": said_duration, "duration_range": said_duration_range}
-    start = (said_q_start, said_v_start)
-    return _CostReader(robot, said_goal, folder, horizon, has_free_times, said_num_steps, *start)
 
 
 def read_cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_reader: Reader) -> Cost:
@@ -80,37 +60,45 @@ def write_cost(cost: Cost) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _CostReader:
-    """From the values of `[cost]` to arrays, see `mbocp.terms.Reader`."""
+class CostReader:
+    """From the values of `[cost]` and of those of phases to arrays, see `mbocp.terms.cost.Reader`.
+
+    Its fields have the names of the values that it is made of, see `mbocp.problem.pipeline.Step`.
+    """
 
     robot: Robot
-    goal: Goal
+    said_goal: Goal
     folder: Path
-    horizon: dict[str, Any]  # duration and its range
-    has_free_times: bool  # of via points
-    num_steps: int
-    q_start: Array
-    v_start: Array
+    said_duration: float
+    said_duration_range: tuple[float, float] | None
+    said_via: tuple[ViaPoint, ...]
+    phases_unweighted: tuple[Phase, ...]
+    said_num_steps: int
+    said_q_start: Array
+    said_v_start: Array
 
     def on_controls(self, written: Any, key: str) -> Any:
+        """Return weights on the controls, a number or one for each."""
         if type(written) is float:
             return written  # one for all; errors name no control then
         with locate(key):
             return control_from(self.robot, written, key)
 
     def on_velocities(self, written: Any, key: str) -> Array:
+        """Return weights on the velocities of the joints."""
         if written is None:
             return np.zeros(self.robot.nv)
         if written == AUTO:
-            goal = self.goal
-            T, _ = check_duration(self.horizon["duration"], self.horizon["duration_range"])
-            ends = (self.q_start, self.v_start, goal.q, goal.q_active)
+            goal = self.said_goal
+            T, _ = check_duration(self.said_duration, self.said_duration_range)
+            ends = (self.said_q_start, self.said_v_start, goal.q, goal.q_active)
             return velocity_weight(self.robot, typical_force(self.robot, *ends, T), T)
         with locate(key):
             return weights_from(self.robot, written, key)
 
     def targets(self, target: Any, target_file: str | None) -> tuple[Array, Array, BoolArray]:
-        robot, goal = self.robot, self.goal
+        """Return the targets of q and p, and which of their components are given."""
+        robot, goal = self.robot, self.said_goal
         target_q, given_q = goal.q, goal.q_active
         target_p, given_p = _goal_momentum(robot, goal)
         if target is not None and target_file is not None:
@@ -120,24 +108,28 @@ class _CostReader:
             target_p, given_p = _target_rows(robot, target.p, "p", np.zeros(robot.nv))
         elif target_file is not None:
             path = self.folder / target_file
-            if self.horizon["duration_range"] is not None or self.has_free_times:
-                what = "horizon.duration is" if self.horizon["duration_range"] is not None else "via.time is"
+            is_free, is_alike = self.said_duration_range is not None, are_alike(self.phases_unweighted)
+            if is_free or any(point.is_free for point in self.said_via) or not is_alike:
+                what = "horizon.duration is" if is_free else "via.time is"
                 raise ProblemError(
                     f"cost.target_file: a file says when the robot is where, and {what} free; "
                     "give a number there, or cost.target, whose rows belong to the steps"
                 )
-            target_q, target_p = read_target(path, robot, self.horizon["duration"], self.num_steps)
+            target_q, target_p = read_target(path, robot, self.said_duration, self.said_num_steps)
             given_q = given_p = np.ones(robot.nv, dtype=np.bool_)
         return target_q, target_p, np.concatenate([given_q, given_p])
 
     def goal_says(self) -> BoolArray:
-        return np.concatenate([self.goal.q_active, self.goal.rate_active])
+        """Tell which components of (q, rate) the goal gives."""
+        return np.concatenate([self.said_goal.q_active, self.said_goal.rate_active])
 
     def on_states(self, written: WeightsTable | None, default: BoolArray, key: str) -> Array:
+        """Return weights on (q, p)."""
         return _weights(self.robot, written, default, key)
 
     def check_weighed(self, weights: Array, given: BoolArray, key: str, source: str) -> None:
-        if source == "the goal" and self.goal.frames and not weights.any():
+        """Refuse a weight on a component without a target."""
+        if source == "the goal" and self.said_goal.frames and not weights.any():
             return  # frames have weights of their own
         _check_targets(self.robot, weights, given, key, source)
 
@@ -228,7 +220,11 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
     """
     if not is_file(path):
         raise ProblemError(f"{_KEY}: no such file {show(str(path))}")
-    motion = _read_csv(path, robot) if path.suffix.lower() == ".csv" else _read_result(path)
+    if path.suffix.lower() == ".csv":
+        motion = _read_csv(path, robot)
+    else:
+        arrays = read_result(path, _KEY).arrays
+        motion = _Motion(*(arrays[name] for name in _Motion._fields))
     _check(motion, robot, path, duration)
     times = np.arange(1, num_steps + 1) * (duration / num_steps)
     qs, ps = zip(*(_at(motion, robot, t) for t in times), strict=True)
@@ -236,36 +232,18 @@ def read_target(path: Path, robot: Robot, duration: float, num_steps: int) -> tu
 
 
 def _read_csv(path: Path, robot: Robot) -> _Motion:
-    try:
-        text = read_text(path, expected="a CSV table", limit=_MAX_BYTES)
-        header, *rows = list(csv.reader(text.splitlines())) or [[]]
-    except (Unreadable, csv.Error) as error:
-        raise ProblemError(
-            f"{_KEY}: {path} {getattr(error, 'reason', f'is no CSV table ({error})')}"
-        ) from error
-    names = [column.partition(" [")[0].strip() for column in header]
     wanted = ["t", *(f"q:{c.name}" for c in robot.q_labels), *(f"p:{c.name}" for c in robot.p_labels)]
-    missing = [name for name in wanted if name not in names]
-    if missing:
-        listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
-        raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {', '.join(names[:12])}")
-    columns = [names.index(name) for name in wanted]
-    try:
-        table = np.array([[float(row[i]) for i in columns] for row in rows if row])
-    except (ValueError, IndexError) as error:
-        raise ProblemError(f"{_KEY}: {path} has a row that is not all numbers ({error})") from error
-    table = table.reshape(-1, len(wanted))
+
+    def choose(names: Sequence[str]) -> list[str]:
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            listed = ", ".join(missing[:6]) + (", ..." if len(missing) > 6 else "")
+            known = ", ".join(names[:12])
+            raise ProblemError(f"{_KEY}: {path} has no column {listed}; its columns are {known}")
+        return wanted
+
+    table = read_columns(path, _KEY, _MAX_BYTES, choose)
     return _Motion(table[:, 0], table[:, 1 : 1 + robot.nq], table[:, 1 + robot.nq :])
-
-
-def _read_result(path: Path) -> _Motion:
-    from mbocp.storage.hdf5 import content_of  # HDF5 only for those who track a saved motion
-
-    try:
-        arrays = content_of(path, read_image(path)).arrays
-    except ResultFileError as error:
-        raise ProblemError(f"{_KEY}: {path} {error.reason}") from error
-    return _Motion(*(arrays[name] for name in _Motion._fields))
 
 
 def _check(motion: _Motion, robot: Robot, path: Path, duration: float) -> None:

@@ -11,7 +11,7 @@ from mbocp._keys import Key, Table
 from mbocp.problem.file.messages import locate
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
-from mbocp.terms import FrameGoal
+from mbocp.terms.frame_goal import FrameGoal
 from mbocp.terms.written import Finite, NonNegative, Quaternion, Triple, TripleOrZero, VectorOrNumber
 
 

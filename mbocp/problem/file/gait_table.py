@@ -18,9 +18,9 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_integer, whole
 from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.ground_table import GroundTable, check_foot
-from mbocp.problem.file.kinds import Duration
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.phase_table import PhaseTable
+from mbocp.problem.file.value_kinds import Duration
 from mbocp.problem.timeline.times import duration_from
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD

@@ -1,29 +1,76 @@
-"""`[goal]`: its keys, from what is written to goals, and back."""
+"""`[goal]` and `[goal.excite]`: their keys, from what is written to goals, and back."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._keys import Key, Table
+from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._keys import Key, Table, checks_of
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.mechanisms.completion import assembled_velocity, close_loops
-from mbocp.problem._checks import MAX_POSITION, check_size, choice
-from mbocp.problem.data import ProblemData
-from mbocp.problem.file.excite_table import ExciteTable, write_excite
+from mbocp.problem._checks import MAX_POSITION, check_positive, check_size, choice, whole
+from mbocp.problem.excite import FRICTIONS, Excite
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
-from mbocp.problem.file.kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import configuration_from, joint_values, rate_from, with_motors_at_rest
+from mbocp.problem.file.named_values import (
+    configuration_from,
+    control_from,
+    joint_values,
+    rate_from,
+    with_motors_at_rest,
+)
 from mbocp.problem.file.periodic_table import periodic_from, periodic_table
+from mbocp.problem.file.value_kinds import SEVERAL, PeriodicWords, Rate, RateOrFree
 from mbocp.problem.goals.ends import without_driven_velocities
 from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal, of_member
+from mbocp.problem.problem_data import ProblemData
 from mbocp.robot import Robot
-from mbocp.terms.written import VectorOrNamed
+from mbocp.terms.written import Control, VectorOrNamed
+
+
+class ExciteTable(Table):
+    """Which torques are measured, how well, and how long one looks for the motion."""
+
+    torque_noise: Annotated[Control, Key("standard deviations of measured torques", "N m, N")] = 0.05
+    friction: Annotated[str, choice(FRICTIONS), Key("what is unknown beside masses and inertias")] = "both"
+    knots: Annotated[int, whole(1), Key("free control points of each joint's spline")] = 15
+    starts: Annotated[int, whole(1), Key("random splines that are improved")] = 5
+    rounds: Annotated[int, whole(1), Key("how often at most")] = 60
+    seed: Annotated[int, whole(0), Key("of the random splines", takes="whole number")] = 0
+
+
+_CHECKS = checks_of(ExciteTable)
+
+
+def read_excite(goal_table: GoalTable, robot: Robot) -> Excite | None:
+    """Make what a motion is to tell of its table.
+
+    Raises
+    ------
+    MbocpError
+        If a value does not fit the robot, or cannot be right.
+    """
+    table = goal_table.excite
+    if table is None:
+        return None
+    if goal_table.any:
+        raise ProblemError("goal.excite: an exciting motion has one goal; choose one of goal.any")
+    key = "goal.excite.torque_noise"
+    noise = control_from(robot, table.torque_noise, key)
+    for size in noise:
+        check_positive(key, float(size), "N m, N")
+    checked = {name: check(f"goal.excite.{name}", getattr(table, name)) for name, check in _CHECKS.items()}
+    return Excite(torque_noise=frozen_array(noise), **checked)
+
+
+def write_excite(excite: Excite | None) -> dict[str, Any]:
+    """The key of the goal that reads back as the same."""
+    return {} if excite is None else {"excite": asdict(excite)}
 
 
 class GoalMemberTable(Table):

@@ -34,7 +34,8 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
-from mbocp.terms import ContactTerm, Height
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
 from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
@@ -223,9 +224,7 @@ class _Ground:
             share = 1.0 / table.steps
             on_it = [self._height(name, table, "on the ground", share, share, 0.0, 0.0) for name in moved]
             return table.model_copy(update={"path": [*table.path, *on_it]})
-        here = ViaTable(
-            share=1.0 / table.steps, frame=[self._landed(name, self.height, ()) for name in moved]
-        )
+        here = ViaTable(share=1.0 / table.steps, frame=[self._land(name, self.height, ()) for name in moved])
         return table.model_copy(update={"via": [here, *table.via]})
 
     def swings(
@@ -283,7 +282,7 @@ class _Ground:
             above += [self._height(name, table, "on the ground", 1.0, 1.0, 0.0, 0.0) for name in names]
             landing = []
         at_end = [
-            self._landed(swing.foot, swing.lands, _frames_at_end(table, self.table.feet[swing.foot]))
+            self._land(swing.foot, swing.lands, _frames_at_end(table, self.table.feet[swing.foot]))
             for swing in landing
             if swing.lands is not None
         ]
@@ -332,7 +331,7 @@ class _Ground:
         keys |= {"from": Share(since), "until": Share(until)} | ({"max": most} if np.isfinite(most) else {})
         return PathTable(**keys)
 
-    def _landed(self, name: str, height: float, said: Sequence[FrameGoalTable]) -> FrameGoalTable:
+    def _land(self, name: str, height: float, said: Sequence[FrameGoalTable]) -> FrameGoalTable:
         """A foot on the ground, a sole as level as at the start; but for a height that is said."""
         found: dict[str, Any] = {"name": self.table.feet[name]}
         if all(frame.z is None and frame.position is None for frame in said):

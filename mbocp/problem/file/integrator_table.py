@@ -8,8 +8,8 @@ from typing import Annotated, Any
 from mbocp._keys import Key, Table
 from mbocp.integrators import LIE_METHODS, SCHEMES
 from mbocp.problem._checks import choice, whole
-from mbocp.problem.data import ProblemData
 from mbocp.problem.integration import AUTO_SCHEME, Stabilisation
+from mbocp.problem.problem_data import ProblemData
 from mbocp.terms.written import NonNegative
 
 

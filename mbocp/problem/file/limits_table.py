@@ -11,14 +11,14 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
 from mbocp.problem.file.profile import Profile
+from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 _Sides = tuple[Array, Array]
 _NUMBERS = Takes("number, list, table")  # robots have none of their own
@@ -78,7 +78,7 @@ def bounds_from(robot: Robot, **written: Any) -> Bounds:
         Of efforts and velocities True for the robot's own; a number for all, or one entry for each in a list
         or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper]. Of
         positions True for the robot's own, or pairs; of `effort_rms` positive numbers. Keys of
-        `mbocp.terms.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
+        `mbocp.terms.rates.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def write_limits(limits: Bounds) -> dict[str, Any]:
     found = {}
     for letter, key in LIMITS.items():
         if limits.finite(letter).any():
-            lower, upper = getattr(limits, f"{letter}_lower"), getattr(limits, f"{letter}_upper")
+            lower, upper = limits.sides(letter)
             found[key.removeprefix("limits.")] = upper if letter == "rms" else np.column_stack([lower, upper])
     return found
 

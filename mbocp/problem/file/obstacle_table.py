@@ -20,8 +20,7 @@ from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
 from mbocp.meshes.points import read_heights, read_points
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.motion_table import MotionTable, read_motion
-from mbocp.problem.file.moving_robot import spheres_of_result
+from mbocp.problem.file.motion_table import MotionTable, read_motion, spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.boxes import (
     CLOUD,

@@ -10,7 +10,7 @@ from mbocp._keys import Key, Table
 from mbocp._measured import plain_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.problem.parameter import Parameter, ParameterCost
+from mbocp.problem.found_parameter import Parameter, ParameterCost
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, number_of, take, with_numbers
 from mbocp.terms.written import Finite

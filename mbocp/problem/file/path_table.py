@@ -25,7 +25,8 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms import PATH_KEYS, PATH_TERMS, ContactTerm
+from mbocp.terms.contact import ContactTerm
+from mbocp.terms.kinds import PATH_KEYS, PATH_TERMS
 from mbocp.terms.span import SPAN, Span, SpanKeys
 from mbocp.terms.surface import SurfaceKeys, surface_from
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,15 +15,15 @@ from mbocp.integrators import CONTROLS
 from mbocp.problem._checks import choice, whole
 from mbocp.problem.cost import weights_by_key
 from mbocp.problem.file.cost_table import PhaseCostTable
-from mbocp.problem.file.kinds import RELEASED, SEVERAL, Duration
 from mbocp.problem.file.limits_table import LimitsTable, read_limits, write_limits
 from mbocp.problem.file.path_table import PathTable
+from mbocp.problem.file.value_kinds import RELEASED, SEVERAL, Duration
 from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, checked_phase
 from mbocp.problem.timeline.phase_values import in_phase
 from mbocp.problem.timeline.sequence import Horizon, horizon_of, in_order
-from mbocp.problem.timeline.steps import FIRST_STEPS
+from mbocp.problem.timeline.step_counts import FIRST_STEPS
 from mbocp.problem.timeline.times import duration_from, written_duration
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
@@ -201,15 +202,20 @@ def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
     return PhaseHold(hold, table.meeting)  # type: ignore[arg-type]  # checked by the class
 
 
-def phase_weights(table: PhaseTable, reader: Reader) -> dict[str, Any]:
-    """Weights that a phase has, by the key of their term."""
-    found: dict[str, Any] = {}
-    written: Any = table.cost
-    with in_phase(table.name):
-        for key, term in weights_by_key().items():
-            if key in written.model_fields_set:
-                found |= term.read(written, reader)
-    return found
+def weigh_phases(
+    phases_on_ground: Sequence[PhaseTable], phases_unweighted: Sequence[Phase], cost_reader: Reader
+) -> tuple[Phase, ...]:
+    """Return the phases with the weights that they have, by the key of their term."""
+    found = []
+    for table, phase in zip(phases_on_ground, phases_unweighted, strict=True):
+        weights: dict[str, Any] = {}
+        written: Any = table.cost
+        with in_phase(table.name):
+            for key, term in weights_by_key().items():
+                if key in written.model_fields_set:
+                    weights |= term.read(written, cost_reader)
+        found.append(checked_phase(replace(phase, weights=weights)))
+    return tuple(found)
 
 
 def horizon_from(table: HorizonTable, phases: Sequence[Phase]) -> Horizon:

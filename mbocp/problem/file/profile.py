@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -54,10 +54,6 @@ def _numbers(value: Any, over: tuple[str, ...] = ("payload",)) -> _Numbers | dic
     return {column: places, "values": rows}
 
 
-def _efforts(value: Any) -> _Numbers | dict[str, Any]:
-    return _numbers(value, ("payload", "speed"))
-
-
 def _one(value: Any, where: str = "") -> _Numbers:
     if isinstance(value, list):
         return [read_side(entry, f"{where} at index {i}") for i, entry in enumerate(value)]
@@ -71,7 +67,7 @@ def _pairs(value: Any) -> list[list[float]]:
 
 
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
-_Efforts = Annotated[Any, Kind(_OVER_SPEED, _efforts, Any)]
+_Efforts = Annotated[Any, Kind(_OVER_SPEED, partial(_numbers, over=("payload", "speed")), Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
 _PARTS = (("payload", Measured("kg")), ("speed", Measured("m/s, rad/s")))
 _RATE, _SECOND_RATE = Measured("m/s, rad/s", _PARTS), Measured("m/s^2, rad/s^2", _PARTS)

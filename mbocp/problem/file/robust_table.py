@@ -15,7 +15,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_non_negative, check_positive, choice, positive
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import control_from, weights_from
-from mbocp.problem.robust import FEEDBACKS, Robust
+from mbocp.problem.uncertainty import FEEDBACKS, Robust
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, named_numbers
 from mbocp.terms.written import Control, Finite, VectorOrNumber

@@ -12,15 +12,15 @@ from mbocp._keys import Key, Table
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size
-from mbocp.problem.data import ProblemData
 from mbocp.problem.file.frame_table import FramePoseTable, frames_from
-from mbocp.problem.file.kinds import SEVERAL, Free, Rate
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, rate_from
 from mbocp.problem.file.periodic_table import free_from, free_table
+from mbocp.problem.file.value_kinds import SEVERAL, Free, Rate
+from mbocp.problem.found_parameter import Parameter, start_of_loops
 from mbocp.problem.goals.frames import start_at
 from mbocp.problem.goals.free_start import FreeStart
-from mbocp.problem.parameter import Parameter, start_of_loops
+from mbocp.problem.problem_data import ProblemData
 from mbocp.robot import Robot
 from mbocp.terms.written import VectorOrNamed
 

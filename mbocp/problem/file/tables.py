@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import plain
-from mbocp.problem.data import ProblemData
 from mbocp.problem.file.cost_table import write_cost
 from mbocp.problem.file.goal_table import write_goal
 from mbocp.problem.file.guess_table import write_guess
@@ -25,6 +24,7 @@ from mbocp.problem.file.robust_table import write_robust
 from mbocp.problem.file.start_table import write_start
 from mbocp.problem.file.term_table import write_term
 from mbocp.problem.file.via_table import write_via
+from mbocp.problem.problem_data import ProblemData
 from mbocp.problem.timeline.times import written_duration
 
 

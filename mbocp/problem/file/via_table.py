@@ -11,9 +11,9 @@ from pydantic import Field
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
-from mbocp.problem.file.kinds import SEVERAL, Rate, ViaTime
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
+from mbocp.problem.file.value_kinds import SEVERAL, Rate, ViaTime
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import time_from, written_time
 from mbocp.problem.timeline.via import ViaPoint

@@ -8,18 +8,20 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import DIRECTION_TOLERANCE
-from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError
+from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistency import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
-from mbocp.problem.goals.consistency import check_end_conditions, check_goal_rate
+from mbocp.problem.goals.end_conditions import at_rest, check_end_conditions, check_goal_rate, free_at_end
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_unused
 from mbocp.problem.limits import Bounds, check_within
+from mbocp.problem.timeline.switches import SwitchTable
+from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.warn import warn_limits, warn_singular
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 
 
 def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
@@ -30,13 +32,9 @@ def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) 
     DimensionMismatch, InvalidValue, InconsistentStart
         If they do not fit the robot, or violate a holonomic constraint or a drive.
     """
-    q = frozen_array(q_start, name="start.q")
-    if q.shape != (robot.nq,):
-        raise DimensionMismatch("start.q", q.shape, (robot.nq,))
+    q = frozen_array(q_start, shape=(robot.nq,), name="start.q")
     check_finite("start.q", q)
-    v = frozen_array(v_start, name="start.v")
-    if v.shape != (robot.nv,):
-        raise DimensionMismatch("start.v", v.shape, (robot.nv,))
+    v = frozen_array(v_start, shape=(robot.nv,), name="start.v")
     check_finite("start.v", v)
     q = frozen_array(robot.normalise(q, name="start.q"))
     check_size("start.q", q, robot.q_labels, MAX_POSITION)
@@ -57,9 +55,8 @@ def checked_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
     DimensionMismatch, InvalidValue, ProblemError
         If it does not fit the robot, is beyond its limits, or controls prescribe velocities.
     """
-    a = frozen_array(a_start if np.size(a_start) else np.zeros(robot.nv), name="start.a")
-    if a.shape != (robot.nv,):
-        raise DimensionMismatch("start.a", a.shape, (robot.nv,))
+    given = a_start if np.size(a_start) else np.zeros(robot.nv)
+    a = frozen_array(given, shape=(robot.nv,), name="start.a")
     check_finite("start.a", a)
     if robot.drives and a.any():
         raise ProblemError(
@@ -71,47 +68,47 @@ def checked_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
     return a
 
 
-def completed_goal(
+def settle_goal(
     robot: Robot,
-    goal: Goal,
-    limits: Bounds,
+    said_goal: Goal,
+    limits_at_end: Bounds,
     q_start: Array,
-    q_before: Array,
-    *,
+    via_in_order: tuple[ViaPoint, ...],
     num_steps: int,
     scheme: str,
-    suits: str = "",
-    closes_loops: bool = True,
+    scheme_reason: str,
+    switches: SwitchTable | None,
 ) -> Goal:
-    """Return a goal with the configuration that its poses and loops leave open.
+    """Return a goal with what its poses and loops leave open: configuration, and rest where joints stop.
 
     Parameters
     ----------
-    q_start, q_before : ndarray, shape (nq,)
-        Configuration of the start, and the last that is known before the goal, of which the goal is to be
-        near: that of a via point, or of the start [m, rad, unit quaternion xyzw].
-    suits : str
+    q_start : ndarray, shape (nq,)
+        Configuration of the start. The goal is to be near it, or near the last via point
+        [m, rad, unit quaternion xyzw].
+    scheme_reason : str
         What the scheme was chosen for; "" if the problem says it.
-    closes_loops : bool
-        Whether all constraints of the robot hold at the end.
+    switches : SwitchTable, optional
+        Constraints that hold at the end.
 
     Raises
     ------
     DimensionMismatch, InvalidValue, InconsistentStart, UnreachableGoal, UnreachablePose, OverdeterminedGoal
         If it does not fit the robot, or cannot be met.
     """
-    goal.check_dimensions(robot.nq, robot.nv)
-    goal = replace(goal, q=robot.normalise(goal.q, name="goal.q"))
+    said_goal.check_dimensions(robot.nq, robot.nv)
+    goal = replace(said_goal, q=robot.normalise(said_goal.q, name="goal.q"))
     if goal.periodic is not None:
         goal.periodic.check(robot)
     check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
     rates = robot.p_labels if goal.rate == "p" else robot.v_labels
     check_size(f"goal.{goal.rate}", goal.value, rates, MAX_RATE)
     check_frames(robot, goal)
-    goal = with_configuration(robot, goal, q_before, limits)
+    q_before = via_in_order[-1].goal.q if via_in_order else q_start
+    goal = with_configuration(robot, goal, q_before, limits_at_end)
     goal = without_driven_velocities(robot, goal)
     for key, default in (("guard", True), ("redundant", "drop")):
-        check_unused(f"goal.{key}", getattr(goal, key), default, scheme, suits=suits)
+        check_unused(f"goal.{key}", getattr(goal, key), default, scheme, suits=scheme_reason)
     if goal.is_exact:
         goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_start))
         check_goal_rate(robot, goal)
@@ -120,10 +117,14 @@ def completed_goal(
         check_end_conditions(robot, goal, num_steps)
         warn_singular(robot, goal.q, "goal.q")
     if goal.periodic is not None and not goal.poses:  # where guesses end
+        closes_loops = switches is None or bool(switches.own[-1].all())
         goal = replace(goal, q=goal.periodic.guess(robot, q_start, closes_loops=closes_loops))
     if goal.q_active.any() or goal.poses:
-        warn_limits(robot, limits, goal.q, "goal.q")
-    return goal
+        warn_limits(robot, limits_at_end, goal.q, "goal.q")
+    rests = at_rest(robot, goal, limits_at_end, free_at_end(robot, switches, goal.q))
+    if rests.a_rule == "rest":  # more conditions than what was said
+        check_end_conditions(robot, rests, num_steps)
+    return rests
 
 
 def check_driven_start(robot: Robot, q: Array, v: Array) -> None:

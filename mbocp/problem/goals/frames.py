@@ -23,7 +23,8 @@ from mbocp.robot.loops.projection import violations
 from mbocp.robot.poses.inverse_kinematics import LimitChoice
 from mbocp.robot.poses.rows import PoseErrors, PoseRows
 from mbocp.robot.poses.search import inside
-from mbocp.terms import FrameGoal, FrameProjections
+from mbocp.terms.frame_end import FrameProjections
+from mbocp.terms.frame_goal import FrameGoal
 
 _NEAR_BRANCHES, _NEAR_RESTARTS = 3, 10  # where one is wanted: the nearest of a few is a good one
 _BRANCHES, RESTARTS = 8, 24  # where several are wanted; an arm of six joints has eight

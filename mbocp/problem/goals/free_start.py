@@ -61,8 +61,7 @@ class FreeStart:
     @property
     def mask(self) -> BoolArray:
         """Which directions of (q, v) are free, shape (2 nv,)."""
-        found: BoolArray = np.concatenate([self.q, self.v])
-        return found
+        return np.concatenate([self.q, self.v])
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -92,19 +91,19 @@ def start_bounds(robot: Robot, limits: Bounds, free: FreeStart, q: Array, v: Arr
 
 def check_free_start(
     robot: Robot,
-    free: FreeStart,
-    limits: Bounds,
-    start: tuple[Array, Array],
-    *,
+    start_free: FreeStart | None,
+    limits_at_start: Bounds,
+    q_start: Array,
+    v_start: Array,
     coordinates: str,
-    switches: SwitchTable | None = None,
+    switches: SwitchTable | None,
 ) -> None:
     """Refuse a free start that does not fit robot, limits or coordinates.
 
     Parameters
     ----------
-    start : tuple of ndarray
-        The given configuration and velocity, the guess of what is free.
+    q_start, v_start : ndarray, shapes (nq,), (nv,)
+        The guess of what is free.
     switches : SwitchTable, optional
         What acts when, where that changes.
 
@@ -112,6 +111,9 @@ def check_free_start(
     ------
     DimensionMismatch, ProblemError
     """
+    free = start_free
+    if free is None:
+        return
     if free.v.size != robot.nv:
         raise DimensionMismatch(_KEY, free.v.size, robot.nv)
     if not COORDINATES[coordinates].has_joint_states:
@@ -121,8 +123,8 @@ def check_free_start(
             f"{_KEY}: controls of robot {robot.name!r} prescribe velocities, and its start has to be given; "
             "leave the key out"
         )
-    _check_constraints(robot, free, *start, switches)
-    _check_bounds(robot, free, limits, *start)
+    _check_constraints(robot, free, q_start, v_start, switches)
+    _check_bounds(robot, free, limits_at_start, q_start, v_start)
 
 
 def check_periodic(robot: Robot, goal: Goal, coordinates: str) -> None:

@@ -15,7 +15,7 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite
 from mbocp.problem.goals.periodic import Periodic
-from mbocp.terms import FrameGoal
+from mbocp.terms.frame_goal import FrameGoal
 
 Enforce = Literal["exact", "penalty", "both", "none"]
 Rate = Literal["p", "v"]
@@ -58,7 +58,7 @@ class Goal:
     a_rule : {"given", "free", "rest"}
         Why: as it is ``given``; or nothing is asked for, and all shall be ``free``; or a `Problem` asks for
         a = 0 of the joints that stop, since their jerk is limited: ``rest``, see
-        `mbocp.problem.goals.consistency`.
+        `mbocp.problem.goals.end_conditions`.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
         configuration at it, one near the start; see `mbocp.problem.goals.frames`.

@@ -247,13 +247,11 @@ class Image:
 
     def configuration(self, q: Array) -> Array:
         """Image of a configuration, shape (nq,)."""
-        found: Array = self.C @ q + self.moved
-        return found
+        return self.C @ q + self.moved
 
     def velocity(self, v: Array) -> Array:
         """Image of a velocity, shape (nv,)."""
-        found: Array = self.A @ v
-        return found
+        return self.A @ v
 
 
 def numbers_of(robot: Robot) -> IntArray:

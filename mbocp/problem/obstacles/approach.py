@@ -141,7 +141,7 @@ def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:
     for near in _NEARS:
         pairs, bounds, margins, beyond = _bounds(clearance, t, qs, near)
         shapes, bounds = ShapeDistances(clearance, pairs), bounds + margins[:, None]
-        for n, q in enumerate(clearance.placed(qs, t)):
+        for n, q in enumerate(clearance.scene_configurations(qs, t)):
             shapes.place(q)
             for k in np.argsort(bounds[:, n]):
                 if bounds[k, n] >= found[n]:
@@ -160,7 +160,7 @@ class _Search:
     ----------
     clearance : Clearance
     times, places : ndarray, shapes (n,) and (n, any)
-        Configurations of the scene, see `Clearance.placed`.
+        Configurations of the scene, see `Clearance.scene_configurations`.
     pairs : list of (int, int, bool)
         A link, and an obstacle or another link.
     bounds : ndarray, shape (pairs, n)
@@ -185,7 +185,7 @@ class _Search:
     def of(cls, clearance: Clearance, t: Array, qs: Array, near: float) -> _Search:
         """Of a motion. Pairs farther than `near` [m] may be taken for any that are."""
         times, sampled = poses_between(clearance.robot, t, qs)
-        placed = clearance.placed(sampled, times)
+        placed = clearance.scene_configurations(sampled, times)
         return cls(clearance, times, placed, *_bounds(clearance, times, sampled, near))
 
     def nearest(self, most: float = np.inf, *, is_any: bool = False) -> Approach | None:

@@ -19,9 +19,10 @@ from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms import BoundedTerm, ClearanceRow, ClearanceTerm, HullSlots, Span, clearance_slots
-from mbocp.terms.distances import Core, core_of
-from mbocp.terms.hulls import MOST_PLANES, HullCore
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
+from mbocp.terms.clearance_term import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
+from mbocp.terms.distances import MOST_PLANES, Core, HullCore, core_of
+from mbocp.terms.span import Span
 
 _FEW = 500  # pairs that are all looked at
 _TOLD = 20  # obstacles of which the summary speaks each
@@ -165,7 +166,7 @@ class Clearance(BoundedTerm):
             model.addFrame(pin.Frame(name, joint, 0, at, pin.FrameType.OP_FRAME))
         return model
 
-    def placed(self, qs: Array, ts: Array | None = None) -> Array:
+    def scene_configurations(self, qs: Array, ts: Array | None = None) -> Array:
         """Configurations of the scene at some times; at no time what moves is far away."""
         qs = np.asarray(qs, dtype=np.float64)
         if not self.movers:
@@ -270,13 +271,13 @@ class Clearance(BoundedTerm):
         """
         is_all = pairs is None or len(pairs) == self.num_pairs
         found = self._pair_clearances if is_all or pairs is None else self._pair_clearances.of_pairs(pairs)
-        return found.values(self.placed(qs, ts), near)
+        return found.values(self.scene_configurations(qs, ts), near)
 
     def pairs_near(self, qs: Array, near: float, ts: Array | None = None) -> IntArray:
         """All pairs that come nearer than `near` [m] at some configurations, and some others."""
         if self.num_pairs <= _FEW or near == np.inf:
             return np.arange(self.num_pairs)
-        return self._pair_clearances.near(self.placed(qs, ts), near)
+        return self._pair_clearances.near(self.scene_configurations(qs, ts), near)
 
     def joint_placements(self, places: Array) -> Array:
         """Rotation and origin of each joint of the scene, shape (n, njoints, 3, 4) [m]."""
@@ -284,7 +285,7 @@ class Clearance(BoundedTerm):
 
     def least(self, qs: Array, most: float = np.inf, ts: Array | None = None) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
-        return self._pair_clearances.least(self.placed(qs, ts), self.margins, most)
+        return self._pair_clearances.least(self.scene_configurations(qs, ts), self.margins, most)
 
     def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
         """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.
@@ -422,16 +423,9 @@ class Clearance(BoundedTerm):
         found[:, order >= 0] = self.pair_values(qs, ts=ts, pairs=pairs)[:, places]
         return found
 
-    def values_in_motion(
-        self,
-        robot: Robot,
-        ts: Array,
-        states: tuple[Array, Array, Array],
-        lams: Array,
-        progress: Mapping[str, Array],
-    ) -> Array:
+    def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Clearances at the nodes, at their times."""
-        return self.values_along(robot, *states, ts)
+        return self.values_along(robot, *nodes.states, nodes.ts)
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of the expression in the values."""

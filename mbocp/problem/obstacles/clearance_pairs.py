@@ -206,11 +206,13 @@ def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> Self
             pairs = source.disabled()
             disabled |= {frozenset(source.prefix + link for link in pair) for pair in pairs}
     ranges = (limits.q_lower, limits.q_upper)
-    return _found(robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled))
+    return _find_self_pairs(
+        robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled)
+    )
 
 
 @lru_cache(maxsize=16)
-def _found(
+def _find_self_pairs(
     robot: Robot, q_lower: tuple[float, ...], q_upper: tuple[float, ...], disabled: frozenset[frozenset[str]]
 ) -> SelfPairs:
     """The same for all problems of a robot within the same limits."""

@@ -15,9 +15,8 @@ from mbocp.exceptions import NativeMismatch
 from mbocp.robot import joints
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.large import working_data
-from mbocp.terms.clearance import ClearanceRow
-from mbocp.terms.distances import CORE
-from mbocp.terms.hulls import HullCore
+from mbocp.terms.clearance_term import ClearanceRow
+from mbocp.terms.distances import CORE, HullCore
 
 if TYPE_CHECKING:
     from mbocp._native._room import Room

@@ -110,7 +110,12 @@ def with_rows_and_room(
         reserve = np.where(reserve + more <= _MOST, reserve + more, reserve)
     has_more_rows = chosen is not None and not missing <= set(chosen)
     found = _with(problem, rows, None if chosen is None else tuple({*chosen, *missing}), reserve)
-    if not has_more_rows and np.allclose(_reserves(found), rows.reserves, rtol=0.0, atol=1e-9):
+    larger = rows_of(found)
+    if (
+        not has_more_rows
+        and larger is not None
+        and np.allclose(larger.reserves, rows.reserves, rtol=0.0, atol=1e-9)
+    ):
         return None
     return found, has_more_rows
 
@@ -134,11 +139,6 @@ def _least(clearance: Clearance, ts: Array, qs: Array, near: float) -> tuple[Int
     """Pairs that come nearer than `near` [m], and some others; least clearance of each beyond its margin."""
     pairs = clearance.pairs_near(qs, near, ts)
     return pairs, clearance.pair_values(qs, near, ts, pairs).min(axis=0) - clearance.margins[pairs]
-
-
-def _reserves(problem: Problem) -> Array:
-    rows = rows_of(problem)
-    return np.zeros(0) if rows is None else rows.reserves
 
 
 def largest_reserve(problem: Problem) -> float:

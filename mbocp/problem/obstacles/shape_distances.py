@@ -54,7 +54,7 @@ class ShapeDistances:
         return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, geometry)))
 
     def place(self, q: Array) -> None:
-        """Take a configuration of the scene, see `Clearance.placed`."""
+        """Take a configuration of the scene, see `Clearance.scene_configurations`."""
         pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
 
     def of(self, pair: int) -> float:

@@ -26,6 +26,7 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError
 from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.periodic import Periodic
 from mbocp.problem.timeline.switches import SwitchTable, rows_by_frame
 
@@ -65,7 +66,7 @@ def compare_ends(
 
 
 def check_cycle(
-    table: SwitchTable, free: FreeStart | None, periodic: Periodic | None, ends: tuple[Array, Array]
+    switches: SwitchTable | None, start_free: FreeStart | None, goal: Goal, q_start: Array
 ) -> None:
     """Refuse what holds and a free start, or a cycle, do not allow together.
 
@@ -73,11 +74,14 @@ def check_cycle(
     ------
     ProblemError
     """
-    if free is not None and table.is_impact[0]:
+    if switches is None:
+        return
+    if start_free is not None and switches.is_impact[0]:
         raise ProblemError(
             "start.free: the first step is an impact, before which the motion has not begun; begin with a "
             "step that takes time, or give the start"
         )
+    periodic, ends = goal.periodic, (q_start, goal.q)
     if periodic is None:
         return
     if periodic.impact:
@@ -85,8 +89,8 @@ def check_cycle(
             f"goal.periodic.impact: lets go all that is held, and takes on {periodic.impact!r} alone; let a "
             "phase hold that frame, which begins with an impact, and end the cycle after it"
         )
-    _check_kept(table, periodic, ends[0])
-    _check_let_go(table, periodic, ends)
+    _check_kept(switches, periodic, ends[0])
+    _check_let_go(switches, periodic, ends)
 
 
 def _check_kept(table: SwitchTable, periodic: Periodic, q: Array) -> None:
@@ -150,8 +154,7 @@ def _always(table: SwitchTable) -> BoolArray:
 def _sum(one: Array, other: Array) -> Array:
     """Orthonormal basis of the sum of two spaces."""
     left, values, _ = np.linalg.svd(np.hstack([one, other]), full_matrices=False)
-    found: Array = left[:, values > RANK_TOLERANCE]
-    return found
+    return left[:, values > RANK_TOLERANCE]
 
 
 def _intersection(one: Array, other: Array) -> Array:

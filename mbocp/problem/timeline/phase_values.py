@@ -18,7 +18,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem.cost import Cost, weights_by_key
 from mbocp.problem.limits import LIMITS, Bounds
-from mbocp.problem.rates import check_rates
+from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.timeline.phase import Phase
 from mbocp.robot import Robot
 
@@ -66,8 +66,8 @@ def _check_neighbours(robot: Robot, before: tuple[Phase, Bounds], after: tuple[P
     for letter, labels in (("q", robot.q_labels), ("v", robot.v_labels)):
         if following.leaps and letter == "v":
             continue
-        low = np.maximum(getattr(one, f"{letter}_lower"), getattr(other, f"{letter}_lower"))
-        high = np.minimum(getattr(one, f"{letter}_upper"), getattr(other, f"{letter}_upper"))
+        lower, upper = zip(one.sides(letter), other.sides(letter), strict=True)
+        low, high = np.maximum(*lower), np.minimum(*upper)
         for i in np.flatnonzero(low > high):
             raise ProblemError(
                 f"phase {following.name!r}: {LIMITS[letter]}: no {labels[i].name} is within it and within "
@@ -119,7 +119,7 @@ def limits_along(limits: Bounds, phases: Sequence[Phase]) -> Mapping[str, tuple[
     each, found = limits_of_phases(limits, phases), {}
     counts = [phase.last - phase.first for phase in phases] if have_limits(phases) else None
     for letter in LIMITS:
-        sides = [(getattr(b, f"{letter}_lower"), getattr(b, f"{letter}_upper")) for b in each]
+        sides = [bounds.sides(letter) for bounds in each]
         if counts is None:
             found[letter] = (sides[0][0][None], sides[0][1][None])
             continue

@@ -14,7 +14,9 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.robot import Label, Robot
-from mbocp.terms import BoundedTerm, ContactConditionTerm, Span
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.contact import ContactConditionTerm
+from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ class SwitchTable:
         return found
 
     @property
-    def last_timed(self) -> int:
+    def last_timed_step(self) -> int:
         """The last step that takes time."""
         return int(np.flatnonzero(~self.is_impact)[-1])
 
@@ -112,7 +114,7 @@ class SwitchTable:
         """
         if of_rates:
             return self.in_step(q, len(self.rows) - 1)
-        return self._tie_rows(q, self.last_timed)
+        return self._tie_rows(q, self.last_timed_step)
 
     def _tie_rows(self, q: Array, step: int) -> Array:
         """Derivatives of what ties the configuration after a step, the start being given, shape (any, nv)."""
@@ -160,8 +162,7 @@ class SwitchTable:
             Derivatives of the robot's own rows there.
         """
         acts = np.hstack([self.own, self.rows])
-        found: Array = np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
-        return found
+        return np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,7 +122,7 @@ class Timeline:
         return tuple(point for junction in self.junctions for point in junction.waypoints)
 
     @property
-    def named(self) -> tuple[Phase, ...]:
+    def named_phases(self) -> tuple[Phase, ...]:
         """The phases that a table says; empty where none does."""
         return tuple(phase for phase in self.phases if phase.name)
 

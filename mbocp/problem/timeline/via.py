@@ -23,7 +23,11 @@ from mbocp.problem.goals.frames import pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import FreeTime, InPhase
 from mbocp.robot import Label, Robot
-from mbocp.terms import BoundedTerm, FrameGoal, FrameShape, Span, ViaFrameShape, ViaTerm
+from mbocp.terms.bounded import BoundedTerm
+from mbocp.terms.frame_end import FrameShape
+from mbocp.terms.frame_goal import FrameGoal
+from mbocp.terms.span import Span
+from mbocp.terms.via_term import ViaFrameShape, ViaTerm
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,13 +159,13 @@ class ViaConstraint(BoundedTerm):
             has_v=bool(goal.rate_active.any()),
             nq=space.nz,
             nv=self.robot.nv,
-            guarded=self._guarded,
+            guarded=self._guarded_parts,
             num_pose=len(D_pose),
             num_rate=len(D_rate),
         )
 
     @cached_property
-    def _guarded(self) -> tuple[int, ...]:
+    def _guarded_parts(self) -> tuple[int, ...]:
         parts, active = ConfigurationSpace(self.robot.model).parts, self.via.goal.q_active
         return tuple(i for i, p in enumerate(parts) if not p.group.is_vector and active[p.at_v].all())
 
@@ -201,7 +205,7 @@ class ViaConstraint(BoundedTerm):
     def _labels_of_bounds(self) -> Iterator[Label]:
         """Coordinates in boxes, sides of attitudes, and angles in cones."""
         yield from (label for label in self._pose_labels(are_exact=False) if label.unit == "m")
-        yield from (Label(f"side {i}", "") for i in self._guarded)
+        yield from (Label(f"side {i}", "") for i in self._guarded_parts)
         for frame, shape in zip(self.via.goal.frames, self._shapes, strict=True):
             if shape.shape.turn:
                 yield Label(f"angle of {frame.name}", "rad")
@@ -221,7 +225,7 @@ class ViaConstraint(BoundedTerm):
             if shape.shape.turn:
                 cone = frame.orientation_tolerance
                 angles.append(np.pi / 2 if cone is None else cone)
-        box, sides = np.concatenate(boxes), np.zeros(len(self._guarded))
+        box, sides = np.concatenate(boxes), np.zeros(len(self._guarded_parts))
         lower = np.concatenate([np.zeros(count), -box, sides, np.full(len(angles), -np.inf)])
         upper = np.concatenate([np.zeros(count), box, np.full(len(sides), np.inf), angles])
         return frozen_array(lower), frozen_array(upper)

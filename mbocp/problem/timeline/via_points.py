@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
-from mbocp.problem.goals.consistency import check_goal_rate
+from mbocp.problem.goals.end_conditions import check_goal_rate
 from mbocp.problem.goals.ends import check_driven_rate, without_driven_velocities
 from mbocp.problem.goals.frames import check_frames, with_configuration
 from mbocp.problem.goals.goal import Goal
@@ -35,13 +35,30 @@ def ordered_via(
     q_start: Array,
     limits: Bounds,
 ) -> tuple[tuple[ViaPoint, ...], tuple[int | None, ...]]:
-    """Return via points in the order of the motion, with configurations; their nodes, as far as known."""
+    """Return via points in the order of the motion, with configurations; their nodes, as far as known.
+
+    Each configuration is the nearest to the one before.
+
+    Raises
+    ------
+    UnreachablePose, UnreachableGoal
+        If no configuration is there.
+    InconsistentStart, ProblemError
+        If it asks for what the robot cannot have.
+    """
     nodes = via_nodes(said_via, horizon, phase)
     order = via_order(said_via, nodes)
-    found = _resolved_points(robot, [said_via[i] for i in order], q_start, limits)
+    names, found, q = [point.name for point in said_via], [], q_start
+    for point in (said_via[i] for i in order):
+        if names.count(point.name) > 1:
+            raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
+        with _name_errors(point.name):
+            there = _resolve(robot, point, q, limits)
+        found.append(there)
+        q = there.goal.q
     for point in found:
         warn_singular(robot, point.goal.q, f"via {point.name!r}")
-    return found, tuple(nodes[i] for i in order)
+    return tuple(found), tuple(nodes[i] for i in order)
 
 
 def placed_via(
@@ -52,51 +69,19 @@ def placed_via(
     goal: Goal,
     num_steps: int,
 ) -> tuple[ViaConstraint, ...]:
-    """Return via points as path constraints at their nodes; those of free times are spread along the way."""
-    if not via:
-        return ()
-    q_end = goal.q if goal.says_where else via[-1].goal.q
-    at = place_via_points(robot, via, nodes, q_start, q_end, num_steps)
-    return _via_constraints(robot, via, at, num_steps)
-
-
-def _resolved_points(
-    robot: Robot, via: Sequence[ViaPoint], q_start: Array, limits: Bounds
-) -> tuple[ViaPoint, ...]:
-    """Return via points in the order of the motion, each with the configuration nearest to the one before.
-
-    Raises
-    ------
-    UnreachablePose, UnreachableGoal
-        If no configuration is there.
-    InconsistentStart, ProblemError
-        If it asks for what the robot cannot have.
-    """
-    names = [point.name for point in via]
-    found, q = [], q_start
-    for point in via:
-        if names.count(point.name) > 1:
-            raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
-        with _name_errors(point.name):
-            there = _resolve(robot, point, q, limits)
-        found.append(there)
-        q = there.goal.q
-    return tuple(found)
-
-
-def _via_constraints(
-    robot: Robot, via: Sequence[ViaPoint], nodes: Sequence[int], num_steps: int
-) -> tuple[ViaConstraint, ...]:
-    """Return path constraints of points whose configurations are known; those of free times say their place.
+    """Return via points as path constraints at their nodes; those of free times are spread along the way.
 
     Raises
     ------
     OverdeterminedGoal
         If a point asks for more than the controls until there can meet.
     """
-    found = []
-    for node, point in zip(nodes, via, strict=True):
-        there = replace(point, share=node / num_steps) if point.is_free else point
+    if not via:
+        return ()
+    q_end, found = goal.q if goal.says_where else via[-1].goal.q, []
+    at = place_via_points(robot, via, nodes, q_start, q_end, num_steps)
+    for node, point in zip(at, via, strict=True):
+        there = replace(point, share=node / num_steps) if point.is_free else point  # it says its place
         constraint = ViaConstraint(there, robot, node)
         if constraint.num_equations > node * robot.nu:
             raise OverdeterminedGoal(

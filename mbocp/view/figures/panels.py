@@ -15,7 +15,7 @@ from mbocp.mechanics.rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
 from mbocp.solution.records import dual_columns
-from mbocp.terms import RATE_TERMS
+from mbocp.terms.rates import RATE_TERMS
 from mbocp.view.figures.lines import SHORT_NOTE, LinePanel, force_panels, line_panels, without_zigzag
 from mbocp.view.figures.style import (
     GREY,

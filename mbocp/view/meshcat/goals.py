@@ -22,7 +22,7 @@ from mbocp.view.motion import Motion
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
-    from mbocp.terms import FrameGoal
+    from mbocp.terms.frame_goal import FrameGoal
 
 _LENGTH, _RADIUS = 0.08, 0.004  # of the scene's size
 _FAINT = 0.3  # opacity

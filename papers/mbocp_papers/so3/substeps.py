@@ -22,7 +22,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.sources import sources_digest
+from mbocp.formulation.signature import sources_digest
 from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
 from mbocp.mechanics.forward import ForwardMechanics

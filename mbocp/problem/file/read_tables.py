@@ -7,7 +7,6 @@ more of them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from mbocp._arrays import Array
-from mbocp.problem.excite import Excite
-from mbocp.problem.file.cost_table import make_cost_reader, read_cost
-from mbocp.problem.file.excite_table import read_excite
+from mbocp._memory import check_horizon
+from mbocp.problem.file.cost_table import CostReader, read_cost
 from mbocp.problem.file.gait_table import phases_of_gait
-from mbocp.problem.file.goal_table import GoalTable, read_goals
+from mbocp.problem.file.goal_table import read_excite, read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
@@ -35,8 +33,8 @@ from mbocp.problem.file.phase_table import (
     HorizonTable,
     PhaseTable,
     horizon_from,
-    phase_weights,
     phases_from,
+    weigh_phases,
     with_paths,
     with_via,
 )
@@ -46,15 +44,13 @@ from mbocp.problem.file.schema import ProblemTable, checked_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
+from mbocp.problem.found_parameter import opened_robot
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.memory import check_horizon
-from mbocp.problem.parameter import opened_robot
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.phase import Phase, checked_phase
+from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.terms.cost import Reader
 
 
 def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
@@ -84,19 +80,6 @@ def _via(
     via_table: list[ViaTable], phases_on_ground: list[PhaseTable], robot: Robot, said_q_start: Array
 ) -> tuple[ViaPoint, ...]:
     return via_from(robot, with_via(via_table, phases_on_ground), said_q_start)
-
-
-def _excite(goal_table: GoalTable, robot: Robot) -> Excite | None:
-    return read_excite(goal_table.excite, robot, has_several_goals=bool(goal_table.any))
-
-
-def _weights_of_phases(
-    phases_on_ground: list[PhaseTable], phases_unweighted: tuple[Phase, ...], cost_reader: Reader
-) -> tuple[Phase, ...]:
-    return tuple(
-        checked_phase(replace(phase, weights=phase_weights(table, cost_reader)))
-        for phase, table in zip(phases_unweighted, phases_on_ground, strict=True)
-    )
 
 
 def _path(
@@ -137,14 +120,14 @@ READ = (
         "controls",
     ),
     Step.of(read_goals, "said_goal", "goals"),
-    Step.of(_excite, "excite"),
+    Step.of(read_excite, "excite"),
     Step.of(lambda limits_table, robot, folder: profile_of(limits_table.profile, robot, folder), "profile"),
     Step.of(read_limits, "said_limits"),
     Step.of(read_robust, "robust"),
     Step.of(_via, "said_via"),
-    Step.of(make_cost_reader, "cost_reader"),
+    Step.of(CostReader, "cost_reader"),
     Step.of(read_cost, "said_cost"),
-    Step.of(_weights_of_phases, "said_phase"),
+    Step.of(weigh_phases, "said_phase"),
     Step.of(_path, "said_path"),
     Step.of(obstacles_from, "said_obstacle"),
     Step.of(self_collision_from, "said_self_collision"),

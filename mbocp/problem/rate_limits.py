@@ -13,12 +13,14 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
-from mbocp.terms import RATE_TERMS, BoundedTerm, JerkAtEnd, RateTerm, SidesInSteps, Span
+from mbocp.terms.bounded import BoundedTerm, SidesInSteps
+from mbocp.terms.rates import RATE_TERMS, JerkAtEnd, RateTerm
+from mbocp.terms.span import Span
 
 
 @dataclass(frozen=True, eq=False)
 class RateLimit(BoundedTerm):
-    """Bounds on rates that hold in every step, see `mbocp.terms.RateTerm`.
+    """Bounds on rates that hold in every step, see `mbocp.terms.rates.RateTerm`.
 
     Attributes
     ----------
@@ -115,8 +117,7 @@ class EndJerkLimit(RateLimit):
     def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
         """Values as if each step were the last."""
         lengths = np.where(dts > 0.0, dts, self.length)[:, None]
-        found: Array = (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
-        return found
+        return (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
 
 
 def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
@@ -154,8 +155,7 @@ def end_jerk_limits(
 
 def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> dict[str, Any]:
     labels = robot.v_labels if term.over == "v" else robot.u_labels
-    lower = getattr(bounds, f"{term.letter}_lower")[columns]
-    upper = getattr(bounds, f"{term.letter}_upper")[columns]
+    lower, upper = (side[columns] for side in bounds.sides(term.letter))
     sizes = np.abs(np.concatenate([lower, upper]))
     largest = float(sizes[np.isfinite(sizes)].max())
     # Speeds begin with the velocities that no control prescribes.
@@ -201,7 +201,7 @@ def _check_one(robot: Robot, bounds: Bounds, term: type[RateTerm], i: int) -> No
             "control (limits.effort), or its rate (limits.effort_rate)"
         )
     if term.key == "effort_rate":
-        lower, upper = (float(getattr(bounds, f"{term.letter}_{side}")[i]) for side in ("lower", "upper"))
+        lower, upper = (float(side[i]) for side in bounds.sides(term.letter))
         if not lower <= 0.0 <= upper:
             name = robot.u_labels[i].name
             raise InvalidValue(

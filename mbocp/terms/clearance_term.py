@@ -5,7 +5,7 @@ it and its centre, and a core (see `mbocp.terms.distances`), by its placement. P
 how these are placed, and how their placements change, is computed once for all rows. Further places move by
 the time, which then follows q: each in pieces, of which the one at that time is chosen. So functions depend
 on how many rows there are, and not on what these are about; numbers of rows are rounded up, and rows that are
-not needed are about things that are far away. Rows about hulls (see `mbocp.terms.hulls`) name theirs in a
+not needed are about things that are far away. Rows about hulls (see `mbocp.terms.distances`) name theirs in a
 table of hulls.
 """
 
@@ -21,8 +21,16 @@ from mbocp._arrays import Array
 from mbocp.robot.collision.motion import PIECE, placement_of_piece
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure
-from mbocp.terms.distances import CORE, Core, core_of, distance_from_core
-from mbocp.terms.hulls import PLANE, HullCore, hull_measure, plane_slots
+from mbocp.terms.distances import (
+    CORE,
+    PLANE,
+    Core,
+    HullCore,
+    core_of,
+    distance_from_core,
+    hull_measure,
+    plane_slots,
+)
 from mbocp.terms.point import Point
 
 _LEAST_SLOTS = 16

@@ -14,7 +14,7 @@ from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.layout import places
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, unit_of
-from mbocp.terms import Sizes
+from mbocp.terms.point import Sizes
 
 S = TypeVar("S", ca.SX, ca.MX)
 

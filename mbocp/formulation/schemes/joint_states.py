@@ -16,16 +16,16 @@ from mbocp.formulation.features.switches import breaks_symmetries, labels_of, sw
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import Pieces, RowLabels
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
 from mbocp.formulation.signature import FunctionSignature
-from mbocp.formulation.states import first_state, read_motion, states_and_controls, with_memory
+from mbocp.formulation.states import States
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
-from mbocp.terms import TermNumbers, running_terms
+from mbocp.terms.cost import TermNumbers
+from mbocp.terms.own_parts import running_terms
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem
@@ -48,18 +48,16 @@ class JointFormulation(Formulation):
         self, motion: Motion, speeds: Array, lams: Array | None = None
     ) -> tuple[Array, Array]:
         """States and controls of the programme at a motion, see `mbocp.formulation.states`."""
-        given = (self.problem, self.pieces.signature.features, self.layout)
-        states = (self.space.coordinates(motion.qs), speeds)
-        xs, us = states_and_controls(*given, motion, states, self.programme.x_start)
-        return with_memory(*given, xs, us, lams), us
+        z_and_speeds = (self.space.coordinates(motion.qs), speeds)
+        xs, us = self.states.of_motion(motion, z_and_speeds, self.programme.x_start)
+        return self.states.remember(xs, us, lams), us
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for; speeds in the place of velocities."""
         at, xs = self.layout, iterate.xs
         zs = xs[:, at.z]
         qs = self.space.configurations(zs) if at.is_flat or at.nz != self.problem.robot.nq else zs
-        features = self.pieces.signature.features
-        return read_motion(self.problem, features, at, (qs, xs[:, at.s]), xs, iterate.us)
+        return self.states.read((qs, xs[:, at.s]), xs, iterate.us)
 
     def node_slopes(self, iterate: Iterate, motion: Motion) -> NodeSlopes:
         """States that are taken by their tangent say it by themselves."""
@@ -120,7 +118,7 @@ def joint_pieces(
         end_rows=rows,
         end=EndTarget(rows.D_q, rows.D_rate, np.asarray(goal.value)),
         turning=turning_factors(robot.turns, space, at),
-        x_start=first_state(problem, signature.features, at, z, start_speeds),
+        x_start=States(problem, signature.features, at).first(z, start_speeds),
         speed_bounds=speed_bounds,
         labels=labels,
     )
@@ -147,8 +145,7 @@ def boundary_duals(programme: StagewiseProgramme, iterate: Iterate) -> Array:
     native = kernel_programme(programme)
     iterate.load_into(native)
     native.evaluate()
-    costates: Array = native.costates.reshape(programme.num_steps + 1, -1)
-    return costates
+    return native.costates.reshape(programme.num_steps + 1, -1)
 
 
 def stage_costs(programme: StagewiseProgramme, iterate: Iterate) -> Array:

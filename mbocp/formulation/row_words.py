@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,25 +19,7 @@ from mbocp.mechanics import Space
 from mbocp.mechanics.held import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
-from mbocp.terms import PeriodicEnd
-
-
-@dataclass(frozen=True)
-class _Times:
-    """When steps and the end are; free lengths have no times before they are found, others are numbered."""
-
-    num_steps: int
-    dt: float | None
-    duration: float | None
-
-    def step(self, stage: int) -> str:
-        if self.dt is None:
-            return f"in step {stage + 1} of {self.num_steps}"
-        return f"in the step to t = {(stage + 1) * self.dt:g} s"
-
-    @property
-    def end(self) -> str:
-        return "at the end" if self.duration is None else f"at t = {self.duration:g} s"
+from mbocp.terms.periodic_end import PeriodicEnd
 
 
 @dataclass(frozen=True)
@@ -45,7 +28,9 @@ class _RowWords:
 
     at: StateLayout
     labels: RowLabels
-    times: _Times
+    num_steps: int
+    dt: float | None  # free lengths have no times before they are found
+    duration: float | None
     of_end: tuple[str, ...]
     bounds: StateBounds
     limits: tuple[str, ...]
@@ -56,10 +41,13 @@ class _RowWords:
         of_stages = len(labels.of_stages)
         ny = of_stages + len(labels.constraints)
         if stage < 0:
+            at_end = "at the end" if self.duration is None else f"at t = {self.duration:g} s"
             if row >= len(self.of_end):
-                return f"guard of the end condition {self.times.end}"
-            return f"end condition {row + 1} ({self.of_end[row]}) {self.times.end}"
-        when = self.times.step(stage)
+                return f"guard of the end condition {at_end}"
+            return f"end condition {row + 1} ({self.of_end[row]}) {at_end}"
+        when = f"in step {stage + 1} of {self.num_steps}"
+        if self.dt is not None:
+            when = f"in the step to t = {(stage + 1) * self.dt:g} s"
         if row >= at.ndx + ny:
             entry = np.flatnonzero(self.bounds.limited[stage])[row - at.ndx - ny]
             return f"{self.limits[entry]} {when}"
@@ -99,11 +87,7 @@ class RowDescriber:
         return self.words(stage, row)
 
     def __reduce__(self) -> tuple[Callable[[_RowWords], _RowWords], tuple[_RowWords]]:
-        return _as_they_are, (self.words,)
-
-
-def _as_they_are(words: _RowWords) -> _RowWords:
-    return words
+        return copy, (self.words,)
 
 
 def _row_words(pieces: Pieces, bounds: StateBounds) -> _RowWords:
@@ -115,15 +99,12 @@ def _row_words(pieces: Pieces, bounds: StateBounds) -> _RowWords:
         of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
     of_end += _start_words(problem, pieces.space)
     is_free = bool(problem.timeline.num_lengths or problem.timeline.impacts)
-    times = _Times(
-        problem.num_steps,
-        dt=None if is_free else problem.dt,
-        duration=problem.duration if problem.duration_range is None else None,
-    )
     return _RowWords(
         pieces.layout,
         labels,
-        times,
+        problem.num_steps,
+        None if is_free else problem.dt,
+        problem.duration if problem.duration_range is None else None,
         of_end,
         bounds,
         limits=tuple(_limits(pieces)),

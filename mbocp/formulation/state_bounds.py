@@ -9,40 +9,29 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.features.feature import Feature, join, unbounded
-from mbocp.formulation.layout import StateLayout
-from mbocp.mechanics import Space
+from mbocp.formulation.pieces import Pieces
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
 
-def state_bounds(
-    problem: Problem,
-    space: Space,
-    features: Sequence[Feature],
-    at: StateLayout,
-    speeds: tuple[Array, Array],
-) -> StateBounds:
-    """Limits and path constraints of a problem in terms of its programme.
-
-    Parameters
-    ----------
-    speeds : tuple of ndarray, shapes (ns,), (1, ns) or (N, ns)
-        Lower and upper bounds of the speeds.
-    """
+def state_bounds(pieces: Pieces) -> StateBounds:
+    """Limits and path constraints of a problem in terms of its programme."""
+    problem, at, features = pieces.problem, pieces.layout, pieces.signature.features
     N, along = problem.num_steps, problem.limits_along()
     of_blocks = join(feature.state_bounds(problem) for feature in features)
     lower, upper = unbounded(N if problem.has_limits_of_phases or of_blocks else 1, at.nx)
-    for part in space.parts:
+    for part in pieces.space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
         plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain
         source = slice(part.at_q.start, part.at_q.start + plain)
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
-    lower[:, at.s], upper[:, at.s] = speeds
+    lower[:, at.s], upper[:, at.s] = pieces.speed_bounds
     for name, sides in of_blocks.items():
         lower[:, at.states[name]], upper[:, at.states[name]] = sides
     u_lower, u_upper = _control_bounds(problem, features)
-    path_lower, path_upper = _path_bounds(problem)
+    inner = [constraint.inner_bounds for constraint in problem.inequalities]
+    path_lower, path_upper = _at_nodes(problem, inner, is_inner=True)
     return StateBounds(
         x_lower=np.broadcast_to(lower, (N, at.nx)),
         x_upper=np.broadcast_to(upper, (N, at.nx)),
@@ -65,14 +54,8 @@ def _control_bounds(problem: Problem, features: Sequence[Feature]) -> tuple[Arra
     return np.broadcast_to(lower, shape), np.broadcast_to(upper, shape)
 
 
-def _path_bounds(problem: Problem) -> tuple[Array, Array]:
-    """Bounds of the path functions, shape (N, nh); infinite at the nodes where a constraint does not hold."""
-    sides = [constraint.inner_bounds for constraint in problem.inequalities]
-    return _at_nodes(problem, sides, is_inner=True)
-
-
 def sides_of_path(problem: Problem) -> tuple[Array, Array]:
-    """Bounds of the values that people speak of, as of `_path_bounds`."""
+    """Bounds of the values that people speak of, as those of the path functions in `state_bounds`."""
     return _at_nodes(problem, [(c.lower, c.upper) for c in problem.inequalities], is_inner=False)
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.mechanisms.consistency import (
@@ -21,6 +22,7 @@ from mbocp.mechanisms.consistency import (
 from mbocp.problem.goals.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
+from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.loops.redundancy import singular_pose
 
@@ -108,6 +110,13 @@ def _rank(matrix: Array) -> int:
     return int(np.linalg.matrix_rank(matrix, tol=RANK_TOLERANCE)) if matrix.size else 0
 
 
+def free_at_end(robot: Robot, switches: SwitchTable | None, q: Array) -> Array:
+    """Directions of velocities that the constraints of the last step leave at q, shape (nv, any)."""
+    if switches is None:
+        return tangent_space(robot, q)
+    return null_space(switches.at_end(q, of_rates=True), RANK_TOLERANCE)
+
+
 def at_rest(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> Goal:
     """Return the goal with a = 0 for each joint that stops and whose jerk is limited.
 
@@ -146,8 +155,7 @@ def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolA
         rests and not frame_rates(goal).any() and _scaled_rank(rows) == _scaled_rank(free)
     ):  # frames stop every joint
         stops = ~none
-    found: BoolArray = stops & limited
-    return found
+    return stops & limited
 
 
 def _is_set(robot: Robot, goal: Goal, stops: BoolArray, free: Array) -> bool:

@@ -23,7 +23,7 @@ import casadi as ca
 from mbocp.lie.configuration import Part
 from mbocp.lie.groups import vee
 from mbocp.terms.bounded import Structure
-from mbocp.terms.frames import FrameShape
+from mbocp.terms.frame_end import FrameShape
 from mbocp.terms.point import Point
 
 

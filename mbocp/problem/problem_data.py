@@ -12,7 +12,8 @@ from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost
 from mbocp.problem.excite import Excite
-from mbocp.problem.goals.consistency import check_end_conditions
+from mbocp.problem.found_parameter import Parameter
+from mbocp.problem.goals.end_conditions import check_end_conditions, free_at_end
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
@@ -23,11 +24,8 @@ from mbocp.problem.integration import (
 )
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
-from mbocp.problem.parameter import Parameter
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.rates import RateLimit, end_jerk_limits, rate_limits
-from mbocp.problem.resolve import free_at_end
-from mbocp.problem.robust import Robust, Tube
+from mbocp.problem.rate_limits import RateLimit, end_jerk_limits, rate_limits
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
@@ -39,12 +37,14 @@ from mbocp.problem.timeline.phase_values import (
     weight_shares,
     widest_limits,
 )
-from mbocp.problem.timeline.steps import AskedNodes
+from mbocp.problem.timeline.step_counts import AskedNodes
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.uncertainty import Robust, Tube
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 
 Inequality: TypeAlias = BoundedTerm | RateLimit
 
@@ -226,7 +226,7 @@ class ProblemData:
     @property
     def phase(self) -> tuple[Phase, ...]:
         """Phases with names, of which `num_steps` and `duration` are the sums; empty where there are none."""
-        return self.timeline.named
+        return self.timeline.named_phases
 
     @property
     def via(self) -> tuple[ViaPoint, ...]:
@@ -308,8 +308,7 @@ class ProblemData:
     @property
     def sets_acceleration(self) -> BoolArray:
         """Accelerations of the last step that the goal asks for, shape (nv,), but for limits of jerk."""
-        found: BoolArray = self.goal.a_active & ~self.limits_of_ends[1].finite("j")
-        return found
+        return self.goal.a_active & ~self.limits_of_ends[1].finite("j")
 
     @property
     def inequalities(self) -> tuple[Inequality, ...]:

@@ -12,10 +12,11 @@ import numpy as np
 from mbocp.formulation.features.accelerations import driven_acceleration
 from mbocp.formulation.features.clock import CLOCK, STEP_SHARE
 from mbocp.formulation.layout import Block
-from mbocp.formulation.parameters import NUMBERS, parameter_layout, path_parameters, pieces
+from mbocp.formulation.parameter_layout import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols, unit_of
-from mbocp.terms import ClearanceTerm, Point, Sizes
+from mbocp.terms.clearance_term import ClearanceTerm
+from mbocp.terms.point import Point, Sizes
 
 
 def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:

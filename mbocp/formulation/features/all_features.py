@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from mbocp.formulation.features.clock import Clock
+from mbocp.formulation.features.clock import Clock, Moment
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.found_numbers import FoundNumbers
 from mbocp.formulation.features.heat import Heat
 from mbocp.formulation.features.memory import Memory
-from mbocp.formulation.features.moment import Moment
 from mbocp.formulation.features.moved_start import MovedStart
-from mbocp.formulation.features.progress import Progress
+from mbocp.formulation.features.path_progress import Progress
 from mbocp.formulation.features.reactions import Reactions
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches

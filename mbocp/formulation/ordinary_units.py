@@ -12,9 +12,8 @@ import math
 import numpy as np
 
 from mbocp._arrays import BoolArray
-from mbocp.formulation.layout import StateLayout
-from mbocp.formulation.parameters import ParameterLayout, mask
-from mbocp.formulation.schemes.algebraic import Algebraic
+from mbocp.formulation.parameter_layout import ParameterLayout, mask
+from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
 from mbocp.problem.cost import typical_force
@@ -24,15 +23,9 @@ _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)
 
 
-def units_of(
-    problem: Problem,
-    signature: FunctionSignature,
-    at: StateLayout,
-    algebraic: Algebraic,
-    parameters: ParameterLayout,
-) -> Units:
+def units_of(pieces: Pieces) -> Units:
     """The units that suit a problem, and the entries of its programme that count in them."""
-    robot = problem.robot
+    robot, at, signature, algebraic = pieces.problem.robot, pieces.layout, pieces.signature, pieces.algebraic
     is_force = np.arange(robot.nu) < robot.nu - len(robot.drives)
     x, rows = np.zeros(at.nx, dtype=bool), np.append(np.zeros(at.ndx, dtype=bool), algebraic.is_balance)
     for block in at.blocks:
@@ -41,7 +34,8 @@ def units_of(
     u = np.zeros(at.num_controls, dtype=bool)
     u[: at.num_own] = np.tile(is_force, signature.control_values.count)
     rows[at.ds] = not signature.steps.rows_are_gaps
-    force, cost = ordinary_units(problem)
+    force, cost = ordinary_units(pieces.problem)
+    parameters = pieces.parameters
     terminal, end_rows = units_of_end(signature, parameters)
     return Units(
         force=force,

@@ -22,9 +22,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.features.feature import Asked, Feature
-from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block
-from mbocp.formulation.motion import Motion
+from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.robot import Label
 

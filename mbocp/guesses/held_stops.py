@@ -100,7 +100,7 @@ class _Ties:
             if self.anchors[at.start] >= 0:
                 turn = _turn(robot, constraint, qs[self.anchors[at.start]]).T @ turn
             found[at] = pin.log3(turn)
-        own = closure_by_angle(robot, q)[0][self._kept]
+        own = closure_by_angle(robot, q)[0][self._kept_rows]
         return np.concatenate([own, found[self.rows]])
 
     def jacobian(self, q: Array) -> Array:
@@ -112,11 +112,11 @@ class _Ties:
                 frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in constraint.frame_ids
             )
             found[at] = in_a - _turn(robot, constraint, q).T @ in_b
-        own = closure_by_angle(robot, q)[1]()[self._kept]
+        own = closure_by_angle(robot, q)[1]()[self._kept_rows]
         return np.vstack([own, found[self.rows]])
 
     @cached_property
-    def _kept(self) -> IntArray:
+    def _kept_rows(self) -> IntArray:
         """Rows of the robot's own constraints that act, among all of them."""
         return np.array(self.table.robot.kept_rows, dtype=np.intp)[self.own]
 
@@ -288,8 +288,7 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     root = np.linalg.cholesky(problem.robot.mass_matrix(q))
     scaled = np.linalg.solve(root, J.T).T  # J L^-T
     leap = np.linalg.lstsq(scaled, J @ v, rcond=1e-10)[0]
-    found: Array = v - np.linalg.solve(root.T, leap)
-    return found
+    return v - np.linalg.solve(root.T, leap)
 
 
 def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
@@ -358,5 +357,4 @@ def _between(problem: Problem, raw: Sequence[Stop], clock: Array, node: int) -> 
     after = next(k for k, stop in enumerate(raw) if stop.node > node)
     a, b = raw[after - 1], raw[after]
     share = (clock[node] - clock[a.node]) / (clock[b.node] - clock[a.node])
-    found: Array = np.array(pin.interpolate(problem.robot.model, a.q, b.q, share))
-    return found
+    return np.array(pin.interpolate(problem.robot.model, a.q, b.q, share))

@@ -24,7 +24,8 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import InPhase
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.terms import BoundedTerm, OwnTerm
+from mbocp.terms import OwnTerm
+from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span
 
 FIRST_STEPS = 20  # with which the search for steps begins
@@ -114,7 +115,7 @@ class AskedNodes:
     def of(cls, timeline: Timeline, path: Sequence[object], terms: Sequence[OwnTerm]) -> AskedNodes:
         """Return what a problem says."""
         via = tuple(point.via for point in timeline.waypoints)
-        return cls(timeline.duration, timeline.duration_range, timeline.named, via, path, terms)
+        return cls(timeline.duration, timeline.duration_range, timeline.named_phases, via, path, terms)
 
     def base_counts(self) -> tuple[int, ...]:
         """Return least numbers of steps, one for each phase or one for all, whose multiples have the nodes.
