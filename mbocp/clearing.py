@@ -16,6 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation.trajectory import times_of
 from mbocp.guesses.around import around, has_no_way, near_the_way
 from mbocp.guesses.attempts import attempt
@@ -54,10 +55,21 @@ class ClearOfObstacles:
     def run(self, job: Job) -> Solution:
         """Solve with the rows and the room that the motion asks for."""
         near, before = _near(job), list[Attempt]()
+        try:
+            near, found = self._solve(job, near, before)
+        except CompilationTimeout as end:
+            if not before:
+                raise
+            found = _out_of_time(before.pop(), end)
+        solution = _with_room_told(_count(before, job.read(found)), near.problem)
+        return _Clearing(job, near.problem, found, solution).run()
+
+    def _solve(self, job: Job, near: Job, before: list[Attempt]) -> tuple[Job, Attempt]:
+        """Solve with all rows that it takes; attempts before the last one are added to `before`."""
         if job.start is None and job.problem.solver.num_starts == 1 and _may_be_rough(near.problem):
             near = _find_rows(near, before)
         if before and job.brief and not before[-1].is_converged:
-            return job.read(before[-1])  # the same steps again would lead to the same end
+            return near, before.pop()  # the same steps again would lead to the same end
         if before and before[-1].is_converged:
             near = replace(near, start=before[-1].carried)
         found = attempt(near)
@@ -65,8 +77,7 @@ class ClearOfObstacles:
         if before and near.start is not None and not is_over:
             before.append(found)
             found = attempt(replace(near, start=None))
-        solution = _count(before, job.read(found))
-        return _Clearing(job, near.problem, found, _with_room_told(solution, near.problem)).run()
+        return near, found
 
 
 @dataclass(frozen=True)
@@ -123,11 +134,11 @@ class OtherWays:
 
 def _is_final(solution: Solution, job: Job) -> bool:
     """Whether nothing else helps: a motion that touches nothing has no other fault that a way has."""
-    is_clear = solution.is_stationary and not _depth(solution)
+    is_clear = solution.is_stationary and not depth_of(solution)
     return is_clear or solution.status.is_stopped or job.is_only or job.patience.is_over
 
 
-def _depth(solution: Solution) -> float:
+def depth_of(solution: Solution) -> float:
     """How deep a solution is in something [m]; 0: in nothing."""
     if not is_there(solution, "clearance"):  # then nothing is nearer than it may be
         return 0.0
@@ -214,6 +225,13 @@ def _depths(problem: Problem, t: Array, qs: Array) -> Mapping[str, float]:
     return {} if problem.clearance is None else depths_along(problem.clearance, t, qs)
 
 
+def _out_of_time(last: Attempt, end: CompilationTimeout) -> Attempt:
+    """A rough motion with which there was no time to go on."""
+    advice = f"not converged: the time limit passed while {end.doing}; {last.outcome.result.advice}"
+    result = replace(last.outcome.result, status=Status.TIME_LIMIT, advice=advice)
+    return replace(last, outcome=replace(last.outcome, result=result))
+
+
 def _count(before: list[Attempt], solution: Solution) -> Solution:
     """A solution that counts what came before."""
     if not before:
@@ -269,7 +287,7 @@ class _Clearing:
 
     def _improve(self) -> bool:
         """Solve with more rows or more room; return whether that was asked for, and could be had."""
-        lacks = _depth(self.solution)
+        lacks = depth_of(self.solution)
         depths = _depths(self.near, self.solution.t, self.solution.qs) if lacks else {}
         wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, depths)
         if wider is None:
@@ -277,7 +295,7 @@ class _Clearing:
         larger, has_more_rows = wider
         has_no_start = has_more_rows and lacks > _DEEP
         tried, again = self._solve(larger, None if has_no_start else self.found.carried)
-        is_bad = not again.is_stationary if has_more_rows else min(lacks, _depth(again)) > _DEEP
+        is_bad = not again.is_stationary if has_more_rows else min(lacks, depth_of(again)) > _DEEP
         if is_bad and not has_no_start:
             tried, again = self._solve(larger, None)  # from the guess, with all that is known
         if not has_more_rows and not again.is_stationary:
@@ -285,7 +303,7 @@ class _Clearing:
         self.near, self.found = larger, tried
         again = after(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
         self.solution, self.in_vain = _with_room_told(again, larger), self.in_vain + 1
-        if has_more_rows or _depth(self.solution) < _depth(self.best):
+        if has_more_rows or depth_of(self.solution) < depth_of(self.best):
             self.best, self.in_vain = self.solution, 0
         return True
 

@@ -347,6 +347,8 @@ class _Flow:
         return found
 
     def _moved(self, qs: Array, ways: Array) -> Array:
+        if self.robot.is_vector_space:
+            return qs + ways
         return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
 
 
