@@ -18,7 +18,7 @@ from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation.trajectory import times_of
-from mbocp.guesses.around import around, has_no_way, near_the_way
+from mbocp.guesses.around import around, has_no_way, may_have_ways, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
@@ -42,6 +42,7 @@ _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _IN_VAIN = 3  # of these in which a motion comes no nearer to touching nothing
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
 _BRIEF = 200  # iterations on one way before others; most take a quarter, and IPOPT as long as several ways
+_IN_ALL = 300  # iterations of all rounds on one way before others; 95 of 100 take less than 260
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
 _NO_WAY = "a search has found no way around the obstacles: there may be none"
 _WITH_WAYS = ("auto", "way")  # guesses beside which there are others
@@ -95,7 +96,7 @@ class OtherWays:
     def run(self, job: Job) -> Solution:
         """Solve briefly on the problem's own way and on others, then at length, until there is a solution."""
         may_have_others = not job.is_only and _may_be_on_the_wrong_side(job.problem)
-        is_brief = may_have_others and not job.brief and around(job.problem) is not None
+        is_brief = may_have_others and not job.brief and may_have_ways(job.problem)
         solution = self.once.run(replace(job, brief=_BRIEF) if is_brief else job)
         if _is_final(solution, job):
             return solution
@@ -264,6 +265,8 @@ class _Clearing:
         With the rows that it asks for, the least deep in something.
     in_vain : int
         Rounds since then.
+    taken : int
+        Iterations of all rounds.
     """
 
     job: Job
@@ -272,15 +275,17 @@ class _Clearing:
     solution: Solution
     best: Solution = field(init=False)
     in_vain: int = 0
+    taken: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.best = self.solution
+        self.best, self.taken = self.solution, self.solution.iterations
 
     def run(self) -> Solution:
         """Return a solution that touches nothing, or the one that touches least where that cannot be had."""
         for _ in range(_ROUNDS):
             is_open = self.solution.is_stationary and self.in_vain < _IN_VAIN and not self.job.is_late
-            if not is_open or not self._improve():
+            is_long = self.job.brief > 0 and self.taken > _IN_ALL
+            if is_long or not is_open or not self._improve():
                 break
         spent = self.solution.wall_time_s
         return self.best if self.best is self.solution else retold(self.best, wall_time_s=spent)
@@ -310,6 +315,7 @@ class _Clearing:
     def _solve(self, problem: Problem, start: Warm) -> tuple[Attempt, Solution]:
         brief = self.job.brief if start is None else self.job.brief or _BRIEF
         tried = attempt(replace(self.job, problem=problem, start=start, brief=brief))
+        self.taken += tried.outcome.iterations
         return tried, self.job.read(tried)
 
 
