@@ -22,6 +22,7 @@ from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs
 from mbocp.solution import Status
 from mbocp.solution.later import retold
+from mbocp.strategies import BestInTime
 from tests.robot.urdfs import link, robot, write
 from tests.test_determinism import digest, digest_of
 
@@ -182,6 +183,23 @@ def test_a_motion_is_not_lost_where_the_next_is_not_compiled_in_time(
     assert solution.iterations == made[0].outcome.iterations > 0
     motion = made[0].formulation.motion_of(made[0].outcome.result.iterate)
     np.testing.assert_array_equal(solution.qs, motion.qs)
+
+
+@pytest.mark.parametrize(("accuracy", "status"), [(None, Status.CONVERGED), (1e-3, Status.UNDER_RESOLVED)])
+def test_the_best_motion_by_then_is_no_more_than_that(accuracy, status, around_a_post):
+    """Nobody knows how exact it is, where that was asked for."""
+    problem = around_a_post(30)
+    good = mbocp.solve(problem)
+    touching = retold(good, status=Status.UNDER_RESOLVED, clearance=-0.1)
+
+    class Late:
+        def run(self, job):
+            job.found.extend([touching, good, touching])
+            raise CompilationTimeout("the functions were to be built")
+
+    found = BestInTime(Late()).run(Job.of(problem.with_(accuracy=accuracy), time_limit=60))
+    assert found.status is status
+    assert found.clearance == good.clearance
 
 
 def test_a_first_reserve_is_what_the_way_cuts_off(around_a_post, monkeypatch):
