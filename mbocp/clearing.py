@@ -16,8 +16,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation.read_trajectory import times_of
-from mbocp.guesses.around import around, has_no_way, near_the_way
+from mbocp.guesses.around import around, has_no_way, may_have_ways, near_the_way
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
@@ -41,6 +42,7 @@ _ROUGH = 2e-2  # residual of a motion that shows what it comes near
 _IN_VAIN = 3  # of these in which a motion comes no nearer to touching nothing
 _DEEP = 0.01  # [m]: what is so deep in something does not come out of it by itself
 _BRIEF = 200  # iterations on one way before others; most take a quarter, and IPOPT as long as several ways
+_IN_ALL = 300  # iterations of all rounds on one way before others; most take less than 260
 _OTHER_WAYS, _CORNERS = 3, 60  # tried where one comes to nothing; configurations that say one
 _NO_WAY = "a search has found no way around the obstacles: there may be none"
 _WITH_WAYS = ("auto", "way")  # guesses beside which there are others
@@ -54,10 +56,21 @@ class ClearOfObstacles:
     def run(self, job: Job) -> Solution:
         """Solve with the rows and the room that the motion asks for."""
         near, before = _near(job), list[Attempt]()
+        try:
+            near, found = self._solve(job, near, before)
+        except CompilationTimeout as end:
+            if not before:
+                raise
+            found = _out_of_time(before.pop(), end)
+        solution = _with_room_told(_count(before, job.read(found)), near.problem)
+        return _Clearing(job, near.problem, found, solution).run()
+
+    def _solve(self, job: Job, near: Job, before: list[Attempt]) -> tuple[Job, Attempt]:
+        """Solve with all rows that it takes; attempts before the last one are added to `before`."""
         if job.start is None and job.problem.solver.num_starts == 1 and _may_be_rough(near.problem):
             near = _find_rows(near, before)
         if before and job.brief and not before[-1].is_converged:
-            return job.read(before[-1])  # the same steps again would lead to the same end
+            return near, before.pop()  # the same steps again would lead to the same end
         if before and before[-1].is_converged:
             near = replace(near, start=before[-1].carried)
         found = attempt(near)
@@ -65,8 +78,7 @@ class ClearOfObstacles:
         if before and near.start is not None and not is_over:
             before.append(found)
             found = attempt(replace(near, start=None))
-        solution = _count(before, job.read(found))
-        return _Clearing(job, near.problem, found, _with_room_told(solution, near.problem)).run()
+        return near, found
 
 
 @dataclass(frozen=True)
@@ -84,7 +96,7 @@ class OtherWays:
     def run(self, job: Job) -> Solution:
         """Solve briefly on the problem's own way and on others, then at length, until there is a solution."""
         may_have_others = not job.is_only and _may_be_on_the_wrong_side(job.problem)
-        is_brief = may_have_others and not job.brief and around(job.problem) is not None
+        is_brief = may_have_others and not job.brief and may_have_ways(job.problem)
         solution = self.once.run(replace(job, brief=_BRIEF) if is_brief else job)
         if _is_final(solution, job):
             return solution
@@ -123,11 +135,11 @@ class OtherWays:
 
 def _is_final(solution: Solution, job: Job) -> bool:
     """Whether nothing else helps: a motion that touches nothing has no other fault that a way has."""
-    is_clear = solution.is_stationary and not _depth(solution)
+    is_clear = solution.is_stationary and not depth_of(solution)
     return is_clear or solution.status.is_stopped or job.is_only or job.patience.is_over
 
 
-def _depth(solution: Solution) -> float:
+def depth_of(solution: Solution) -> float:
     """How deep a solution is in something [m]; 0: in nothing."""
     if not is_there(solution, "clearance"):  # then nothing is nearer than it may be
         return 0.0
@@ -214,6 +226,13 @@ def _depths(problem: Problem, t: Array, qs: Array) -> Mapping[str, float]:
     return {} if problem.clearance is None else depths_along(problem.clearance, t, qs)
 
 
+def _out_of_time(last: Attempt, end: CompilationTimeout) -> Attempt:
+    """A rough motion with which there was no time to go on."""
+    advice = f"not converged: the time limit passed while {end.doing}; {last.outcome.result.advice}"
+    result = replace(last.outcome.result, status=Status.TIME_LIMIT, advice=advice)
+    return replace(last, outcome=replace(last.outcome, result=result))
+
+
 def _count(before: list[Attempt], solution: Solution) -> Solution:
     """A solution that counts what came before."""
     if not before:
@@ -246,6 +265,8 @@ class _Clearing:
         With the rows that it asks for, the least deep in something.
     in_vain : int
         Rounds since then.
+    taken : int
+        Iterations of all rounds.
     """
 
     job: Job
@@ -254,22 +275,24 @@ class _Clearing:
     solution: Solution
     best: Solution = field(init=False)
     in_vain: int = 0
+    taken: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self.best = self.solution
+        self.best, self.taken = self.solution, self.solution.iterations
 
     def run(self) -> Solution:
         """Return a solution that touches nothing, or the one that touches least where that cannot be had."""
         for _ in range(_ROUNDS):
             is_open = self.solution.is_stationary and self.in_vain < _IN_VAIN and not self.job.is_late
-            if not is_open or not self._improve():
+            is_long = self.job.brief > 0 and self.taken > _IN_ALL
+            if is_long or not is_open or not self._improve():
                 break
         spent = self.solution.wall_time_s
         return self.best if self.best is self.solution else retold(self.best, wall_time_s=spent)
 
     def _improve(self) -> bool:
         """Solve with more rows or more room; return whether that was asked for, and could be had."""
-        lacks = _depth(self.solution)
+        lacks = depth_of(self.solution)
         depths = _depths(self.near, self.solution.t, self.solution.qs) if lacks else {}
         wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, depths)
         if wider is None:
@@ -277,7 +300,7 @@ class _Clearing:
         larger, has_more_rows = wider
         has_no_start = has_more_rows and lacks > _DEEP
         tried, again = self._solve(larger, None if has_no_start else self.found.carried)
-        is_bad = not again.is_stationary if has_more_rows else min(lacks, _depth(again)) > _DEEP
+        is_bad = not again.is_stationary if has_more_rows else min(lacks, depth_of(again)) > _DEEP
         if is_bad and not has_no_start:
             tried, again = self._solve(larger, None)  # from the guess, with all that is known
         if not has_more_rows and not again.is_stationary:
@@ -285,13 +308,14 @@ class _Clearing:
         self.near, self.found = larger, tried
         again = after(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
         self.solution, self.in_vain = _with_room_told(again, larger), self.in_vain + 1
-        if has_more_rows or _depth(self.solution) < _depth(self.best):
+        if has_more_rows or depth_of(self.solution) < depth_of(self.best):
             self.best, self.in_vain = self.solution, 0
         return True
 
     def _solve(self, problem: Problem, start: Warm) -> tuple[Attempt, Solution]:
         brief = self.job.brief if start is None else self.job.brief or _BRIEF
         tried = attempt(replace(self.job, problem=problem, start=start, brief=brief))
+        self.taken += tried.outcome.iterations
         return tried, self.job.read(tried)
 
 

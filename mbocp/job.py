@@ -57,6 +57,8 @@ class Job:
         Iterations of the monolithic solver that have to do; 0: as the problem's solver asks.
     is_only : bool
         Whether nothing else is tried: no other guess, no other way, no other minimum.
+    found : list of Solution, optional
+        All solutions that have been read are added to it.
     """
 
     asked: Problem
@@ -69,6 +71,7 @@ class Job:
     rough: float = 0.0
     brief: int = 0
     is_only: bool = False
+    found: list[Solution] | None = None
 
     @classmethod
     def of(
@@ -119,7 +122,10 @@ class Job:
 
     def read(self, attempt: Attempt) -> Solution:
         """Return the solution of what was asked for, from what a solver came to."""
-        return read_solution(attempt, self.asked, with_gains=self.has_gains)
+        solution = read_solution(attempt, self.asked, with_gains=self.has_gains)
+        if self.found is not None:
+            self.found.append(solution)
+        return solution
 
 
 class Strategy(Protocol):

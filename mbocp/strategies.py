@@ -2,21 +2,25 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
-    NearSpline            near the spline that tells most about the robot
-    Refining              one number of steps after another, until the accuracy is reached
-      RoomForTubes        again within tighter limits, until they leave room for what is uncertain
-        WarmStart         from the warm start briefly, from the guess, from the warm start at length
-          OtherWays       on one way around obstacles, or else on others
-            RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
-              WithinSteps with limits that hold within steps
-                ClearOfObstacles or OneSolve
+    BestInTime              the best solution by then, where functions are not compiled in time
+      NearSpline            near the spline that tells most about the robot
+      Refining              one number of steps after another, until the accuracy is reached
+        RoomForTubes        again within tighter limits, until they leave room for what is uncertain
+          WarmStart         from the warm start briefly, from the guess, from the warm start at length
+            OtherWays       on one way around obstacles, or else on others
+              RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
+                WithinSteps with limits that hold within steps
+                  ClearOfObstacles or OneSolve
 """
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass, replace
 
-from mbocp.clearing import ClearOfObstacles, OtherWays, after
+from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
+from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import PathConstraint, Problem
@@ -52,11 +56,39 @@ def strategy_for(job: Job) -> Strategy:
         from mbocp.accuracy.refining import Refining
 
         strategy = Refining(strategy)
-    if problem.excite is None:
-        return strategy
-    from mbocp.identification.exciting import NearSpline
+    if problem.excite is not None:
+        from mbocp.identification.exciting import NearSpline
 
-    return NearSpline(strategy)
+        strategy = NearSpline(strategy)
+    return strategy if math.isinf(job.deadline) else BestInTime(strategy)
+
+
+@dataclass(frozen=True)
+class BestInTime:
+    """Solve; where functions are not compiled before the deadline, return the best solution by then.
+
+    It is no more than a motion where accuracy or room for what is uncertain is asked for, too.
+
+    Attributes
+    ----------
+    strategy : Strategy
+    """
+
+    strategy: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve, and keep what has been found."""
+        begun, found = time.perf_counter(), list[Solution]()
+        try:
+            return self.strategy.run(replace(job, found=found))
+        except CompilationTimeout as end:
+            if not found:
+                raise
+            best = max(reversed(found), key=lambda one: (one.converged, one.is_stationary, -depth_of(one)))
+            words = f"{best.advice}; the time limit passed while {end.doing}, for another attempt"
+            is_all = job.problem.accuracy is None and job.problem.robust is None
+            status = best.status if is_all or not best.converged else Status.UNDER_RESOLVED
+            return retold(best, status=status, advice=words, wall_time_s=time.perf_counter() - begun)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import pytest
 
 import mbocp
 from mbocp import clearing
+from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
 from mbocp.job import Job
@@ -21,6 +22,7 @@ from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs
 from mbocp.solution import Status
 from mbocp.solution.later import retold
+from mbocp.strategies import BestInTime
 from tests.robot.urdfs import link, robot, write
 from tests.test_determinism import digest, digest_of
 
@@ -149,6 +151,55 @@ def test_rough_motions_say_how_much_room_there_has_to_be(around_a_post, monkeypa
     assert solution.clearance >= 0.0
     assert asked == [*[clearing._ROUGH] * (len(asked) - 1), 0.0]
     assert "margins at nodes were raised by" in solution.advice
+
+
+@pytest.mark.parametrize(
+    ("most", "is_rough", "status"),
+    [(1, False, Status.UNDER_RESOLVED), (1, True, Status.TIME_LIMIT), (0, False, None)],
+)
+def test_a_motion_is_not_lost_where_the_next_is_not_compiled_in_time(
+    most, is_rough, status, around_a_post, monkeypatch
+):
+    """What comes after it may have other rows, and so other functions."""
+    made = []
+
+    def attempt(job):
+        if len(made) == most:
+            raise CompilationTimeout("the functions were to be built")
+        made.append(clearing_attempt(job))
+        return made[-1]
+
+    clearing_attempt = clearing.attempt
+    monkeypatch.setattr("mbocp.clearing.attempt", attempt)
+    if is_rough:
+        monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
+    if status is None:
+        with pytest.raises(CompilationTimeout):
+            mbocp.solve(around_a_post(30), time_limit=60)
+        return
+    solution = mbocp.solve(around_a_post(30), time_limit=60)
+    assert solution.status is status
+    assert "the time limit passed while the functions were to be built" in solution.advice
+    assert solution.iterations == made[0].outcome.iterations > 0
+    motion = made[0].formulation.motion_of(made[0].outcome.result.iterate)
+    np.testing.assert_array_equal(solution.qs, motion.qs)
+
+
+@pytest.mark.parametrize(("accuracy", "status"), [(None, Status.CONVERGED), (1e-3, Status.UNDER_RESOLVED)])
+def test_the_best_motion_by_then_is_no_more_than_that(accuracy, status, around_a_post):
+    """Nobody knows how exact it is, where that was asked for."""
+    problem = around_a_post(30)
+    good = mbocp.solve(problem)
+    touching = retold(good, status=Status.UNDER_RESOLVED, clearance=-0.1)
+
+    class Late:
+        def run(self, job):
+            job.found.extend([touching, good, touching])
+            raise CompilationTimeout("the functions were to be built")
+
+    found = BestInTime(Late()).run(Job.of(problem.with_(accuracy=accuracy), time_limit=60))
+    assert found.status is status
+    assert found.clearance == good.clearance
 
 
 def test_a_first_reserve_is_what_the_way_cuts_off(around_a_post, monkeypatch):

@@ -124,3 +124,27 @@ def test_an_arm_in_minimum_time_within_all_limits() -> None:
     assert at_bound[:, 1:3].mean() > 0.9
     # One radian from rest to rest takes no less by the textbook profile of seven pieces, ramps of 0.1 s.
     assert 0.65 < s.duration < 0.75
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "se1", "semi_implicit_euler"])
+def test_a_goal_may_be_at_a_limit(scheme: str) -> None:
+    """The end condition says all that the limit says there, and a barrier has no room."""
+    q_goal, most = [0.8, 0.8], [0.8, 1.0]
+    problem = mbocp.problem.Problem.create(
+        "double_pendulum",
+        1.0,
+        20,
+        start={"q": [0.0, 0.0]},
+        goal={"q": q_goal, "v": 0},
+        cost={"effort": 1.0},
+        limits={"position": {"joint1": [-1.0, most[0]], "joint2": [-1.0, most[1]]}},
+        scheme=scheme,
+        solver={"method": "monolithic"},
+    )
+    s = mbocp.solve(problem)
+    assert s.converged, s.advice
+    assert (s.qs <= np.array(most) + 1e-9).all()
+    np.testing.assert_allclose(s.qs[-1], q_goal, atol=1e-8)
+    bounds = mbocp.formulation.formulate(problem).programme.bounds
+    at_last = np.isfinite(bounds.x_upper[-2:, :2])
+    assert at_last.tolist() == [[scheme in ("midpoint", "gauss2"), True], [False, True]]

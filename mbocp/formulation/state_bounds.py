@@ -13,19 +13,27 @@ from mbocp.formulation.pieces import Pieces
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 
+_AT_LIMIT = 1e-4  # [rad, m]: a goal that is nearer leaves an interior-point method no room
+_BY_LAST_SPEED = ("se1", "semi_implicit_euler")  # whose steps go by their last velocity: at rest nowhere
+
 
 def state_bounds(pieces: Pieces) -> StateBounds:
     """Limits and path constraints of a problem in terms of its programme."""
     problem, at, features = pieces.problem, pieces.layout, pieces.signature.features
     N, along = problem.num_steps, problem.limits_along()
     of_blocks = join(feature.state_bounds(problem) for feature in features)
-    lower, upper = unbounded(N if problem.has_limits_of_phases or of_blocks else 1, at.nx)
+    settled = _settled_at_limits(problem)
+    has_rows = problem.has_limits_of_phases or of_blocks or settled.any()
+    lower, upper = unbounded(N if has_rows else 1, at.nx)
     for part in pieces.space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
         plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain
         source = slice(part.at_q.start, part.at_q.start + plain)
         target = slice(part.at_z.start, part.at_z.start + plain)
         lower[:, target], upper[:, target] = along["q"][0][:, source], along["q"][1][:, source]
+        for back, row in enumerate(settled[: len(lower)], start=1):
+            free = target.start + np.flatnonzero(row[source])
+            lower[-back, free], upper[-back, free] = -np.inf, np.inf
     lower[:, at.s], upper[:, at.s] = pieces.speed_bounds
     for name, sides in of_blocks.items():
         lower[:, at.states[name]], upper[:, at.states[name]] = sides
@@ -40,6 +48,25 @@ def state_bounds(pieces: Pieces) -> StateBounds:
         path_lower=path_lower,
         path_upper=path_upper,
     )
+
+
+def _settled_at_limits(problem: Problem) -> BoolArray:
+    """Coordinates that the end condition puts at a limit, at the last node and the one before it, (2, nq).
+
+    There it says all that the limit does.
+    """
+    goal, robot = problem.goal, problem.robot
+    found = np.zeros((2, robot.nq), dtype=np.bool_)
+    if goal.enforce not in ("exact", "both") or goal.periodic is not None or robot.nc:
+        return found
+    lower, upper = (side[-1] for side in problem.limits_along()["q"])
+    for joint in robot.model.joints:
+        if joint.nq == joint.nv == 1 and goal.q_active[joint.idx_v]:
+            k, i = joint.idx_q, joint.idx_v
+            found[0, k] = min(goal.q[k] - lower[k], upper[k] - goal.q[k]) < _AT_LIMIT
+            stops = goal.rate == "v" and goal.rate_active[i] and goal.value[i] == 0.0
+            found[1, k] = found[0, k] and stops and problem.scheme in _BY_LAST_SPEED and problem.num_steps > 1
+    return found
 
 
 def _control_bounds(problem: Problem, features: Sequence[Feature]) -> tuple[Array, Array]:

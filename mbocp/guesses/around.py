@@ -64,7 +64,7 @@ def around(problem: Problem, seed: int = 0) -> Way | None:
     Other seeds have other ways, even where the line is clear. Where obstacles move, it is a way by the time.
     """
     clearance = problem.clearance
-    if clearance is None or not clearance.num_pairs or problem.robot.nc or problem.timeline.waypoints:
+    if clearance is None or not may_have_ways(problem):
         return None
     ends = np.append(problem.q_start, problem.goal.q)
     key = (ends.tobytes(), problem.duration if clearance.movers else 0.0, seed)
@@ -72,6 +72,13 @@ def around(problem: Problem, seed: int = 0) -> Way | None:
     if key not in known:
         known[key] = _around(problem, clearance, seed)
     return known[key]
+
+
+def may_have_ways(problem: Problem) -> bool:
+    """Whether ways around obstacles are looked for."""
+    clearance = problem.clearance
+    has_pairs = clearance is not None and clearance.num_pairs > 0
+    return has_pairs and not (problem.robot.nc or problem.timeline.waypoints)
 
 
 def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:

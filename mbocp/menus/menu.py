@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
-from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.exceptions import CompilationTimeout, InvalidValue, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.read_trajectory import describe_coarse_turn
@@ -323,7 +323,14 @@ class _Search:
         """What each candidate leads to, by its place; those for which there is time."""
 
         def piece(number: int, watch: Watch) -> T | None:
-            return work(ways[number], number, watch) if number == 0 or not self.job.is_late else None
+            if number and self.job.is_late:
+                return None
+            try:
+                return work(ways[number], number, watch)
+            except CompilationTimeout:
+                if number == 0:
+                    raise
+                return None
 
         row = SideBySide(piece, len(ways), self.job.callback, is_interrupted=_is_interrupted)
         try:

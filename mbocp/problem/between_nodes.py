@@ -346,6 +346,8 @@ class _Flow:
         return accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
 
     def _move(self, qs: Array, ways: Array) -> Array:
+        if self.robot.is_vector_space:
+            return qs + ways
         return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
 
 

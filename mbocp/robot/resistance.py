@@ -67,8 +67,8 @@ class JointResistance:
 
 
 def resistance_forces(resistances: Iterable[JointResistance], v: Array) -> Array:
-    """Generalised force of the losses, shape (nv,) [N, N m]."""
-    total = np.zeros(len(v))
+    """Generalised force of the losses, of the shape of v, (nv, ...) [N, N m]."""
+    total = np.zeros(v.shape)
     for loss in resistances:
         w = loss.ratio * v[loss.dof]
         total[loss.dof] -= loss.ratio * (loss.damping * w + loss.friction * np.tanh(w / loss.speed))

@@ -21,6 +21,7 @@ from mbocp.robot.nodes import between
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
 _NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
+_ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
 
 
@@ -191,25 +192,39 @@ class _Search:
     def nearest(self, most: float = np.inf, *, is_any: bool = False) -> Approach | None:
         """The smallest distance beyond its margin below `most` [m]; with `is_any` the first that is found."""
         shapes = ShapeDistances(self.clearance, self.pairs)
-        best: Approach | None = None
+        best: tuple[int, int, float] | None = None  # pair, pose, distance
         least = self.bounds.min(axis=1)  # of each pair, of which a turn changes one
-        while True:
-            if least.min(initial=np.inf) >= most:
-                return best
+        while least.min(initial=np.inf) < most:
             k = int(least.argmin())
             n = int(self.bounds[k].argmin())
             shapes.place(self.places[n])
             distance = shapes.of(k)
             if distance - self.margins[k] < most:
-                most = distance - float(self.margins[k])
-                names, is_obstacle = _names(self.clearance, self.pairs[k]), self.pairs[k][2]
-                best = Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
+                most, best = distance - float(self.margins[k]), (k, n, distance)
                 if is_any:
-                    return best
+                    break
             self.bounds[k, n] = np.inf
-            if distance > 0.0:  # else how deep shapes are in each other may jump
+            if distance > 0.0:
                 self._raise(n, k, distance, most, shapes)
+            else:  # how deep shapes are may jump, and takes meshes twenty times as long as whether they touch
+                self.bounds[k, max(n - _ALIKE, 0) : n + _ALIKE + 1] = np.inf
             least[k] = self.bounds[k].min()
+        if best is None:
+            return None
+        k, n, distance = best if is_any else self._deepest(*best, shapes)
+        names, is_obstacle = _names(self.clearance, self.pairs[k]), self.pairs[k][2]
+        return Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
+
+    def _deepest(self, k: int, n: int, distance: float, shapes: ShapeDistances) -> tuple[int, int, float]:
+        """A pair, and the pose near by from which it only comes out, where it is in each other."""
+        for step in (-1, 1):
+            while distance <= 0.0 and 0 <= n + step < len(self.places):
+                shapes.place(self.places[n + step])
+                beside = shapes.of(k)
+                if beside >= distance:
+                    break
+                n, distance = n + step, beside
+        return k, n, distance
 
     def _raise(self, n: int, k: int, distance: float, most: float, shapes: ShapeDistances) -> None:
         """Raise bounds of a pair around a pose in which its distance is known."""
