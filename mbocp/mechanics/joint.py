@@ -306,8 +306,7 @@ class JointMechanics:
 
     def evaluate(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> ca.SX:
         """First output of a function of `mbocp.symbolic`, whatever the coordinates of the attitudes are."""
-        found: ca.SX = self._call(function, q, *others)[0]
-        return found
+        return self._call(function, q, *others)[0]
 
     def _call(self, function: ca.Function, q: ca.SX, *others: ca.SX) -> list[ca.SX]:
         """Outputs of one of Pinocchio's functions, whatever the coordinates of the attitudes are."""

@@ -68,8 +68,7 @@ def rates_along(
 
 def spacings(dts: Array) -> Array:
     """Times [s] between the middles of neighbouring steps, shape (N,); of the first step its length."""
-    found: Array = np.append(dts[:1], (dts[:-1] + dts[1:]) / 2.0)
-    return found
+    return np.append(dts[:1], (dts[:-1] + dts[1:]) / 2.0)
 
 
 def accelerations(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
@@ -87,7 +86,6 @@ def powers(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
     """u_i (B(q)' v)_i of each row, shape (n, nu) [W]; zero for controls that prescribe a motion."""
     if robot.actuation.is_constant:
         constant = robot.actuation_matrix(robot.q0)
-        found: Array = us * (vs @ constant)
-        return found
+        return us * (vs @ constant)
     along = np.array([robot.actuation_matrix(q).T @ v for q, v in zip(qs, vs, strict=True)])
     return np.asarray(us * along, dtype=np.float64)

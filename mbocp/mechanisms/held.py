@@ -73,5 +73,4 @@ def _independent(given: Array, jacobian: Array) -> list[int]:
 
 def _unit(rows: Array) -> Array:
     lengths = np.linalg.norm(rows, axis=1)
-    found: Array = rows / np.where(lengths > _RANK_TOLERANCE, lengths, np.inf)[:, None]
-    return found
+    return rows / np.where(lengths > _RANK_TOLERANCE, lengths, np.inf)[:, None]

@@ -114,8 +114,7 @@ def _scale(masses: Array) -> Array:
     """Mass matrices, shape (nodes, nv, nv), with rows and columns scaled to a unit diagonal."""
     diagonals = np.diagonal(masses, axis1=1, axis2=2)
     scales = 1.0 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))
-    scaled: Array = masses * (scales[:, :, None] * scales[:, None, :])
-    return scaled
+    return masses * (scales[:, :, None] * scales[:, None, :])
 
 
 def is_singular(mass: Array) -> bool:

@@ -191,8 +191,7 @@ def _moving(basis: Array) -> Array:
         return basis
     _, singular, combinations = np.linalg.svd(basis[:-6], full_matrices=True)
     count = int(np.sum(singular > _RANK_TOLERANCE))
-    moving: Array = basis if count == basis.shape[1] else basis @ combinations[:count].T
-    return moving
+    return basis if count == basis.shape[1] else basis @ combinations[:count].T
 
 
 def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, Array]:

@@ -24,8 +24,7 @@ def sequence(count: int, start: int = 0) -> Array:
     """
     steps = _PLASTIC ** -np.arange(1.0, 4.0)
     index = np.arange(start + 1, start + count + 1)[:, None]
-    points: Array = np.mod(0.5 + index * steps, 1.0)
-    return points
+    return np.mod(0.5 + index * steps, 1.0)
 
 
 def directions(count: int) -> Array:

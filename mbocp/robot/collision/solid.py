@@ -65,8 +65,7 @@ class Solid:
     @property
     def inner(self) -> Array:
         """Centres of the cells that are filled, shape (M, 3) [m]."""
-        points: Array = self.low + self.cell * (np.argwhere(self.filled) + 0.5)
-        return points
+        return self.low + self.cell * (np.argwhere(self.filled) + 0.5)
 
     @property
     def volume(self) -> float:
@@ -148,5 +147,4 @@ def _crossings(vertices: Array, faces: Indices, axes: Sequence[Array]) -> BoolAr
 
 def _turn(a: Array, b: Array, x: Array, y: Array) -> Array:
     """Twice the signed area of triangles (a, b, (x, y)), seen along the third axis."""
-    found: Array = (b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])
-    return found
+    return (b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])

@@ -204,16 +204,14 @@ def _poses(robot: Mechanism) -> list[Array]:
 
 def _scale(robot: Mechanism, jacobian: Array) -> Array:
     """Rows of unit length; rows of round-off become zero."""
-    scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
-    return scaled
+    return jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
 
 
 def _alike(robot: Mechanism, jacobians: Array) -> Array:
     """Rows at many poses, each divided by its largest length over all of them."""
     there = np.linalg.norm(jacobians, axis=2).max(axis=0)
     at_first = np.linalg.norm(robot.closure_jacobian(robot.q0), axis=1)
-    scaled: Array = jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
-    return scaled
+    return jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
 
 
 def _lengths(robot: Mechanism, norms: Array) -> Array:
@@ -222,8 +220,7 @@ def _lengths(robot: Mechanism, norms: Array) -> Array:
     floor = np.full(norms.size, 1e-12)
     floor[units == "rad"] = _RANK_TOLERANCE
     floor[units == "m"] = _RANK_TOLERANCE * norms[units == "m"].max(initial=0.0)
-    lengths: Array = np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
-    return lengths
+    return np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
 
 
 def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:

@@ -37,8 +37,7 @@ def undriven_motions(robot: Robot, q: Array) -> Array:
     """Orthonormal basis W(q) of the motions that no motor drives, shape (nv, any)."""
     along = _tangent(robot, q)
     rows = np.vstack([robot.actuation_matrix(q).T, np.eye(robot.nv)[list(robot.driven)]])
-    found: Array = along @ null_space(rows @ along, RANK_TOLERANCE)
-    return found
+    return along @ null_space(rows @ along, RANK_TOLERANCE)
 
 
 class Held(NamedTuple):
@@ -114,8 +113,7 @@ def _without_momentum(robot: Robot, q: Array) -> Array:
     along = _tangent(robot, q)
     momenta = undriven_motions(robot, q).T @ robot.mass_matrix(q) @ along
     lengths = np.linalg.norm(momenta, axis=1, keepdims=True)
-    found: Array = along @ null_space(momenta / np.where(lengths > 0.0, lengths, 1.0), RANK_TOLERANCE)
-    return found
+    return along @ null_space(momenta / np.where(lengths > 0.0, lengths, 1.0), RANK_TOLERANCE)
 
 
 def _change_of_momentum(robot: Robot, q: Array, v: Array) -> float:

@@ -122,8 +122,7 @@ class JointBounds(NamedTuple):
     def touching(self, q: Array) -> IntArray:
         """Positions in q of the joints that are at a bound."""
         values = q[self.at_q]
-        found: IntArray = self.at_q[(values <= self.lower + _AT_BOUND) | (values >= self.upper - _AT_BOUND)]
-        return found
+        return self.at_q[(values <= self.lower + _AT_BOUND) | (values >= self.upper - _AT_BOUND)]
 
     def unwind(self, q: Array, start: Array) -> Array:
         """The same pose, each angle in the turn nearest to the start within the bounds, shape (nq,)."""

@@ -180,8 +180,7 @@ class Sdf:
         if frame:
             turn = self.place(joint.get("name", "")).rotation.T @ self.place(frame).rotation
             axis = turn @ axis
-        unit: Array = axis / norm
-        return unit
+        return axis / norm
 
 
 def parse_sdf(path: Path) -> Sdf:
