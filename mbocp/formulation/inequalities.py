@@ -15,7 +15,7 @@ from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
 from mbocp.integrators import root_mean_squares
-from mbocp.mechanics.rates import rates_along
+from mbocp.mechanics.motion_rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 

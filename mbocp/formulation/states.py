@@ -16,7 +16,7 @@ from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.features.passage import Passage
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
-from mbocp.mechanics.rates import spacings
+from mbocp.mechanics.motion_rates import spacings
 from mbocp.problem import Problem
 
 

@@ -18,7 +18,7 @@ from mbocp.guesses.balance import balances
 from mbocp.guesses.held import carried_rate, carry
 from mbocp.guesses.through import guessed_times, line_of
 from mbocp.guesses.ways import Way
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.robot.nodes import steps_between

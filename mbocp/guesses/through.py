@@ -12,7 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray
 from mbocp.guesses.held import Stop, held_stops
 from mbocp.mechanisms.closed_path import closed_path
-from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import difference

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from mbocp._arrays import Array
-from mbocp.identification.base import BaseParameters, Unknowns, parameters_of, pseudo_inertia
 from mbocp.identification.dynamics import PER_BODY
+from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, parameters_of, pseudo_inertia
 
 _SPREAD = 0.5  # standard deviation of the logarithms before measuring: half as much again, or two thirds
 _THINNEST = 1e-3  # second moments of a body by their sum: what is thinner is given this much

@@ -13,8 +13,8 @@ from scipy.optimize import linprog
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
-from mbocp.identification.base import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
 from mbocp.problem.file.tables import written_tables

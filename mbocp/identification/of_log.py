@@ -12,11 +12,11 @@ import pinocchio as pin
 from mbocp._arrays import Array, frozen_array
 from mbocp._text import list_names
 from mbocp.exceptions import LogError
-from mbocp.identification.base import BaseParameters, Body, Unknowns, base_of, unknowns_of
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
-from mbocp.identification.log import Log, read_log
-from mbocp.identification.trajectory import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.robot_log import Log, read_log
+from mbocp.identification.unknown_parameters import BaseParameters, Body, Unknowns, base_of, unknowns_of
 from mbocp.problem.limits import ask_degrees, with_question
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.parts import Label
@@ -144,7 +144,7 @@ class Identification:
         RobotFileError
             If it has none, or the file cannot be written.
         """
-        from mbocp.identification.urdf import write_urdf
+        from mbocp.identification.urdf_writer import write_urdf
 
         everything = self.unknowns.known + self.unknowns.shares @ self.values
         return write_urdf(self.dynamics, self.unknowns, everything, Path(path))

@@ -32,7 +32,7 @@ import casadi as ca
 
 from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point, kinematic_velocity
 from mbocp.mechanics import Mechanics
-from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 
 
 @dataclass(frozen=True, eq=False)

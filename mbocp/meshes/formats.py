@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 
 from mbocp._files import read_bytes
-from mbocp.meshes.parts import MESH_LIMIT
+from mbocp.meshes.mesh_parts import MESH_LIMIT
 
 _MAGIC = {
     ".ply": (b"ply",),

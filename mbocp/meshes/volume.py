@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 
 _SAME = 1e-7  # of the size: corners this near each other are one; STL has seven digits
 

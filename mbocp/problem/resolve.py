@@ -12,7 +12,7 @@ from typing import Any
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import Cost
 from mbocp.problem.goals.consistency import at_rest, check_end_conditions

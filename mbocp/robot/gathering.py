@@ -12,18 +12,18 @@ from typing import Any
 from mbocp._files import MEGABYTE, read_bytes
 from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
 from mbocp.meshes.companions import MATERIALS, companions
-from mbocp.meshes.parts import MESH_LIMIT
+from mbocp.meshes.mesh_parts import MESH_LIMIT
 from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
 from mbocp.robot.loading.addresses import absolute, resolve
 from mbocp.robot.loading.describe import model_file
-from mbocp.robot.loading.formats import FORMATS, Reader, format_of, reader_of
-from mbocp.robot.loading.load import robot_from_spec
-from mbocp.robot.loading.readers.examples import ExampleFacts, example_facts
+from mbocp.robot.loading.loaders import robot_from_spec
+from mbocp.robot.loading.readers.example_robots import ExampleFacts, example_facts
+from mbocp.robot.loading.robot_formats import FORMATS, Reader, format_of, reader_of
 from mbocp.robot.loading.robot_keys import read_part
-from mbocp.robot.loading.schema import read_robot_toml
-from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.robot_sources import Source, find_source
+from mbocp.robot.loading.robot_toml import read_robot_toml
 from mbocp.robot.robot import Robot
-from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, pack
+from mbocp.robot.robot_files import RobotFiles, StoredFile, digest_of, pack
 
 _TOP = "."  # the folder of the list, from which the robot itself is asked for
 _FILES = "files"  # and below it the folder of all files

@@ -16,12 +16,12 @@ from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
-from mbocp.robot.stored import RobotFiles
+from mbocp.robot.robot_files import RobotFiles
 from mbocp.symbolic import (
     ModelNumber,
     inertia_numbers,

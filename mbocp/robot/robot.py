@@ -21,7 +21,7 @@ from mbocp.robot.loops import projection
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.payload import Payload, attach
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
-from mbocp.robot.poses.rows import placement_of
+from mbocp.robot.poses.pose_rows import placement_of
 from mbocp.robot.poses.target import Targets
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning

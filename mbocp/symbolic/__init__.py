@@ -12,8 +12,8 @@ and needs nothing else of mbocp. Where an upstream `pinocchio.casadi` can be imp
 alone: one source of the functions is one set of numbers to trust.
 """
 
-from mbocp.symbolic.functions import ModelFunctions, Reference
-from mbocp.symbolic.numbers import (
+from mbocp.symbolic.algorithms import ModelFunctions, Reference
+from mbocp.symbolic.model_numbers import (
     ModelNumber,
     all_numbers,
     inertia_numbers,

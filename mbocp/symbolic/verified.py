@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp.exceptions import NativeMismatch
-from mbocp.symbolic.functions import ModelFunctions
-from mbocp.symbolic.numbers import ModelNumber, values_of, with_values
+from mbocp.symbolic.algorithms import ModelFunctions
+from mbocp.symbolic.model_numbers import ModelNumber, values_of, with_values
 
 # Round-off of a recursion over a hundred joints stays below this, relative to the largest joint force;
 # numbers read through a foreign memory layout do not.

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import casadi as ca
 
-from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point
 
 

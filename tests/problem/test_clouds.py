@@ -21,7 +21,7 @@ from mbocp.meshes.volume import count_open_edges, enclosed, weld
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import poses_between
 from mbocp.robot import Robot
-from mbocp.robot.collision.boxes import Boxes, boxes_of_cloud, boxes_of_heights
+from mbocp.robot.collision.covering_boxes import Boxes, boxes_of_cloud, boxes_of_heights
 from tests.problem.test_obstacles import planar, problem
 
 __all__ = ["planar"]  # a fixture

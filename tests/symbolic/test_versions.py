@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import NativeMismatch
 from mbocp.symbolic import ModelFunctions, check_versions, model_functions, self_test, versions
-from mbocp.symbolic.native import bridge
+from mbocp.symbolic.bridge import bridge
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.meshes import parts
+from mbocp.meshes import mesh_parts as parts
 from mbocp.meshes.formats import check_single_file
 from mbocp.meshes.pictures import read_picture
 from mbocp.meshes.stl import binary_stl, read_stl

@@ -12,7 +12,7 @@ from mbocp.formulation.features.accelerations import acceleration_at, mean_accel
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import PAIRS, State
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
+from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedRows, PartitionedStep, Stage
 from mbocp.mechanics import JointMechanics, Mechanics
 
 _INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off

@@ -34,7 +34,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry
-from mbocp.mechanics.symmetries.parts import independent_parts, part_name
+from mbocp.mechanics.symmetries.separate_parts import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 

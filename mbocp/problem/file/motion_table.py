@@ -15,7 +15,7 @@ from mbocp._files import path_of, read_text
 from mbocp._keys import Key, Table, Takes
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
-from mbocp.robot.collision.motion import ObstacleMotion
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.terms.written import Finite, Triple
 
 _MOST_BYTES = 10_000_000

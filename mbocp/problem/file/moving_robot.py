@@ -10,8 +10,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError, ResultFileError
 from mbocp.robot import Robot, robot_from_spec
-from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.large import working_data
 from mbocp.robot.nodes import between
 from mbocp.storage.reading import read_image

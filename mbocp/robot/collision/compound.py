@@ -18,11 +18,11 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._processes import python_command
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.volume import weld
+from mbocp.robot.collision.fit_cache import kept
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.hull import Hull, box_of, hull_of
-from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import points_on
 
 MAX_TRIANGLES = 20_000  # results keep them

@@ -16,8 +16,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import RobotFileError
-from mbocp.meshes.parts import Indices
-from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.payload import SHAPES, Payload, shape_name
 

@@ -9,8 +9,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
-from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.meshes.volume import count_open_edges, enclosed, weld
 from mbocp.robot.collision.compound import CONCAVITY, Compound, compound_of
 from mbocp.robot.collision.hull import Hull, hull_of

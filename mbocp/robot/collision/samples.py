@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import triangles_of
 
 _PLASTIC = 1.22074408460575947536  # real root of x^4 = x + 1: the most even sequence in three dimensions

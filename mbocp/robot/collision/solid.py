@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.samples import surface_points
 

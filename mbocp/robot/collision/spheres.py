@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.robot import kinematics
+from mbocp.robot.collision.fit_cache import kept
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
-from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import box_around, surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere

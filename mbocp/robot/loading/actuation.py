@@ -14,10 +14,10 @@ from mbocp._arrays import Array
 from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.limits import limit_of
+from mbocp.robot.loading.joint_limits import limit_of
 from mbocp.robot.loading.model_changes import unit_rotors
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
-from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
+from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.named_numbers import geared
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor

@@ -16,7 +16,6 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, Rob
 from mbocp.robot import joints, kinematics
 from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.actuation import ActuationReader, with_gears
-from mbocp.robot.loading.checks import check_drives, check_mechanics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import (
     connectors_of,
@@ -25,13 +24,14 @@ from mbocp.robot.loading.elements import (
     spheres_of,
     trace_frames,
 )
-from mbocp.robot.loading.limits import limits_of
+from mbocp.robot.loading.joint_limits import limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
+from mbocp.robot.loading.mechanics_checks import check_drives, check_mechanics
 from mbocp.robot.loading.model_changes import with_motors
 from mbocp.robot.loading.resistances import joint_resistances
-from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.loops.undriven import Held, joints_to_hold

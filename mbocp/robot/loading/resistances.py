@@ -12,7 +12,7 @@ from mbocp._text import list_names
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
-from mbocp.robot.loading.limits import Follower
+from mbocp.robot.loading.joint_limits import Follower
 from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 from mbocp.robot.warnings import NotModelledWarning
 

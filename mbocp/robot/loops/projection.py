@@ -21,7 +21,7 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.mechanism import Mechanism
 
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]

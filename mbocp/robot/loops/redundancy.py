@@ -17,7 +17,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space, spanning_rows
 from mbocp._text import quote_all
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
 from mbocp.robot.mechanism import Mechanism
 

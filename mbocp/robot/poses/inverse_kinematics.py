@@ -19,8 +19,8 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.mechanism import Mechanism
-from mbocp.robot.poses.rows import PoseErrors, PoseRows
-from mbocp.robot.poses.search import JointBounds, inside, joint_bounds, reach
+from mbocp.robot.poses.pose_rows import PoseErrors, PoseRows
+from mbocp.robot.poses.pose_search import JointBounds, inside, joint_bounds, reach
 from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
 
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]

@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
-from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.meshes.volume import enclosed, fill, scaled
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve

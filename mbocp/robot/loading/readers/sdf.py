@@ -29,7 +29,7 @@ from mbocp.robot.loading.readers.tree import (
     oddities_of,
 )
 from mbocp.robot.loading.readers.urdf_xml import finite_numbers
-from mbocp.robot.loading.schema import tables_from
+from mbocp.robot.loading.robot_toml import tables_from
 
 _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")

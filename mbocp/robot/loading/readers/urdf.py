@@ -18,7 +18,7 @@ import pinocchio as pin
 from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
-from mbocp.robot.loading.limits import Follower
+from mbocp.robot.loading.joint_limits import Follower
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
@@ -26,7 +26,7 @@ from mbocp.robot.loading.readers.urdf_loops import read_loops
 from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
 from mbocp.robot.loading.readers.urdf_xml import Urdf, find_srdf, finite_numbers, parse_urdf
-from mbocp.robot.loading.schema import RobotTable, tables_from
+from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
 _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()

@@ -19,7 +19,7 @@ from mbocp._arrays import Array
 from mbocp._text import quote_all, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, RobotFileError, suggest
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.volume import count_open_edges, enclosed, fill, scaled, weld
 from mbocp.robot.collision.geometry import read_mesh
 from mbocp.robot.collision.hull import hull_of

@@ -42,7 +42,7 @@ class Expanded:
 
 @dataclass(frozen=True)
 class XacroReader:
-    """The reader of xacro files with certain arguments; see `mbocp.robot.loading.formats.Reader`.
+    """The reader of xacro files with certain arguments; see `mbocp.robot.loading.robot_formats.Reader`.
 
     Parameters
     ----------

@@ -11,8 +11,8 @@ import casadi as ca
 import pinocchio as pin
 
 from mbocp.exceptions import InvalidValue, UnknownFrame
-from mbocp.symbolic.native import bridge, native_constraint
-from mbocp.symbolic.numbers import ModelNumber
+from mbocp.symbolic.bridge import bridge, native_constraint
+from mbocp.symbolic.model_numbers import ModelNumber
 
 Reference: TypeAlias = Literal["local", "world", "local_world_aligned"]
 

@@ -40,7 +40,7 @@ from mbocp.robot.loading.table_types import (
     refusal,
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS
-from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 
 if TYPE_CHECKING:
     ConstraintTable: TypeAlias = ConstraintKeys

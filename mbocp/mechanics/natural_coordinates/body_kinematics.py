@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.lie import ConfigurationSpace
 from mbocp.lie.groups import vee
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree, body_tree
-from mbocp.mechanics.natural_coordinates.joints import perpendiculars
+from mbocp.mechanics.natural_coordinates.joint_rows import perpendiculars
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
 

@@ -16,8 +16,8 @@ from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.description import Reading
-from mbocp.robot.loading.formats import reader_of
 from mbocp.robot.loading.readers.robot_yaml import parse_yaml
+from mbocp.robot.loading.robot_formats import reader_of
 
 _LIMIT = 64 * 2**20  # [bytes] of a planning scene, whose meshes stand in it
 # Lengths of a shape, by their order in `.scene` and in messages of ROS, and what makes it of them.

@@ -17,6 +17,7 @@ from mbocp.robot.loading.assemble import assemble_robot
 from mbocp.robot.loading.describe import describe_parts, describe_source, inertias_of, read_parts
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
+from mbocp.robot.loading.robot_sources import find_source
 from mbocp.robot.loading.robot_tables import (
     ElasticTable,
     MotorTable,
@@ -24,8 +25,7 @@ from mbocp.robot.loading.robot_tables import (
     read_inertias,
     read_rows,
 )
-from mbocp.robot.loading.schema import tables_from
-from mbocp.robot.loading.sources import find_source
+from mbocp.robot.loading.robot_toml import tables_from
 from mbocp.robot.named_numbers import take, with_numbers
 from mbocp.robot.payload import Payload
 from mbocp.robot.robot import Robot

@@ -28,7 +28,7 @@ _SPREAD = 1.0  # [m] of random displacements that have no bounds
 
 
 class ReachRows(Protocol):
-    """What is to vanish, see `mbocp.robot.poses.rows.PoseRows`."""
+    """What is to vanish, see `mbocp.robot.poses.pose_rows.PoseRows`."""
 
     @property
     def model(self) -> pin.Model:

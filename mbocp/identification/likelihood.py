@@ -25,8 +25,8 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags, eye, kron, vstack
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
-from mbocp.identification.base import BaseParameters, Unknowns
 from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.unknown_parameters import BaseParameters, Unknowns
 
 DEGREE = 5
 _FLOOR = 1e-10  # of noise, by the largest measurement

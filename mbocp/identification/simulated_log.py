@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.identification.dynamics import InverseDynamics
-from mbocp.identification.log import Log
+from mbocp.identification.robot_log import Log
 from mbocp.robot import Robot
 
 HARMONICS = 5

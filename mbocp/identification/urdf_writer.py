@@ -17,8 +17,8 @@ from mbocp._files import read_text, root_tag
 from mbocp._text import quote_all
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ResultFileError, RobotFileError, Unreadable
-from mbocp.identification.base import Unknowns
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
+from mbocp.identification.unknown_parameters import Unknowns
 from mbocp.robot.warnings import NotModelledWarning
 from mbocp.solution.atomic import replace_file
 

@@ -24,9 +24,9 @@ import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading.addresses import unpacked_root, unpacked_source
-from mbocp.robot.loading.formats import FORMATS, format_of
-from mbocp.robot.loading.readers import examples, in_memory
-from mbocp.robot.loading.schema import read_robot_toml
+from mbocp.robot.loading.readers import example_robots, in_memory
+from mbocp.robot.loading.robot_formats import FORMATS, format_of
+from mbocp.robot.loading.robot_toml import read_robot_toml
 
 PATH_VARIABLE = "MBOCP_ROBOT_PATH"
 _FILE_ENDINGS = (".toml", *(ending for each in FORMATS.values() for ending in each.endings))
@@ -48,7 +48,7 @@ class Source:
     address: str
     path: Path
     package_dirs: tuple[Path, ...] = ()
-    example: examples.ExampleFacts | None = None
+    example: example_robots.ExampleFacts | None = None
 
     @property
     def is_file(self) -> bool:
@@ -100,7 +100,7 @@ def _from_made(name: str) -> Source | None:
     """A chain, or a robot of example-robot-data."""
     if in_memory.num_links(name) is not None:
         return Source("chain", name, name, Path())
-    return Source("example", name, name, Path()) if name in examples.names() else None
+    return Source("example", name, name, Path()) if name in example_robots.names() else None
 
 
 def robot_folders() -> list[Path]:
@@ -124,8 +124,8 @@ def list_robots() -> list[RobotEntry]:
                 found.setdefault(inner.name, RobotEntry(inner.name, "robots/", _description(file)))
     words = f"{in_memory.chain_description(8)}; chain_N has N, 1 to {in_memory.MAX_LINKS}"
     found.setdefault(in_memory.EXAMPLE, RobotEntry(in_memory.EXAMPLE, "chains of any length", words))
-    for name in examples.names():
-        found.setdefault(name, RobotEntry(name, "example-robot-data", examples.description(name)))
+    for name in example_robots.names():
+        found.setdefault(name, RobotEntry(name, "example-robot-data", example_robots.description(name)))
     return list(found.values())
 
 
@@ -194,7 +194,7 @@ def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
     if row is None:
         raise RobotFileError(spec, "is not among the files of the stored robot")
     facts = row.get("example")
-    example = None if facts is None else examples.ExampleFacts.of_table(facts, root)
+    example = None if facts is None else example_robots.ExampleFacts.of_table(facts, root)
     path = root / row["path"] if row["path"] else Path()
     return Source(row["kind"], row["name"], row["address"], path, example=example)
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.hull import Hull
 from mbocp.robot.collision.samples import CORNERS

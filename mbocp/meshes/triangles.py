@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import Unreadable
 from mbocp.meshes.collada import read_collada
 from mbocp.meshes.formats import check_single_file
-from mbocp.meshes.parts import Indices, check_parts
+from mbocp.meshes.mesh_parts import Indices, check_parts
 from mbocp.meshes.stl import read_stl
 from mbocp.meshes.wavefront import read_wavefront
 

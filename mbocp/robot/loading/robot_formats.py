@@ -106,7 +106,7 @@ _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "clo
 _MJCF = Format("mjcf", "MJCF", (".mjcf",), _mjcf, root="mujoco")
 _SDF = Format("sdf", "SDF", (".sdf", ".world"), _sdf, root="sdf")
 FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF, _SDF)}
-OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.sources`
+OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.robot_sources`
 
 
 def format_of(path: Path) -> Format:

@@ -8,8 +8,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import spanning_rows
-from mbocp.mechanics.held import HeldFrame, held_jacobians
-from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE, project_on_constraints
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobians
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, project_on_constraints
 from mbocp.robot import Robot
 
 _NUM_POSES = 4  # around the start: what depends there by chance does not elsewhere

@@ -21,7 +21,7 @@ from mbocp._files import MEGABYTE, is_file
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError
 from mbocp.robot.loading.addresses import LIST, PREFIX
-from mbocp.robot.loading.formats import FORMATS, OTHER_KINDS
+from mbocp.robot.loading.robot_formats import FORMATS, OTHER_KINDS
 
 _MAX_BYTES = 1024 * MEGABYTE  # of all files of a robot, unpacked
 _MAX_FILES = 20_000

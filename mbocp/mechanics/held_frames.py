@@ -26,9 +26,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.mechanics.either import Mechanics
-from mbocp.mechanics.joint import JointMechanics
+from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Label, Robot
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 
 _KEPT = 16  # functions
 

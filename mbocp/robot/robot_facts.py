@@ -12,8 +12,8 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.addresses import absolute
-from mbocp.robot.loading.formats import reader_of
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loading.robot_formats import reader_of
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.resistance import ElasticJoint
 from mbocp.robot.robot import Robot
