@@ -11,7 +11,7 @@ covariance, and to those of the file's bodies: what torques do not tell stays ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,8 +26,7 @@ _RADIUS = 1e-3  # [m] below which a body is no larger in any file
 _ROTOR = 0.2  # rotor inertia before measuring, by what else the joint moves
 
 
-@dataclass(frozen=True, eq=False)
-class Consistent:
+class Consistent(NamedTuple):
     """Parameters that real bodies have.
 
     Parameters

@@ -16,7 +16,7 @@ the residuals, by the numbers of measurements less the parameters that they dete
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -37,8 +37,7 @@ _OFFSET = 0.1  # [rad, m] standard deviation of joint offsets before anything is
 _WIDE = 30.0  # that of a base parameter by the largest of its unit
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
+class Measured(NamedTuple):
     """What was measured at K times.
 
     Parameters
@@ -62,8 +61,7 @@ class Measured:
         return Measured(self.t[chosen], (q, v, a), self.u[chosen])
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+class Estimate(NamedTuple):
     """Maximum-likelihood estimate.
 
     Parameters
@@ -112,7 +110,7 @@ def spline_basis(t: Array, count: int) -> tuple[csr_matrix, csr_matrix, csr_matr
 def smooth(data: Measured, count: int) -> tuple[Array, Array, Array, Array]:
     """Splines through measured positions: their values, two derivatives and residuals, each shape (K, n)."""
     B = spline_basis(data.t, count)
-    gram = _banded((B[0].T @ B[0] + 1e-12 * eye(count)).tocsr(), DEGREE)
+    gram = _bands((B[0].T @ B[0] + 1e-12 * eye(count)).tocsr(), DEGREE)
     c = cho_solve_banded((cholesky_banded(gram, lower=True), True), B[0].T @ data.motion[0])
     y, yd, ydd = (basis @ c for basis in B)
     return y, yd, ydd, data.motion[0] - y
@@ -154,12 +152,12 @@ class Fit:
         self.probes = np.random.default_rng(1).choice([-1.0, 1.0], (_PROBES, self._rows))
 
     @property
-    def _measured(self) -> list[int]:
+    def _orders(self) -> list[int]:
         return [order for order, values in enumerate(self.data.motion) if values is not None]
 
     @property
     def _rows(self) -> int:
-        return (len(self._measured) + 1) * len(self.data.t) * self.n
+        return (len(self._orders) + 1) * len(self.data.t) * self.n
 
     def values_of(self, beta: Array) -> Array:
         """All parameters of the dynamics with these base parameters: nearest to the file's."""
@@ -172,7 +170,7 @@ class Fit:
     def _start(self, near: Array) -> tuple[Array, Array, Array]:
         """Spline through the positions, and base parameters by weighted regression along it."""
         y, yd, ydd, _ = smooth(self.data, self.count)
-        normal = _banded((self.B[0].T @ self.B[0]).tocsr(), (DEGREE + 1) * self.n - 1)
+        normal = _bands((self.B[0].T @ self.B[0]).tocsr(), (DEGREE + 1) * self.n - 1)
         c = cho_solve_banded((cholesky_banded(normal, lower=True), True), self.B[0].T @ y.ravel())
         motion = self.dynamics.motion(y, yd, ydd, near)
         return c, regression(self.dynamics, self.unknowns, self.base, motion, self.data.u), motion.qs
@@ -230,7 +228,7 @@ class Fit:
         motion = dynamics.motion(y, yd, ydd, near)
         full = dynamics.regressor(motion)
         columns = (full @ self.unknowns.shares)[:, :, self.base.chosen]
-        tau = dynamics.applied(motion, data.u)
+        tau = dynamics.applied_torques(motion, data.u)
         values = self.values_of(beta)
         slopes = dynamics.slopes(motion, values, data.u)
         blocks, at = (np.arange(K), np.arange(K + 1))
@@ -239,7 +237,7 @@ class Fit:
             for slope, B in zip(slopes, self.B, strict=True)
         )
         residuals, rows, borders = [], [], []
-        for order in self._measured:
+        for order in self._orders:
             measured = data.motion[order]
             assert measured is not None
             model, border = (y, yd, ydd)[order], np.zeros((K * n, self.base.rank + n * self.finds_offsets))
@@ -276,7 +274,7 @@ class Fit:
 
     def _factorise(self, A_c: csr_matrix, A_p: Array, spread: Array, prior: Array):  # type: ignore[no-untyped-def]
         weighted = diags(spread**-2.0) @ A_c
-        band = _banded((A_c.T @ weighted).tocsr(), (DEGREE + 1) * self.n - 1)
+        band = _bands((A_c.T @ weighted).tocsr(), (DEGREE + 1) * self.n - 1)
         band[0] *= 1.0 + 1e-13
         factor = cholesky_banded(band, lower=True)
         border = weighted.T @ A_p
@@ -317,7 +315,7 @@ def regression(
     """Base parameters by least squares along a motion that is taken for true."""
     full = dynamics.regressor(motion)
     columns = (full @ unknowns.shares)[:, :, base.chosen]
-    torques = dynamics.applied(motion, u) - full @ unknowns.known
+    torques = dynamics.applied_torques(motion, u) - full @ unknowns.known
     weights, (believed, sd) = np.ones(dynamics.n), beliefs(unknowns, base)
     for _ in range(2):
         A = np.vstack([(columns * weights[:, None]).reshape(-1, base.rank), np.diag(1.0 / sd)])
@@ -329,7 +327,7 @@ def regression(
     return np.asarray(beta)
 
 
-def _banded(matrix: csr_matrix, width: int) -> Array:
+def _bands(matrix: csr_matrix, width: int) -> Array:
     """Lower bands of a symmetric matrix."""
     size = matrix.shape[0]
     found = np.zeros((min(width, size - 1) + 1, size))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,8 +29,7 @@ _JUMP = 0.5  # [rad, m] no joint moves further in such a step
 _SHOWN = 1e-6  # share of a parameter in a combination, by the largest
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
+class Body(NamedTuple):
     """A rigid body whose ten parameters are unknown.
 
     Parameters
@@ -50,8 +50,7 @@ class Body:
     values: Array
 
 
-@dataclass(frozen=True, eq=False)
-class Unknowns:
+class Unknowns(NamedTuple):
     """Unknown parameters: bodies, then rotors, damping and friction of joints.
 
     Parameters
@@ -142,7 +141,8 @@ def unknowns_of(
         ]
     shares, labels, values = [], [], []
     for body in bodies:
-        moved, rows = _moved(body.placement), slice(PER_BODY * (body.joint - 1), PER_BODY * body.joint)
+        rows = slice(PER_BODY * (body.joint - 1), PER_BODY * body.joint)
+        moved = _parameter_map(body.placement)
         columns = np.zeros((len(known), PER_BODY))
         columns[rows] = moved
         known[rows] -= moved @ body.values if payload is None or _is_carried(robot, payload) else 0.0
@@ -300,7 +300,7 @@ def _is_carried(robot: Robot, name: str) -> bool:
     return any(payload.name == name for payload in robot.payloads)
 
 
-def _moved(placement: pin.SE3) -> Array:
+def _parameter_map(placement: pin.SE3) -> Array:
     """Ten parameters in the axes of the joint by those in the body's, shape (10, 10)."""
     to = placement.homogeneous
     columns = [parameters_of(to @ pseudo_inertia(unit) @ to.T) for unit in np.eye(PER_BODY)]

@@ -43,7 +43,7 @@ With two stages this is RATTLE.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -54,24 +54,21 @@ from mbocp.mechanics import JointMechanics
 Length = Affine | ca.SX  # of a step: an unknown, or given
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """A state as links of a chain."""
 
     q: Affine  # (nq,) [m, rad, quaternion xyzw]
     v: Affine  # (nv,) [m/s, rad/s]
 
 
-@dataclass(frozen=True)
-class Stage:
+class Stage(NamedTuple):
     """Unknowns of a stage: its rate, and the impulses h Lambda of the constraints at it."""
 
     rate: Affine  # (nv,) eta [m/s, rad/s]
     impulse: Affine  # (nc,) [N s, N m s]
 
 
-@dataclass(frozen=True)
-class PartitionedRows:
+class PartitionedRows(NamedTuple):
     """Residual of a step, and the states in which its forces act.
 
     Attributes
@@ -186,8 +183,7 @@ class PartitionedStep:
         return (*places, *chain.apply(self._links.drift, [after.q, after.v, *found], self._links.given))
 
 
-@dataclass(frozen=True)
-class _Pulled:
+class _Pulled(NamedTuple):
     """Momenta and forces at a stage in the coordinates, and forces in the axes of the first node.
 
     What constraints push is None where there are none.

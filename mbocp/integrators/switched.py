@@ -26,7 +26,7 @@ ask of the others that their errors cancel.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -35,8 +35,7 @@ from mbocp.mechanics import Mechanics
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 
 
-@dataclass(frozen=True, eq=False)
-class Switched:
+class Switched(NamedTuple):
     """What acts in a step.
 
     Attributes

@@ -248,15 +248,7 @@ class Robot(Mechanism):
         """
         q = self.q0 if start is None else self.normalise(start, name="start")
         return solve_inverse_kinematics(
-            self,
-            targets,
-            q,
-            fixed=fixed,
-            branches=branches,
-            restarts=restarts,
-            seed=seed,
-            within_limits=within_limits,
-            tolerance=tolerance,
+            self, targets, q, fixed, branches, restarts, seed, within_limits, tolerance
         )
 
     # Mechanics, numerically

@@ -13,7 +13,6 @@ from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.robot_formats import reader_of
-from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.resistance import ElasticJoint
 from mbocp.robot.robot import Robot
@@ -53,7 +52,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "passive": _passive(robot),
         "drives": [_drive(robot, drive) for drive in robot.drives],
         "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
-        "constraints": [_constraint(robot, constraint) for constraint in robot.constraints],
+        "constraints": [_constraint(robot, number) for number in range(len(robot.constraints))],
         "forces": [_force(force) for force in robot.forces],
         "elastic": [_elastic(robot, joint) for joint in robot.elastic],
         "payloads": [payload.table for payload in robot.payloads],
@@ -125,12 +124,10 @@ def _passive(robot: Robot) -> list[str]:
     return [name for name, where in slices if where.stop > where.start and idle[where].all()]
 
 
-def _constraint(robot: Robot, constraint: Constraint) -> dict[str, Any]:
-    start = 0
-    for other in robot.constraints[: robot.constraints.index(constraint)]:
-        start += len(other.rows)
+def _constraint(robot: Robot, number: int) -> dict[str, Any]:
+    constraint, places = robot.constraints[number], robot.constraint_rows[number]
     rows = [label.name for label in constraint.rows]
-    redundant = [name for i, name in enumerate(rows) if start + i in robot.redundant_rows]
+    redundant = [name for name, place in zip(rows, places, strict=True) if place in robot.redundant_rows]
     facts = {"name": constraint.name, "type": constraint.kind, **constraint.facts}
     return {**facts, "rows": rows, "redundant_rows": redundant}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,8 +21,7 @@ from mbocp.robot.parts import Label
 _ROUND_OFF = 1e-14
 
 
-@dataclass(frozen=True)
-class Placement:
+class Placement(NamedTuple):
     """Frame of a body in the world: origin [m] and axes (columns)."""
 
     origin: ca.SX

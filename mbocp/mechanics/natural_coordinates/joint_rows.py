@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -12,8 +12,7 @@ from mbocp._arrays import Array
 from mbocp.mechanics.natural_coordinates.bodies import TURNING, Body
 
 
-@dataclass(frozen=True)
-class JointRow:
+class JointRow(NamedTuple):
     """One constraint: the body that it belongs to, its name among that body's, unit and value."""
 
     body: Body

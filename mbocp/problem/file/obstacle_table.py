@@ -18,6 +18,7 @@ from mbocp._keys import Key, Table
 from mbocp._text import shorten, show
 from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
 from mbocp.meshes.points import read_heights, read_points
+from mbocp.meshes.triangles import triangles_of
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import MotionTable, read_motion
@@ -32,7 +33,6 @@ from mbocp.robot.collision.covering_boxes import (
     boxes_of_cloud,
     boxes_of_heights,
 )
-from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.mesh_file import body_of, body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle

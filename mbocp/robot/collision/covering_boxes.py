@@ -95,7 +95,7 @@ def boxes_of_cloud(points: Array, resolution: float = RESOLUTION) -> Boxes:
     if not (np.abs(points) <= min(_LARGEST, _LARGEST * resolution)).all():  # NaN, too
         raise InvalidValue("points", "a coordinate that is not", f"finite, up to {_LARGEST:g} m, and cubes")
     cubes = np.unique(np.floor(points / resolution).astype(np.int64), axis=0)
-    low, high = _joined(cubes)
+    low, high = _join(cubes)
     _check_count(len(low), "resolution")
     lows, highs = (np.asarray(resolution * side, dtype=np.float64) for side in (low, high))
     words = f"{len(lows)} boxes of {len(cubes)} cubes of {1e3 * resolution:.3g} mm stand for its points"
@@ -103,7 +103,7 @@ def boxes_of_cloud(points: Array, resolution: float = RESOLUTION) -> Boxes:
     return Boxes(frozen_array(lows), frozen_array(highs), keys, _surface_of_boxes(lows, highs), words)
 
 
-def _joined(cubes: IntArray) -> tuple[IntArray, IntArray]:
+def _join(cubes: IntArray) -> tuple[IntArray, IntArray]:
     """Boxes of cubes: rows along x, of these rectangles, of these boxes; first cubes, and those behind."""
     low, high = cubes, cubes + 1
     for axis in range(3):

@@ -16,15 +16,17 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.exceptions import CompilationError
+from mbocp.meshes.triangles import triangles_of
 from mbocp.programme.cache import find_entry, unseal, write_entry
-from mbocp.robot.collision.geometry import triangles_of
 
 _SOURCES = ("compound", "fitting", "geometry", "samples", "solid", "spheres")  # that say what is found
 
 Arrays = Mapping[str, Array]
 
 
-def kept(shapes: Sequence[pin.GeometryObject], numbers: Sequence[Array], fit: Callable[[], Arrays]) -> Arrays:
+def load_or_fit(
+    shapes: Sequence[pin.GeometryObject], numbers: Sequence[Array], fit: Callable[[], Arrays]
+) -> Arrays:
     """Return what `fit` gives for shapes and numbers, from the folder where it is there.
 
     Parameters

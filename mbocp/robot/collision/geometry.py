@@ -71,13 +71,6 @@ def read_geometry(
     return geometry
 
 
-def triangles_of(mesh: coal.BVHModelBase) -> tuple[Array, Indices]:
-    """Corners, shape (V, 3) [m], and triangles, shape (F, 3), of a mesh."""
-    corners = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
-    faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int64)
-    return np.array(mesh.vertices(), dtype=np.float64), faces
-
-
 def _object(model: pin.Model, source: ShapeSource, shape: LinkShape) -> pin.GeometryObject:
     geometry, link = shape.geometry, source.prefix + shape.link
     _check_size(source.path, shape.where, geometry)

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.meshes.mesh_parts import Indices
-from mbocp.robot.collision.geometry import triangles_of
+from mbocp.meshes.triangles import triangles_of
 
 _PLASTIC = 1.22074408460575947536  # real root of x^4 = x + 1: the most even sequence in three dimensions
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # [rad]

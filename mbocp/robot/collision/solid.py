@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.meshes.mesh_parts import Indices
-from mbocp.robot.collision.geometry import triangles_of
+from mbocp.meshes.triangles import triangles_of
 from mbocp.robot.collision.samples import surface_points
 
 if TYPE_CHECKING:
@@ -66,11 +66,6 @@ class Solid:
     def inner(self) -> Array:
         """Centres of the cells that are filled, shape (M, 3) [m]."""
         return self.low + self.cell * (np.argwhere(self.filled) + 0.5)
-
-    @property
-    def volume(self) -> float:
-        """Of the cells that are filled [m^3]."""
-        return float(self.filled.sum()) * self.cell**3
 
     def outside(self, points: Array) -> Array:
         """How far points are outside, shape (M,) [m]; 0 within.

@@ -19,11 +19,11 @@ from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.elements import trace_frames
+from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.model_changes import make_spherical, without_dynamics
 from mbocp.robot.loading.readers.example_robots import describe_example
 from mbocp.robot.loading.readers.in_memory import describe_chain, describe_object
-from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
 from mbocp.robot.loading.robot_sources import Source, find_source

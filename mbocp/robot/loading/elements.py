@@ -33,7 +33,7 @@ def constraints_of(names: TableReader, table: RobotTable) -> tuple[Constraint, .
         except (UnknownFrame, UnknownJoint) as error:
             error.args = (f"constraint {row.name!r}: {error}",)
             raise
-    names.refuse_repeated("constraint", [constraint.name for constraint in found])
+    names.refuse_repetition("constraint", [constraint.name for constraint in found])
     return tuple(found)
 
 
@@ -46,7 +46,7 @@ def forces_of(names: TableReader, table: RobotTable) -> tuple[QuarticSpring | Sp
         length = names.distance(a, b) if damper.length is None else damper.length
         name = str(damper.name)
         found.append(SpringDamper(name, a, b, damper.stiffness, damper.damping, length, damper.frames))
-    names.refuse_repeated("spring or spring_damper", [force.name for force in found])
+    names.refuse_repetition("spring or spring_damper", [force.name for force in found])
     return tuple(found)
 
 

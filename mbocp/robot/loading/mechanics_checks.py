@@ -14,7 +14,7 @@ from mbocp._text import quote_all
 from mbocp._tolerances import DIRECTION_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import kinematics
-from mbocp.robot.drives import drive_column, name_moved
+from mbocp.robot.drives import drive_column, name_joints
 from mbocp.robot.parts import Drive
 from mbocp.robot.robot import Robot
 
@@ -146,13 +146,13 @@ def _check_frame(robot: Robot, drive: Drive, frame_id: int, q: Array) -> None:
     if np.abs(gram - np.eye(len(gram))).max() > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
             f"{where}: its joints must move frame {frame!r} along orthogonal directions, at unit speed each; "
-            f"{name_moved(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in "
+            f"{name_joints(robot, drive.dofs)} do not at every configuration. Name the joints that slide, in "
             "a row, before anything turns"
         )
     speed = float(np.linalg.norm(jacobian.T @ drive.direction))
     if abs(speed - 1.0) > DIRECTION_TOLERANCE:
         raise UnsupportedRobot(
-            f"{where}: {name_moved(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
+            f"{where}: {name_joints(robot, drive.dofs)} cannot always move frame {frame!r} along direction "
             f"{drive.direction.tolist()} (only {speed:.3g} of it): name all joints that it takes, or another "
             "direction"
         )
@@ -168,7 +168,7 @@ def _check_impulse(robot: Robot, drive: Drive, q: Array) -> None:
         coupled = [free[i] for i in np.flatnonzero(momentum > threshold)]
         raise UnsupportedRobot(
             f"robot {robot.name!r}: the acceleration of drive {drive.name!r} acts on joint "
-            f"{name_moved(robot, coupled)}. {remedy}"
+            f"{name_joints(robot, coupled)}. {remedy}"
         )
     rates = robot.constraint_jacobian(q) @ column
     if np.abs(rates).max(initial=0.0) > DIRECTION_TOLERANCE:

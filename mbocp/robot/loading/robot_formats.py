@@ -6,9 +6,9 @@ A new format is a module in `readers/` with the functions of `Reader`, an entry 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 from mbocp._files import root_tag
 from mbocp._text import show
@@ -17,7 +17,6 @@ from mbocp.robot.loading.addresses import unpacked_root
 
 if TYPE_CHECKING:
     from mbocp.robot.loading.description import Description, Reading
-    from mbocp.robot.loading.readers.xacro import XacroReader
 
 
 class Reader(Protocol):
@@ -36,8 +35,7 @@ class Reader(Protocol):
         """Find what is allowed, and probably not meant; one line for each."""
 
 
-@dataclass(frozen=True)
-class Format:
+class Format(NamedTuple):
     """A format of files.
 
     Attributes
@@ -55,7 +53,7 @@ class Format:
     about : str
         What lists of robots say of such a folder.
     expander : callable, optional
-        Imports what reads its files with arguments and makes URDFs of them, which results keep.
+        Makes what reads its files with arguments and makes URDFs of them, which results keep.
     root : str
         Root element by which a file that ends in .xml is known.
     """
@@ -66,45 +64,26 @@ class Format:
     reader: Callable[[], Reader]
     file: str = ""
     about: str = ""
-    expander: Callable[[], type[XacroReader]] | None = None
+    expander: Callable[..., Reader] | None = None
     root: str = ""
 
 
-def _urdf() -> Reader:
-    from mbocp.robot.loading.readers import urdf
-
-    return urdf
+def _reader(module: str) -> Callable[[], Reader]:
+    return lambda: cast(Reader, import_module(f"mbocp.robot.loading.readers.{module}"))
 
 
-def _robot_yaml() -> Reader:
-    from mbocp.robot.loading.readers import robot_yaml  # YAML only for robots that have such a file
-
-    return robot_yaml
-
-
-def _mjcf() -> Reader:
-    from mbocp.robot.loading.readers import mjcf
-
-    return mjcf
-
-
-def _sdf() -> Reader:
-    from mbocp.robot.loading.readers import sdf
-
-    return sdf
-
-
-def _xacro() -> type[XacroReader]:
+def _expander(*how: Any) -> Reader:
     from mbocp.robot.loading.readers.xacro import XacroReader
 
-    return XacroReader
+    return XacroReader(*how)
 
 
-_URDF = Format("urdf", "URDF", (".urdf", ".xml"), _urdf)
-_XACRO = Format("xacro", "xacro", (".xacro",), lambda: _xacro()(), expander=_xacro)
+_URDF = Format("urdf", "URDF", (".urdf", ".xml"), _reader("urdf"))
+_XACRO = Format("xacro", "xacro", (".xacro",), _expander, expander=_expander)
+_robot_yaml = _reader("robot_yaml")  # YAML only for robots that have such a file
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
-_MJCF = Format("mjcf", "MJCF", (".mjcf",), _mjcf, root="mujoco")
-_SDF = Format("sdf", "SDF", (".sdf", ".world"), _sdf, root="sdf")
+_MJCF = Format("mjcf", "MJCF", (".mjcf",), _reader("mjcf"), root="mujoco")
+_SDF = Format("sdf", "SDF", (".sdf", ".world"), _reader("sdf"), root="sdf")
 FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF, _SDF)}
 OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.robot_sources`
 
@@ -134,7 +113,7 @@ def reader_of(path: Path, folders: Sequence[Path] = (), arguments: Mapping[str, 
     """
     found = format_of(path)
     if found.expander is not None:
-        return found.expander()(folders, arguments or {})
+        return found.expander(folders, arguments or {})
     if arguments and unpacked_root(path.parent) is None:
         words = f"got {show(dict(arguments))}, but only xacro files take arguments"
         raise RobotFileError(path, words, "arguments")

@@ -23,7 +23,7 @@ from typing import Any
 import mbocp
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot.loading.addresses import unpacked_root, unpacked_source
+from mbocp.robot.loading.addresses import find_row, unpacked_root
 from mbocp.robot.loading.readers import example_robots, in_memory
 from mbocp.robot.loading.robot_formats import FORMATS, format_of
 from mbocp.robot.loading.robot_toml import read_robot_toml
@@ -77,7 +77,7 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     """
     root = unpacked_root(base)
     if root is not None and base is not None:
-        return _from_unpacked(root, str(spec), base)
+        return _find_stored(root, str(spec), base)
     if isinstance(spec, Path) or _looks_like_path(spec):
         path = path_of(spec)
         return _from_path(path if base is None else base / path)
@@ -188,9 +188,9 @@ def _either(names: Iterable[str]) -> str:
     return f"{', '.join(first)} or {last}"
 
 
-def _from_unpacked(root: Path, spec: str, base: Path) -> Source:
+def _find_stored(root: Path, spec: str, base: Path) -> Source:
     """The source that a stored robot meant; it is called as it was there."""
-    row = unpacked_source(root, spec, base)
+    row = find_row(root, "sources", spec, base)
     if row is None:
         raise RobotFileError(spec, "is not among the files of the stored robot")
     facts = row.get("example")

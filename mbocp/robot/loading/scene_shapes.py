@@ -97,10 +97,10 @@ def _pose(given: Mapping[str, Any]) -> pin.SE3:
     """Of lists, as MotionBenchMaker writes them, or of tables of x, y, z and w."""
     position, turn = given.get("position", [0.0] * 3), given.get("orientation", [0.0, 0.0, 0.0, 1.0])
     numbers = [list(one.values()) if isinstance(one, dict) else one for one in (position, turn)]
-    return _placed([float(x) for one in numbers for x in one])
+    return _placement([float(x) for one in numbers for x in one])
 
 
-def _placed(numbers: list[float]) -> pin.SE3:
+def _placement(numbers: list[float]) -> pin.SE3:
     """Position, and quaternion xyzw."""
     turn = pin.Quaternion(np.array(numbers[3:7])).normalized()
     return pin.SE3(turn.matrix(), np.array(numbers[:3]))
@@ -126,11 +126,11 @@ def _of_scene(path: Path) -> Iterator[LinkShape]:
         if line == ".":
             return
         name, words = line.removeprefix("*").strip(), _words(rest)
-        base = _placed(_numbers(words, 7)) if is_new else pin.SE3.Identity()
+        base = _placement(_numbers(words, 7)) if is_new else pin.SE3.Identity()
         for number in range(int(next(words))):
             kind = next(words)
             geometry = _mesh(words) if kind == "mesh" else _of_words(path, name, kind, words)
-            at = _placed(_numbers(words, 7))
+            at = _placement(_numbers(words, 7))
             _numbers(words, 4)  # colour
             yield _shape(name, number, geometry, base * at)
         for _ in range(int(next(words)) if is_new else 0):

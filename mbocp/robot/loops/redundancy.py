@@ -233,10 +233,7 @@ def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
 
 
 def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Sequence[Array]) -> None:
-    start = 0
-    for constraint in robot.constraints:
-        rows = range(start, start + len(constraint.rows))
-        start = rows.stop
+    for constraint, rows in zip(robot.constraints, robot.constraint_rows, strict=True):
         if not all(row in redundant for row in rows):
             continue
         if not any(J[list(rows)].any() for J in jacobians):
@@ -251,13 +248,10 @@ def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Se
 
 def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
     """Clause of a message: the constraint that implies this one, or that all others together do."""
-    start, rows = 0, {}
-    for one in robot.constraints:
-        rows[one.name] = list(range(start, start + len(one.rows)))
-        start += len(one.rows)
+    pairs = zip(robot.constraints, robot.constraint_rows, strict=True)
+    rows = {one.name: list(places) for one, places in pairs}
     own = rows.pop(constraint.name)
     for name, other in rows.items():
-        pairs = [(len(_independent(J[other])), len(_independent(J[other + own]))) for J in jacobians]
-        if all(alone == both for alone, both in pairs):
+        if all(len(_independent(J[other])) == len(_independent(J[other + own])) for J in jacobians):
             return f"is a duplicate: {name!r} implies it"
     return f"follows from the others ({quote_all(rows)})"

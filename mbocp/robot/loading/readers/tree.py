@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -99,8 +99,7 @@ class TreeShape:
     is_solid: bool = True
 
 
-@dataclass(frozen=True)
-class MissingMesh:
+class MissingMesh(NamedTuple):
     """A mesh that is not there: whose it is, why, and whether it may collide."""
 
     where: str
@@ -150,8 +149,7 @@ class LeftOut:
         self.names.setdefault(kind, []).append(name)
 
 
-@dataclass(frozen=True)
-class _Place:
+class _Place(NamedTuple):
     """Where a body is in the model: its joint, its placement there, its frame."""
 
     joint: int
