@@ -23,8 +23,8 @@ from benchmarks.tables import Table, show
 from mbocp import identify, load_robot
 from mbocp._arrays import Array
 from mbocp.identification import Identification, Log, simulate_log
+from mbocp.identification.likelihood import knots_for, regression, smooth
 from mbocp.identification.of_log import measured_of
-from mbocp.identification.trajectory import knots_for, regression, smooth
 from tests.identification.logs import changed, true_values
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")

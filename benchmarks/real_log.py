@@ -21,8 +21,8 @@ from benchmarks.tables import Table, show
 from mbocp import identify, load_robot
 from mbocp._arrays import Array
 from mbocp.identification import Identification, Log
+from mbocp.identification.likelihood import knots_for, smooth
 from mbocp.identification.of_log import measured_of
-from mbocp.identification.trajectory import knots_for, smooth
 from mbocp.robot import Robot
 
 GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)  # [N m/A]

@@ -27,7 +27,7 @@ from benchmarks.tables import Table, show
 from mbocp.exceptions import MbocpError, UnsupportedRobot
 from mbocp.problem.file.first import first_file
 from mbocp.robot import Robot, list_robots, load_robot
-from mbocp.robot.loading.formats import format_of
+from mbocp.robot.loading.robot_formats import format_of
 from mbocp.view.report import write_report
 
 __all__ = ["outcome_table"]

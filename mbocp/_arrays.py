@@ -46,6 +46,11 @@ def frozen_array(
     return array
 
 
+def freeze(value: object, field: str, shape: tuple[int | None, ...], name: str) -> None:
+    """Put a read-only copy into a field of a frozen value, while it is made; `name` is for the error."""
+    object.__setattr__(value, field, frozen_array(getattr(value, field), shape=shape, name=name))
+
+
 def frozen_mask(value: ArrayLike, *, size: int, name: str = "mask") -> BoolArray:
     """Copy `value` into a read-only boolean array of `size` entries."""
     mask = np.array(value, dtype=np.bool_)

@@ -23,7 +23,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.gains import has_joint_states, tangents
 from mbocp.formulation.tightening import margins_of, words_of
 from mbocp.job import Job, Strategy
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import can_hold_within
 from mbocp.problem.uncertainty import Robust, Tube

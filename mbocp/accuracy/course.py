@@ -17,7 +17,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.flow import Flow
-from mbocp.mechanics.held import Acting
+from mbocp.mechanics.held_frames import Acting
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 

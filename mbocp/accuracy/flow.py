@@ -31,7 +31,7 @@ from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.mechanics.held import Acting
+from mbocp.mechanics.held_frames import Acting
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.robot import Robot
 

@@ -46,7 +46,7 @@ def solve(problem: Problem | str | Path, wrt: Sequence[str]) -> Callable[..., di
     flat = jax.custom_jvp(lambda values: _call(batches.solve, batches.num_outputs, values))
     flat.defjvp(derivative)
 
-    def solved(*parameters: Any) -> dict[str, Any]:
+    def optimum(*parameters: Any) -> dict[str, Any]:
         given = [jnp.asarray(parameter, dtype=float) for parameter in parameters]
         batch = batches.batch_of([value.shape for value in given])
         own = [value.shape for value in batches.of_one.values]
@@ -55,7 +55,7 @@ def solve(problem: Problem | str | Path, wrt: Sequence[str]) -> Callable[..., di
         found = flat(jnp.concatenate(rows, axis=-1))
         return {name: found[..., at].reshape(batch + shape) for name, (at, shape) in batches.parts.items()}
 
-    return solved
+    return optimum
 
 
 def _call(function: Callable[..., Any], size: int, *given: Any) -> Any:

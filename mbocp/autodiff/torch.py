@@ -35,7 +35,7 @@ def solve(problem: Problem | str | Path, wrt: Sequence[str]) -> Callable[..., di
     """
     batches = Batches(SolutionMap.of(problem, wrt))
 
-    def solved(*parameters: Any) -> dict[str, Any]:
+    def optimum(*parameters: Any) -> dict[str, Any]:
         given = [torch.as_tensor(parameter) for parameter in parameters]
         batch = batches.batch_of([tuple(value.shape) for value in given])
         own = [value.shape for value in batches.of_one.values]
@@ -43,7 +43,7 @@ def solve(problem: Problem | str | Path, wrt: Sequence[str]) -> Callable[..., di
         found = _Solve.apply(torch.cat(rows, dim=-1), batches)
         return {name: found[..., at].reshape(batch + shape) for name, (at, shape) in batches.parts.items()}
 
-    return solved
+    return optimum
 
 
 def _outside(function: Callable[..., Any], *given: Any) -> Any:

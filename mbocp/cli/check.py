@@ -50,7 +50,7 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
     from mbocp.cli.findings import Findings
     from mbocp.problem import load_problem
     from mbocp.problem.reasons.causes import causes_of
-    from mbocp.robot.facts import find_oddities
+    from mbocp.robot.robot_facts import find_oddities
 
     found, status = Findings(file, settings), 0
     try:
@@ -73,7 +73,7 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
 def _rows(problem: Problem) -> _Rows:
     from mbocp.cli.summary import cause_rows, inertia_words, robot_words
     from mbocp.problem.reasons.causes import causes_of
-    from mbocp.robot.facts import describe, find_oddities
+    from mbocp.robot.robot_facts import describe, find_oddities
 
     robot = problem.robot
     rows: _Rows = [

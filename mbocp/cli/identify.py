@@ -79,7 +79,7 @@ def identify_robot(
     if out is not None:
         found.save(out)
     if plot is not None:
-        from mbocp.identification.plot import plot_residuals
+        from mbocp.identification.residual_plot import plot_residuals
 
         plot_residuals(found, plot)
     if as_json:

@@ -81,7 +81,7 @@ def _only_rotors(robot: Any) -> bool:
 
 def _load(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
     """The robot; one of which nothing moves is taken to float, one without inertias to have no dynamics."""
-    from mbocp.robot.loading.checks import SingularMassMatrix
+    from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
 
     try:
         return options, options.load(name)

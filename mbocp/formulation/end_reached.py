@@ -29,7 +29,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.switches import ties_at_end
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.diagnostics import constraint_violation
-from mbocp.mechanisms.consistency import allowed_velocities
+from mbocp.mechanisms.consistent_states import allowed_velocities
 from mbocp.problem.goals.frames import errors_of_poses
 from mbocp.robot.kinematics import momenta_of
 

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Goal, Problem
 from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot

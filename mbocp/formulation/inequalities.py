@@ -15,7 +15,7 @@ from mbocp.formulation.features.within_steps import block_within, names_within
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
-from mbocp.mechanics.rates import rates_along
+from mbocp.mechanics.motion_rates import rates_along
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.terms.bounded import MotionAtNodes

@@ -17,7 +17,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.diagnostics import largest_turn
-from mbocp.mechanics.rates import powers
+from mbocp.mechanics.motion_rates import powers
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme

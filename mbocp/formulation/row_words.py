@@ -16,7 +16,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
-from mbocp.mechanics.held import held_labels
+from mbocp.mechanics.held_frames import held_labels
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 from mbocp.terms.periodic_end import PeriodicEnd

@@ -15,7 +15,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage
-from mbocp.mechanics.rates import spacings
+from mbocp.mechanics.motion_rates import spacings
 from mbocp.problem import Problem
 
 

@@ -13,8 +13,8 @@ from mbocp.guesses.ways import Way, position_limits, straight, straight_to
 from mbocp.problem import PathConstraint, Problem
 from mbocp.robot.kinematics import difference
 from mbocp.robot.mechanism import Mechanism
-from mbocp.robot.poses.rows import PoseRows
-from mbocp.robot.poses.search import joint_bounds, reach
+from mbocp.robot.poses.pose_rows import PoseRows
+from mbocp.robot.poses.pose_search import joint_bounds, reach
 from mbocp.robot.poses.target import FrameTarget
 
 _TOLERANCE = 1e-9  # [m, rad]

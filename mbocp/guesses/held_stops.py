@@ -30,10 +30,10 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
-from mbocp.robot.poses.rows import CLOSURE_WEIGHT, PoseRows, placement_of
-from mbocp.robot.poses.search import joint_bounds, reach
+from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placement_of
+from mbocp.robot.poses.pose_search import joint_bounds, reach
 
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
@@ -158,7 +158,7 @@ class _Ties:
 
 @dataclass(frozen=True, eq=False)
 class _StopRows:
-    """What is asked for at a stop, with what holds there, see `mbocp.robot.poses.search.ReachRows`."""
+    """What is asked for at a stop, with what holds there, see `mbocp.robot.poses.pose_search.ReachRows`."""
 
     poses: PoseRows
     ties: _Ties

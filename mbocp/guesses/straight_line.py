@@ -20,7 +20,7 @@ from mbocp.guesses.balance import balances
 from mbocp.guesses.held_stops import Stop, carried_rate, carry, held_stops
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.closed_path import closed_path
-from mbocp.mechanisms.consistency import project_on_constraints, tangent_space
+from mbocp.mechanisms.consistent_states import project_on_constraints, tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.robot import Robot

@@ -16,13 +16,13 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation import Formulation
 from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
-from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.goals.frames import RESTARTS, goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
 from mbocp.robot.nodes import interpolate
-from mbocp.robot.poses.search import inside, joint_bounds
+from mbocp.robot.poses.pose_search import inside, joint_bounds
 
 Way: TypeAlias = Callable[[Array, Array], Array]
 

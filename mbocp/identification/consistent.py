@@ -11,14 +11,14 @@ covariance, and to those of the file's bodies: what torques do not tell stays ne
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from mbocp._arrays import Array
-from mbocp.identification.base import BaseParameters, Unknowns, parameters_of, pseudo_inertia
 from mbocp.identification.dynamics import PER_BODY
+from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, parameters_of, pseudo_inertia
 
 _SPREAD = 0.5  # standard deviation of the logarithms before measuring: half as much again, or two thirds
 _THINNEST = 1e-3  # second moments of a body by their sum: what is thinner is given this much
@@ -26,8 +26,7 @@ _RADIUS = 1e-3  # [m] below which a body is no larger in any file
 _ROTOR = 0.2  # rotor inertia before measuring, by what else the joint moves
 
 
-@dataclass(frozen=True, eq=False)
-class Consistent:
+class Consistent(NamedTuple):
     """Parameters that real bodies have.
 
     Parameters

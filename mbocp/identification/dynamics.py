@@ -11,7 +11,7 @@ torques of the motors themselves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -30,8 +30,7 @@ _WALK = 0.05  # [rad, m] the independent coordinates move at most between two cl
 _SHIFT = 1e-6  # of central differences; their error is about 1e-10 of the derivative
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(NamedTuple):
     """A motion at K times.
 
     Parameters
@@ -174,7 +173,7 @@ class InverseDynamics:
         full[:, at, bodies + 2 * nv + at] = np.tanh(motion.v / self.speeds)
         return np.asarray(np.einsum("kij,kip->kjp", motion.G, full))
 
-    def applied(self, motion: Motion, u: Array) -> Array:
+    def applied_torques(self, motion: Motion, u: Array) -> Array:
         """Torques of motors, springs and dampers on the independent coordinates, shape (K, n)."""
         forces = u @ self.robot.actuation.selection.T
         if self.robot.forces:
@@ -194,7 +193,7 @@ class InverseDynamics:
 
         def rows(y: Array, yd: Array, ydd: Array) -> Array:
             there = self.motion(y, yd, ydd, motion.qs)
-            return self._torques(model, there, values) - self.applied(there, u)
+            return self._torques(model, there, values) - self.applied_torques(there, u)
 
         found = np.empty((3, *y.shape, self.n))
         for part, j in np.ndindex(2, self.n):

@@ -13,8 +13,8 @@ from scipy.optimize import linprog
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
-from mbocp.identification.base import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
 from mbocp.problem.file.tables import written_tables
@@ -212,22 +212,17 @@ class _Search:
     def torque(self, motion: Motion) -> Array:
         """Torques of the motors by the file's parameters."""
         still = np.zeros((len(motion.v), self.problem.robot.nu))
-        return np.asarray(
-            self.dynamics.regressor(motion) @ self.dynamics.values - self.dynamics.applied(motion, still)
-        )
+        needed = self.dynamics.regressor(motion) @ self.dynamics.values
+        return np.asarray(needed - self.dynamics.applied_torques(motion, still))
 
     @cached_property
     def linear(self) -> tuple[Array, Array]:
         """Rows and upper bounds of limits that are linear in the control points."""
-        rows, upper = [], []
+        pairs = []
         for hull, (lo, hi) in zip(self.hulls, self.bounds, strict=True):
             row = np.kron(hull, np.eye(self.dynamics.n))
-            for sign, side in ((1.0, hi), (-1.0, -lo)):
-                rows.append(sign * row)
-                upper.append(np.tile(side, len(hull)))
-        limit = np.concatenate(upper)
-        finite = np.isfinite(limit)
-        return np.vstack(rows)[finite], limit[finite]
+            pairs += [(row, np.tile(hi, len(hull))), (-row, np.tile(-lo, len(hull)))]
+        return _stack(pairs)
 
     def torque_rows(self, motion: Motion) -> tuple[Array, Array]:
         """The limits of torques, linear about a motion: rows and upper bounds of changes."""
@@ -236,13 +231,9 @@ class _Search:
         blocks = [np.einsum("kc,kji->kjci", B, part) for B, part in zip(self.values, parts, strict=True)]
         slope = np.sum(blocks, axis=0).reshape(len(still) * n, -1)
         u = self.torque(motion).ravel()
-        rows, upper = [], []
-        for sign, side in ((1.0, self.torques[1]), (-1.0, -self.torques[0])):
-            rows.append(sign * slope)
-            upper.append(np.maximum(_TIGHT * np.tile(side, len(still)) - sign * u, 0.0))
-        limit = np.concatenate(upper)
-        finite = np.isfinite(limit)
-        return np.vstack(rows)[finite], limit[finite]
+        sides = ((1.0, self.torques[1]), (-1.0, -self.torques[0]))
+        room = [np.maximum(_TIGHT * np.tile(side, len(still)) - sign * u, 0.0) for sign, side in sides]
+        return _stack([(slope, room[0]), (-slope, room[1])])
 
     def climb(self, c: Array, rounds: int) -> tuple[float, Array]:
         """Linear programmes within a box that grows while log det does; every iterate keeps the limits."""
@@ -322,6 +313,13 @@ def _noise(torque_noise: ArrayLike, n: int) -> Array:
 
 def _columns(dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: Motion) -> Array:
     return np.asarray(dynamics.regressor(motion) @ unknowns.shares[:, base.chosen])
+
+
+def _stack(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Rows and upper bounds one below the other, without those that are infinite."""
+    rows, upper = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    finite = np.isfinite(upper)
+    return rows[finite], upper[finite]
 
 
 def _log_det(matrix: Array) -> float:

@@ -12,11 +12,11 @@ import pinocchio as pin
 from mbocp._arrays import Array, frozen_array
 from mbocp._text import list_names
 from mbocp.exceptions import LogError
-from mbocp.identification.base import BaseParameters, Body, Unknowns, base_of, unknowns_of
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
-from mbocp.identification.log import Log, read_log
-from mbocp.identification.trajectory import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.robot_log import Log, read_log
+from mbocp.identification.unknown_parameters import BaseParameters, Body, Unknowns, base_of, unknowns_of
 from mbocp.problem.limits import ask_degrees, with_question
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.parts import Label
@@ -144,7 +144,7 @@ class Identification:
         RobotFileError
             If it has none, or the file cannot be written.
         """
-        from mbocp.identification.urdf import write_urdf
+        from mbocp.identification.urdf_writer import write_urdf
 
         everything = self.unknowns.known + self.unknowns.shares @ self.values
         return write_urdf(self.dynamics, self.unknowns, everything, Path(path))
@@ -275,7 +275,7 @@ def measured_of(
             raise LogError(source, f"no column {name}.q: the position of joint {name!r} is needed")
         if np.ptp(column) == 0.0:
             raise LogError(source, f"{name}.q: the joint does not move: move it, or lock it")
-        positions.append(_turned(robot, name, column, source))
+        positions.append(_unwrap(robot, name, column, source))
     rates = [
         np.stack([log.joints[name][kind] for name in dynamics.names], axis=1)
         if all(kind in log.joints[name] for name in dynamics.names)
@@ -297,7 +297,7 @@ def _torque(log: Log, name: str, constants: Mapping[str, float]) -> Array:
     return np.asarray(constants[name] * columns["current"])
 
 
-def _turned(robot: Robot, name: str, column: Array, source: Path) -> Array:
+def _unwrap(robot: Robot, name: str, column: Array, source: Path) -> Array:
     """Positions of a joint without jumps of whole turns, if they are within reach."""
     where = robot.configuration_indices(name)
     if where.stop - where.start == 2:
@@ -323,7 +323,7 @@ def _residuals(
     y, yd, ydd, _ = smooth(data, knots_for(data))
     y = y + offsets
     motion = dynamics.motion(y, yd, ydd, dynamics.follow(y) if near is None else near)
-    torques, regressor = dynamics.applied(motion, data.u), dynamics.regressor(motion)
+    torques, regressor = dynamics.applied_torques(motion, data.u), dynamics.regressor(motion)
     return Residuals(data.t, torques, torques - regressor @ everything, torques - regressor @ dynamics.values)
 
 

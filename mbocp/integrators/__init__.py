@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from mbocp.integrators.euler import State as State
     from mbocp.integrators.euler import StepRows as StepRows
     from mbocp.integrators.euler import evaluation_point as evaluation_point
+    from mbocp.integrators.euler import evaluation_points as evaluation_points
     from mbocp.integrators.euler import step_rows as step_rows
     from mbocp.integrators.pairs import PAIRS as PAIRS
     from mbocp.integrators.pairs import Pair as Pair
-    from mbocp.integrators.points import evaluation_points as evaluation_points
     from mbocp.integrators.schemes import SCHEMES as SCHEMES
     from mbocp.integrators.schemes import SchemeData as SchemeData
     from mbocp.integrators.schemes import schemes_that as schemes_that

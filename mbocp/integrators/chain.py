@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -73,8 +74,7 @@ class Affine:
         return Affine(ca.vertcat(*[piece.value for piece in pieces]), parts)
 
 
-@dataclass(frozen=True, eq=False)
-class _Derivatives:
+class _Derivatives(NamedTuple):
     """A link's outputs, their Jacobian, and the Hessian of w . outputs, in its arguments.
 
     Attributes
@@ -155,8 +155,7 @@ def _entries(matrix: ca.SX) -> list[ca.SX]:
     return [matrix.nz[i] for i in range(matrix.nnz())]
 
 
-@dataclass(frozen=True, eq=False)
-class _Link:
+class _Link(NamedTuple):
     """A link where it is applied.
 
     Attributes
@@ -180,8 +179,7 @@ class _Link:
     is_symbolic: bool
 
 
-@dataclass(frozen=True, eq=False)
-class _Curved:
+class _Curved(NamedTuple):
     """Symbols that stand for the curvature of a link, and the adjoint of its outputs."""
 
     link: _Link

@@ -65,8 +65,7 @@ def basis_slopes(shares: Sequence[float], at: float) -> Array:
     """Derivatives of these polynomials at one place, shape (k,)."""
     powers = np.linalg.inv(np.vander(shares, increasing=True))
     k = len(shares)
-    slopes: Array = (np.arange(1.0, k) * at ** np.arange(0.0, k - 1.0)) @ powers[1:]
-    return slopes
+    return (np.arange(1.0, k) * at ** np.arange(0.0, k - 1.0)) @ powers[1:]
 
 
 @lru_cache(maxsize=64)

@@ -36,8 +36,11 @@ from typing import NamedTuple
 
 import casadi as ca
 
+from mbocp._arrays import Array
 from mbocp.integrators.tau import TAU, VELOCITY_TAU
 from mbocp.mechanics import Mechanics
+from mbocp.robot import Robot
+from mbocp.robot.nodes import move
 
 Difference = Callable[[ca.SX, ca.SX], ca.SX]
 
@@ -139,3 +142,31 @@ def step_rows(
         momentum -= mechanics.constraint_jacobian(at.q).T @ impulse
     position = mechanics.integrate(after.q, dt * after.v) if VELOCITY_TAU[scheme] == 0.0 else after.q
     return StepRows(kinematic, momentum, mechanics.constraints(position) / dt)  # Eq. (25)
+
+
+def evaluation_points(robot: Robot, tau: float, qs: Array, vs: Array, dts: Array) -> tuple[Array, Array]:
+    """States (q_tau, v_tau) of all steps, see `mbocp.integrators.evaluation_point`.
+
+    Parameters
+    ----------
+    robot : Robot
+    tau : float
+        Where in a step the scheme looks, between 0 and 1.
+    qs : ndarray, shape (N + 1, nq)
+        Configurations at the nodes [m, rad, quaternion xyzw].
+    vs : ndarray, shape (N + 1, nv)
+        Velocities at the nodes [m/s, rad/s].
+    dts : ndarray, shape (N,)
+        Step lengths [s].
+
+    Returns
+    -------
+    q_taus : ndarray, shape (N, nq)
+    v_taus : ndarray, shape (N, nv)
+    """
+    if tau in (0.0, 1.0):
+        at = slice(1, None) if tau else slice(None, -1)
+        return qs[at], vs[at]
+    v_taus: Array = (1.0 - tau) * vs[:-1] + tau * vs[1:]
+    steps = tau * dts[:, None] * v_taus
+    return move(robot, qs[:-1], steps), v_taus

@@ -18,7 +18,6 @@ is below the error of every method of order five and less.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -29,8 +28,7 @@ from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics
 
 
-@dataclass(frozen=True)
-class Gains:
+class Gains(NamedTuple):
     """Rates of Baumgarte's stabilisation [1/s]: gamma_q, gamma_R, and that of holonomic constraints."""
 
     quaternion: ca.SX

@@ -26,17 +26,16 @@ ask of the others that their errors cancel.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as ca
 
 from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point, kinematic_velocity
 from mbocp.mechanics import Mechanics
-from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 
 
-@dataclass(frozen=True, eq=False)
-class Switched:
+class Switched(NamedTuple):
     """What acts in a step.
 
     Attributes

@@ -97,11 +97,11 @@ class ConfigurationSpace:
 
     def partial_difference(self, z0: ca.SX, z1: ca.SX, parts: Sequence[int]) -> ca.SX:
         """Like `difference`, with zeros for all but some parts, whose logarithm may not be wanted."""
-        between = [
+        between = (
             part.group.difference(z0[part.at_z], z1[part.at_z]) if i in parts else ca.SX.zeros(part.group.nv)
             for i, part in enumerate(self.parts)
-        ]
-        return ca.vertcat(*between) if between else ca.SX.zeros(0, 1)
+        )
+        return ca.vertcat(ca.SX.zeros(0, 1), *between)
 
     def weighed_parts(self, weights: Array) -> tuple[int, ...]:
         """Parts in whose tangent directions a weight is not zero."""
@@ -133,8 +133,7 @@ class ConfigurationSpace:
 
     def defects(self, z: ca.SX) -> ca.SX:
         """What vanishes where z is a configuration, shape (number of circles and attitudes,)."""
-        found = [defect for part in self.parts for defect in part.group.defects(z[part.at_z])]
-        return ca.vertcat(*found) if found else ca.SX.zeros(0, 1)
+        return self._join(lambda part: ca.vertcat(ca.SX.zeros(0, 1), *part.group.defects(z[part.at_z])))
 
     def coordinates(self, qs: Array) -> Array:
         """Coordinates z of Pinocchio's configurations, shape (n, nz) from (n, nq)."""
@@ -205,8 +204,7 @@ class ConfigurationSpace:
         return C_z, moved_z
 
     def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
-        pieces = [piece(part) for part in self.parts]
-        return ca.vertcat(*pieces) if pieces else ca.SX.zeros(0, 1)
+        return ca.vertcat(ca.SX.zeros(0, 1), *(piece(part) for part in self.parts))
 
 
 @lru_cache(maxsize=64)

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import casadi as ca
 
-from mbocp.lie.functions import half_angle_sinc, log_factor, one_minus_cos, sinc, theta_minus_sin, v_inverse
+from mbocp.lie.angles import half_angle_sinc, log_factor, one_minus_cos, sinc, theta_minus_sin, v_inverse
 
 
 class Group(Protocol):

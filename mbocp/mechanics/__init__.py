@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from mbocp.mechanics.duals import duals_of_momenta as duals_of_momenta
     from mbocp.mechanics.either import Mechanics as Mechanics
     from mbocp.mechanics.either import Space as Space
-    from mbocp.mechanics.joint import JointMechanics as JointMechanics
-    from mbocp.mechanics.joint import symbols_of as symbols_of
+    from mbocp.mechanics.joint_mechanics import JointMechanics as JointMechanics
+    from mbocp.mechanics.joint_mechanics import symbols_of as symbols_of
     from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics as NaturalMechanics
     from mbocp.mechanics.natural_coordinates.space import NaturalSpace as NaturalSpace
     from mbocp.mechanics.natural_coordinates.space import natural_mechanics as natural_mechanics

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.mechanics.joint import JointMechanics
+from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import any_singular, mass_matrices
 from mbocp.robot.large import working_data

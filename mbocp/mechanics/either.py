@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     from mbocp.lie import ConfigurationSpace
-    from mbocp.mechanics.joint import JointMechanics
+    from mbocp.mechanics.joint_mechanics import JointMechanics
     from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
     from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 

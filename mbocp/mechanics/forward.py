@@ -8,7 +8,7 @@ the free components of v and the speeds of the drives whose acceleration is the 
 Holonomic constraints act through projected accelerations: lambda is such that
 :math:`\ddot\Phi + 2 \gamma \dot\Phi + \gamma^2 \Phi = 0`, with :math:`\gamma = 0` unless it is stabilised.
 Where some of them are let go, or frames are held, rows :math:`J(q)\,v = 0` of the velocities are kept in
-their place, with :math:`\gamma = 0`: see `mbocp.mechanics.held`.
+their place, with :math:`\gamma = 0`: see `mbocp.mechanics.held_frames`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.mechanics.held import Acting, held_jacobian
-from mbocp.mechanics.joint import JointMechanics
+from mbocp.mechanics.held_frames import Acting, held_jacobian
+from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot
 
 

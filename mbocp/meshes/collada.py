@@ -20,7 +20,7 @@ from mbocp._arrays import Array
 from mbocp._files import is_file, read_bytes
 from mbocp._linear import norm
 from mbocp._text import show
-from mbocp.meshes.parts import (
+from mbocp.meshes.mesh_parts import (
     MAX_TRIANGLES,
     MESH_LIMIT,
     Indices,

@@ -1,4 +1,4 @@
-"""Pictures on meshes: images only, and only from the robot's own folders.
+"""Other files that a mesh names: material files, and pictures, images only and from the robot's folders only.
 
 A mesh file names its pictures by any path, and a replay carries them to whoever gets the page. So a path is
 followed only to a picture, and only below the folders that belong to the robot.
@@ -6,11 +6,13 @@ followed only to a picture, and only below the folders that belong to the robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote
 
-from mbocp._files import MEGABYTE, is_file, read_bytes
+from mbocp._files import MEGABYTE, TEXT_LIMIT, is_file, read_bytes
 from mbocp._text import shorten
 from mbocp.exceptions import Unreadable
 
@@ -23,10 +25,13 @@ _MAGIC = (  # first bytes, and what browsers call the kind
 )
 _FOLDERS = ("urdf", "urdfs")  # by custom beside meshes/ and textures/
 PACKAGE = "package.xml"
+MATERIALS = ".mtl"
+_IMAGE = re.compile(r"<(?:init_from|ref)>\s*([^<>]+?)\s*</(?:init_from|ref)>")
+_LIBRARY = re.compile(r"^[ \t]*mtllib[ \t]+(\S.*?)[ \t]*$", re.MULTILINE)
+_MAP = re.compile(r"^[ \t]*map_Kd[ \t]+(?:.*[ \t])?(\S+)[ \t]*$", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(NamedTuple):
     """An image file: what kind it is ("png", "jpeg", ...), and its content."""
 
     kind: str
@@ -87,3 +92,36 @@ def _kind(content: bytes) -> str | None:
     if content[:2] == b"BM" and size == len(content) and header in (12, 40, 52, 56, 64, 108, 124):
         return "bmp"
     return None
+
+
+def companions(mesh: Path, content: bytes) -> tuple[Path, ...]:
+    """Files that a Collada or OBJ file names and that are there; they may be anywhere, and of any kind.
+
+    Parameters
+    ----------
+    mesh : Path
+    content : bytes
+        Of the mesh.
+    """
+    kind = mesh.suffix.lower()
+    text = content.decode("utf-8", errors="replace") if kind in (".dae", ".obj") else ""
+    named = _of_collada(mesh.parent, text) if kind == ".dae" else _of_wavefront(mesh.parent, text)
+    return tuple(dict.fromkeys(path for path in named if is_file(path)))
+
+
+def _of_collada(folder: Path, text: str) -> Iterator[Path]:
+    for name in _IMAGE.findall(text):
+        yield folder / unquote(name.removeprefix("file://")).replace("\\", "/")
+
+
+def _of_wavefront(folder: Path, text: str) -> Iterator[Path]:
+    for name in _LIBRARY.findall(text):
+        library = folder / name
+        if not is_file(library):
+            continue
+        yield library
+        try:
+            written = read_bytes(library, expected="a material file", limit=TEXT_LIMIT)
+        except Unreadable:  # whoever draws the mesh says so
+            continue
+        yield from (library.parent / image for image in _MAP.findall(written.decode("utf-8", "replace")))

@@ -12,7 +12,7 @@ from mbocp._arrays import Array
 from mbocp._files import read_bytes
 from mbocp._text import reads_as_number
 from mbocp.exceptions import Unreadable
-from mbocp.meshes.parts import MESH_LIMIT
+from mbocp.meshes.mesh_parts import MESH_LIMIT
 
 _PLY_TYPES = {
     "char": "i1",

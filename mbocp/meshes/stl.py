@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import read_bytes
-from mbocp.meshes.parts import MESH_LIMIT, MeshPart
+from mbocp.meshes.mesh_parts import MESH_LIMIT, MeshPart
 
 _HEADER, _COUNT = 80, 4  # [bytes]
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

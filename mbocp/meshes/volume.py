@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 
 _SAME = 1e-7  # of the size: corners this near each other are one; STL has seven digits
 
@@ -37,7 +37,7 @@ def count_open_edges(faces: Indices) -> int:
     return int(np.count_nonzero(turns))
 
 
-def enclosed(vertices: Array, faces: Indices, apex: Array | None = None) -> pin.Inertia:
+def enclosed_body(vertices: Array, faces: Indices, apex: Array | None = None) -> pin.Inertia:
     """Volume, its centre and its moments about it, of a closed surface.
 
     Parameters
@@ -74,6 +74,6 @@ def fill(shape: coal.CollisionGeometry) -> pin.Inertia:
     return pin.Inertia(float(shape.computeVolume()), np.zeros(3), moments)
 
 
-def scaled(body: pin.Inertia, mass: float) -> pin.Inertia:
+def scale_mass(body: pin.Inertia, mass: float) -> pin.Inertia:
     """The same body of another mass; without a volume it is a point."""
     return pin.Inertia(mass, body.lever, np.asarray(body.inertia) * (mass / body.mass if body.mass else 0.0))

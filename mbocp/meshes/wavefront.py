@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._files import TEXT_LIMIT, is_file, read_bytes
 from mbocp._text import shorten
-from mbocp.meshes.parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
+from mbocp.meshes.mesh_parts import MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
 _GREY = (0.8, 0.8, 0.8)
 _MAX_LIBRARIES = 100  # material files of one mesh

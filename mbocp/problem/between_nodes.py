@@ -26,7 +26,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
-from mbocp.mechanics.rates import accelerations, powers
+from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot

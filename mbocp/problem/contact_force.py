@@ -11,7 +11,7 @@ import numpy as np
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.kinds.axes import Axis, unit_axis
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.span import Span
 from mbocp.terms.surface import Surface

@@ -19,7 +19,7 @@ from mbocp.problem.file.read_tables import READ, read_tables
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.pipeline import run_steps
 from mbocp.robot import Robot
-from mbocp.robot.loading.load import load_keys
+from mbocp.robot.loading.loaders import load_keys
 from mbocp.terms import OwnTerm
 
 UNSAID: dict[str, Any] = {"said_holds": (), "said_releases": (), "said_impacts": ()}  # no table says them

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, number_of, opened_for, take, with_numbers

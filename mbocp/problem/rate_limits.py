@@ -80,7 +80,7 @@ class RateLimit(BoundedTerm):
         return np.full_like(values, 1.0 / self.scale)
 
     def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
-        """Values in steps of these lengths [s], shape (N, rows), from `mbocp.mechanics.rates.rates_along`."""
+        """Values in steps of these lengths [s], shape (N, rows), from `rates_along`."""
         return rates[self.key][:, self.columns]
 
 

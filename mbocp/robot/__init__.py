@@ -13,22 +13,21 @@ from mbocp._exports import names_of
 if TYPE_CHECKING:
     from mbocp.robot.collision.source import CollisionSphere as CollisionSphere
     from mbocp.robot.collision.spheres import LinkSpheres as LinkSpheres
-    from mbocp.robot.facts import describe as describe
     from mbocp.robot.gathering import gather as gather
     from mbocp.robot.gathering import load_stored as load_stored
-    from mbocp.robot.loading.checks import SingularMassMatrix as SingularMassMatrix
-    from mbocp.robot.loading.load import load_parts as load_parts
-    from mbocp.robot.loading.load import load_robot as load_robot
-    from mbocp.robot.loading.load import robot_from_spec as robot_from_spec
-    from mbocp.robot.loading.sources import RobotEntry as RobotEntry
-    from mbocp.robot.loading.sources import list_robots as list_robots
-    from mbocp.robot.loops.kinds.base import Constraint as Constraint
-    from mbocp.robot.loops.kinds.base import Kinematics as Kinematics
+    from mbocp.robot.loading.loaders import load_parts as load_parts
+    from mbocp.robot.loading.loaders import load_robot as load_robot
+    from mbocp.robot.loading.loaders import robot_from_spec as robot_from_spec
+    from mbocp.robot.loading.mechanics_checks import SingularMassMatrix as SingularMassMatrix
+    from mbocp.robot.loading.robot_sources import RobotEntry as RobotEntry
+    from mbocp.robot.loading.robot_sources import list_robots as list_robots
+    from mbocp.robot.loops.kinds.constraint import Constraint as Constraint
+    from mbocp.robot.loops.kinds.constraint import Kinematics as Kinematics
     from mbocp.robot.loops.kinds.coupling import Coupling as Coupling
     from mbocp.robot.loops.kinds.hinge import Hinge as Hinge
-    from mbocp.robot.loops.kinds.line import PointOnLine as PointOnLine
-    from mbocp.robot.loops.kinds.plane import PointOnPlane as PointOnPlane
     from mbocp.robot.loops.kinds.point import Point as Point
+    from mbocp.robot.loops.kinds.point_on_line import PointOnLine as PointOnLine
+    from mbocp.robot.loops.kinds.point_on_plane import PointOnPlane as PointOnPlane
     from mbocp.robot.loops.kinds.rod import Rod as Rod
     from mbocp.robot.loops.kinds.screw import Screw as Screw
     from mbocp.robot.loops.kinds.weld import Weld as Weld
@@ -50,7 +49,8 @@ if TYPE_CHECKING:
     from mbocp.robot.poses.target import FrameTarget as FrameTarget
     from mbocp.robot.resistance import JointResistance as JointResistance
     from mbocp.robot.robot import Robot as Robot
-    from mbocp.robot.stored import RobotFiles as RobotFiles
+    from mbocp.robot.robot_facts import describe as describe
+    from mbocp.robot.robot_files import RobotFiles as RobotFiles
     from mbocp.robot.warnings import EstimatedInertiaWarning as EstimatedInertiaWarning
     from mbocp.robot.warnings import HeldJointsWarning as HeldJointsWarning
     from mbocp.robot.warnings import IgnoredKeysWarning as IgnoredKeysWarning

@@ -41,11 +41,10 @@ def _drive_columns(model: pin.Model, drive: Drive, qs: Array) -> Array:
 
 def moved_joints(robot: RobotModel, dofs: Sequence[int]) -> list[str]:
     """Names of the joints that velocity components belong to."""
-    parts = {name: robot.velocity_indices(name) for name in robot.joint_names}
-    return [name for name, part in parts.items() if any(part.start <= dof < part.stop for dof in dofs)]
+    return robot.joints_with(np.isin(np.arange(robot.nv), dofs))
 
 
-def name_moved(robot: RobotModel, dofs: Sequence[int]) -> str:
+def name_joints(robot: RobotModel, dofs: Sequence[int]) -> str:
     """Name these joints for a message."""
     return quote_all(moved_joints(robot, dofs))
 
@@ -83,7 +82,7 @@ def reduce_velocity(robot: RobotModel, q: Array, v: Array) -> Array:
         (drive,) = [d for d in robot.drives if int(np.argmax(np.abs(left))) in d.dofs]
         moved = ", ".join(f"{robot.v_labels[dof].name} = {v[dof]:.6g}" for dof in drive.dofs)
         raise InvalidValue(
-            f"robot {robot.name!r}: v of {name_moved(robot, drive.dofs)}",
+            f"robot {robot.name!r}: v of {name_joints(robot, drive.dofs)}",
             moved,
             f"a motion that drive {drive.name!r} allows, such as "
             + ", ".join(f"{v[dof] - left[dof]:.6g}" for dof in drive.dofs),

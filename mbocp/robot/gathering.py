@@ -11,19 +11,18 @@ from typing import Any
 
 from mbocp._files import MEGABYTE, read_bytes
 from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
-from mbocp.meshes.companions import MATERIALS, companions
-from mbocp.meshes.parts import MESH_LIMIT
-from mbocp.meshes.pictures import PACKAGE, picture_folders, read_picture
+from mbocp.meshes.mesh_parts import MESH_LIMIT
+from mbocp.meshes.pictures import MATERIALS, PACKAGE, companions, picture_folders, read_picture
 from mbocp.robot.loading.addresses import absolute, resolve
 from mbocp.robot.loading.describe import model_file
-from mbocp.robot.loading.formats import FORMATS, Reader, format_of, reader_of
-from mbocp.robot.loading.load import robot_from_spec
-from mbocp.robot.loading.readers.examples import ExampleFacts, example_facts
+from mbocp.robot.loading.loaders import robot_from_spec
+from mbocp.robot.loading.readers.example_robots import ExampleFacts, example_facts
+from mbocp.robot.loading.robot_formats import FORMATS, format_of, reader_of
 from mbocp.robot.loading.robot_keys import read_part
-from mbocp.robot.loading.schema import read_robot_toml
-from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.robot_sources import Source, find_source
+from mbocp.robot.loading.robot_toml import read_robot_toml
 from mbocp.robot.robot import Robot
-from mbocp.robot.stored import RobotFiles, StoredFile, digest_of, pack
+from mbocp.robot.robot_files import RobotFiles, StoredFile, digest_of, pack
 
 _TOP = "."  # the folder of the list, from which the robot itself is asked for
 _FILES = "files"  # and below it the folder of all files
@@ -78,11 +77,11 @@ class _Gathering:
         folders = [str(path.parent) for path in self.contents]
         top = Path(os.path.commonpath(folders)) if folders else Path("/")
 
-        def placed(path: Path) -> str:
+        def place_of(path: Path) -> str:
             return f"{_FILES}/{_plain(path).relative_to(top).as_posix()}"
 
         def within(folder: Path | None) -> str:
-            return _TOP if folder is None else str(Path(placed(folder)))
+            return _TOP if folder is None else str(Path(place_of(folder)))
 
         sources = [
             {
@@ -91,18 +90,18 @@ class _Gathering:
                 "kind": source.kind,
                 "name": source.name,
                 "address": source.address,
-                "path": placed(source.path) if source.is_file else "",
-                "example": None if facts is None else facts.table(placed),
+                "path": place_of(source.path) if source.is_file else "",
+                "example": None if facts is None else facts.table(place_of),
             }
             for asked, folder, source, facts in self.sources
         ]
         addresses = [
-            {"asked": asked, "within": within(folder), "path": placed(path)}
+            {"asked": asked, "within": within(folder), "path": place_of(path)}
             for asked, folder, path in self.addresses
         ]
         files = [
             StoredFile(
-                path=placed(path),
+                path=place_of(path),
                 digest=digest_of(content),
                 size=len(content),
                 origin=str(path),
@@ -179,13 +178,12 @@ def _of_model(
     return kept
 
 
-def _expand(found: _Gathering, path: Path, reader: Reader) -> Path:
+def _expand(found: _Gathering, path: Path, reader: Any) -> Path:
     """The file itself, or the URDF that it is the source of, which needs no other file and no arguments."""
-    expander = format_of(path).expander
-    if expander is None or not isinstance(reader, expander()):
+    if format_of(path).expander is None:
         return path
     made = path.with_name(f"{path.name}.urdf")
-    found.contents[_plain(made)] = reader.expanded(path).urdf.text.encode()
+    found.contents[_plain(made)] = reader.expand(path).urdf.text.encode()
     return made
 
 

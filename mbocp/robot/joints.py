@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from mbocp._arrays import Array
 from mbocp.exceptions import UnknownJoint, UnsupportedRobot
@@ -23,8 +22,7 @@ _OF_VELOCITIES = (
 _OF_POSITIONS = ("lowerPositionLimit", "upperPositionLimit", "positionLimitMargin")
 
 
-@dataclass(frozen=True)
-class JointKind:
+class JointKind(NamedTuple):
     """Coordinates of one type of joint.
 
     Parameters

@@ -114,8 +114,7 @@ def _scale(masses: Array) -> Array:
     """Mass matrices, shape (nodes, nv, nv), with rows and columns scaled to a unit diagonal."""
     diagonals = np.diagonal(masses, axis1=1, axis2=2)
     scales = 1.0 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))
-    scaled: Array = masses * (scales[:, :, None] * scales[:, None, :])
-    return scaled
+    return masses * (scales[:, :, None] * scales[:, None, :])
 
 
 def is_singular(mass: Array) -> bool:
@@ -181,17 +180,6 @@ def distances(model: pin.Model, q: Array, pairs: Sequence[Connector | QuarticSpr
     return out
 
 
-def distance_jacobians(
-    model: pin.Model, q: Array, pairs: Sequence[Connector | QuarticSpring | SpringDamper]
-) -> Array:
-    """d(p_a - p_b)/dq of each pair, shape (n, 3, nv)."""
-    out = np.zeros((len(pairs), 3, model.nv))
-    for row, pair in enumerate(pairs):
-        for frame, sign in ((pair.frame_a, 1.0), (pair.frame_b, -1.0)):
-            out[row] += sign * frame_jacobian(model, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-    return out
-
-
 def gravity_potential(model: pin.Model, q: Array) -> float:
     """Potential energy of gravity, zero at the origin of the world [J].
 
@@ -217,8 +205,9 @@ def force_elements(
 ) -> Array:
     """Generalised force of springs and dampers, shape (nv,)."""
     total = np.zeros(model.nv)
-    jacobians = distance_jacobians(model, q, forces)
-    for force, d, dd_dq in zip(forces, distances(model, q, forces), jacobians, strict=True):
+    for force, d in zip(forces, distances(model, q, forces), strict=True):
+        a, b = (frame_jacobian(model, q, k, pin.LOCAL_WORLD_ALIGNED) for k in (force.frame_a, force.frame_b))
+        dd_dq = a[:3] - b[:3]
         total += dd_dq.T @ _force_on_a(force, d, dd_dq @ v)
     return total
 

@@ -16,7 +16,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.model import RobotModel
 
 
@@ -43,11 +43,11 @@ class Mechanism(RobotModel):
 
     def constraint_residual(self, q: ArrayLike) -> Array:
         """Phi(q), the rows that the equations keep, shape (nc,) [m, rad, m^2]."""
-        return frozen_array(self.closure_residual(q)[self._kept])
+        return frozen_array(self.closure_residual(q)[self._kept_rows])
 
     def constraint_jacobian(self, q: ArrayLike) -> Array:
         """dPhi_dq in tangent coordinates, the rows that the equations keep, shape (nc, nv)."""
-        return frozen_array(self.closure_jacobian(q)[self._kept])
+        return frozen_array(self.closure_jacobian(q)[self._kept_rows])
 
     def closure_residual(self, q: ArrayLike) -> Array:
         """Residual of all rows of the constraints, the redundant ones included [m, rad, m^2]."""
@@ -81,7 +81,7 @@ class Mechanism(RobotModel):
         return Closure(self.model, self.constraints)
 
     @property
-    def _kept(self) -> NDArray[np.intp]:
+    def _kept_rows(self) -> NDArray[np.intp]:
         return np.array(self.kept_rows, dtype=np.intp)
 
     def _vector(self, value: ArrayLike, size: int, name: str) -> Array:

@@ -6,22 +6,23 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
+from mbocp._arrays import Array, BoolArray, IntArray, freeze, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
-from mbocp.robot.stored import RobotFiles
+from mbocp.robot.robot_files import RobotFiles
 from mbocp.symbolic import (
     ModelNumber,
     inertia_numbers,
@@ -130,7 +131,7 @@ class RobotModel:
         if self.rotations not in _ROTATIONS:
             allowed = " or ".join(map(repr, _ROTATIONS))
             raise InvalidValue(f"robot {self.name!r}: rotations", repr(self.rotations), allowed)
-        object.__setattr__(self, "q0", frozen_array(self.q0, shape=(self.nq,), name=f"{self.name}: q0"))
+        freeze(self, "q0", (self.nq,), f"{self.name}: q0")
         frozen_array(
             self.actuation.selection, shape=(self.nv, None), name=f"{self.name}: actuation.selection"
         )
@@ -227,6 +228,12 @@ class RobotModel:
     def closure_labels(self) -> tuple[Label, ...]:
         """Name and unit of each row of the constraints, the redundant ones included."""
         return tuple(label for constraint in self.constraints for label in constraint.rows)
+
+    @cached_property
+    def constraint_rows(self) -> tuple[range, ...]:
+        """Rows of each constraint among those of all, the redundant ones included."""
+        ends = accumulate((len(constraint.rows) for constraint in self.constraints), initial=0)
+        return tuple(range(*pair) for pair in pairwise(ends))
 
     @cached_property
     def kept_rows(self) -> tuple[int, ...]:
@@ -332,12 +339,12 @@ class RobotModel:
             selection[motor.dof, motor.column] = np.nan
         text = text_without(self.model_without_rotors, numbers_of_model(self.varying))
         if self.opened_motors:
-            text += repr(self._without_opened("motor", self.motors))
+            text += repr(self._mask_parameters("motor", self.motors))
         return self._digest(
             text,
-            self._without_opened("force", self.forces),
+            self._mask_parameters("force", self.forces),
             selection,
-            self._without_opened("resistance", self.resistances),
+            self._mask_parameters("resistance", self.resistances),
         )
 
     @property
@@ -360,7 +367,7 @@ class RobotModel:
         model.armature = armature
         return model
 
-    def _without_opened(self, of: str, elements: Sequence[Any]) -> object:
+    def _mask_parameters(self, of: str, elements: Sequence[Any]) -> object:
         """Springs or motors without the numbers that functions take."""
         opened = {(number.owner, number.entry) for number in self.opened if number.of == of}
         if not opened:

@@ -7,8 +7,8 @@ inertias of links stay what they are where lengths change.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar, cast
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple, TypeVar, cast
 
 import casadi as ca
 import numpy as np
@@ -40,8 +40,7 @@ E = TypeVar("E")
 Numbers = Mapping[ModelNumber, ca.SX]
 
 
-@dataclass(frozen=True, eq=False)
-class NamedNumber:
+class NamedNumber(NamedTuple):
     """One number by its word.
 
     Attributes
@@ -171,17 +170,17 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
 def with_numbers_of_model(robot: Robot, now: Mapping[ModelNumber, float]) -> Robot:
     """Copy of a robot in which numbers of its model, springs, motors and losses have other values."""
     of_model = numbers_of_model(now)
-    motors = _changed(now, "motor", robot.motors)
+    motors = _replace_values(now, "motor", robot.motors)
     other = replace(
         robot,
         model=with_values(robot.model, of_model, [now[number] for number in of_model]),
-        forces=_changed(now, "force", robot.forces),
-        resistances=_changed(now, "resistance", robot.resistances),
+        forces=_replace_values(now, "force", robot.forces),
+        resistances=_replace_values(now, "resistance", robot.resistances),
     )
-    return geared(other, motors) if motors != robot.motors else other
+    return put_motors(other, motors) if motors != robot.motors else other
 
 
-def _changed(now: Mapping[ModelNumber, float], of: str, elements: Sequence[E]) -> tuple[E, ...]:
+def _replace_values(now: Mapping[ModelNumber, float], of: str, elements: Sequence[E]) -> tuple[E, ...]:
     """Springs or motors with other numbers."""
     found = list(elements)
     for number, value in now.items():
@@ -191,7 +190,7 @@ def _changed(now: Mapping[ModelNumber, float], of: str, elements: Sequence[E]) -
     return tuple(found)
 
 
-def geared(robot: Robot, motors: tuple[Motor, ...]) -> Robot:
+def put_motors(robot: Robot, motors: tuple[Motor, ...]) -> Robot:
     """Copy of a robot with these motors: torques, rotors and speeds of the joints follow from their gears."""
     model, selection = pin.Model(robot.model), np.array(robot.actuation.selection)
     armature, speeds = np.array(model.armature), np.array(robot.limits.velocity)

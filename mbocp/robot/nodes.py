@@ -18,8 +18,7 @@ from mbocp.robot.model import RobotModel
 def interpolate(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
     """Configurations at shares of the way from one to another, shape (n, nq)."""
     if _is_plain(robot):
-        way: Array = np.asarray(q0) + np.asarray(shares)[:, None] * (np.asarray(q1) - np.asarray(q0))
-        return way
+        return np.asarray(q0) + np.asarray(shares)[:, None] * (np.asarray(q1) - np.asarray(q0))
     return _rows([pin.interpolate(robot.model, q0, q1, share) for share in shares], robot.nq)
 
 

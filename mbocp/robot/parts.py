@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, freeze
 from mbocp.exceptions import InvalidValue
 
 
@@ -46,9 +46,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name in ("effort", "velocity", "position_lower", "position_upper"):
-            object.__setattr__(
-                self, name, frozen_array(getattr(self, name), shape=(None,), name=f"limits.{name}")
-            )
+            freeze(self, name, (None,), f"limits.{name}")
 
     @property
     def any_finite(self) -> bool:
@@ -79,9 +77,7 @@ class FrameActuator:
     unit: str = "N"
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "direction", frozen_array(self.direction, shape=(6,), name=f"actuator {self.name}")
-        )
+        freeze(self, "direction", (6,), f"actuator {self.name}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +122,7 @@ class Drive:
             raise InvalidValue(f"{where}: control", repr(self.control), "'velocity' or 'acceleration'")
         if not self.dofs or (self.frame_id is None and len(self.dofs) != 1):
             raise InvalidValue(f"{where}: dofs", self.dofs, "one for a joint, at least one for a frame")
-        object.__setattr__(
-            self, "direction", frozen_array(self.direction, shape=(3,), name=f"{where}: direction")
-        )
+        freeze(self, "direction", (3,), f"{where}: direction")
 
     @property
     def has_state(self) -> bool:
@@ -159,10 +153,8 @@ class Actuation:
     drives: tuple[Drive, ...] = ()
 
     def __post_init__(self) -> None:
-        expected = (None, len(self.labels) - len(self.frame_actuators) - len(self.drives))
-        object.__setattr__(
-            self, "selection", frozen_array(self.selection, shape=expected, name="actuation.selection")
-        )
+        constant = len(self.labels) - len(self.frame_actuators) - len(self.drives)
+        freeze(self, "selection", (None, constant), "actuation.selection")
 
     @property
     def nu(self) -> int:

@@ -21,7 +21,7 @@ from mbocp.robot.loops import projection
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.payload import Payload, attach
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
-from mbocp.robot.poses.rows import placement_of
+from mbocp.robot.poses.pose_rows import placement_of
 from mbocp.robot.poses.target import Targets
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
@@ -248,15 +248,7 @@ class Robot(Mechanism):
         """
         q = self.q0 if start is None else self.normalise(start, name="start")
         return solve_inverse_kinematics(
-            self,
-            targets,
-            q,
-            fixed=fixed,
-            branches=branches,
-            restarts=restarts,
-            seed=seed,
-            within_limits=within_limits,
-            tolerance=tolerance,
+            self, targets, q, fixed, branches, restarts, seed, within_limits, tolerance
         )
 
     # Mechanics, numerically

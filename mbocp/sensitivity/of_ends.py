@@ -15,7 +15,7 @@ from mbocp.formulation.gains import tangents
 from mbocp.formulation.layout import places
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot

@@ -14,7 +14,7 @@ from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
 from mbocp.programme.carried import Carried
-from mbocp.robot.stored import RobotFiles
+from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
@@ -229,7 +229,7 @@ class SolutionData:
     @property
     def accelerations(self) -> Array:
         """Mean accelerations of the steps, shape (N, nv) [m/s^2, rad/s^2]; of impacts that before."""
-        from mbocp.mechanics.rates import rates_along  # mechanics, which no summary needs
+        from mbocp.mechanics.motion_rates import rates_along  # mechanics, which no summary needs
 
         return rates_along(None, self.qs, self.vs, self.us, np.diff(self.t))["acceleration"]
 

@@ -64,7 +64,7 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
     robot : Robot
         That of the solution, see `Solution.load_robot`.
     """
-    from mbocp.mechanics.rates import powers  # mechanics, which no summary needs
+    from mbocp.mechanics.motion_rates import powers  # mechanics, which no summary needs
 
     lengths = np.diff(solution.t)
     timed = lengths > 0.0  # impacts take no time, and no control acts

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._text import printable
-from mbocp.robot.stored import RobotFiles
+from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_facts, read_records
 from mbocp.solution.data import COUNTS, NUMBERS, WORDS, SolutionData

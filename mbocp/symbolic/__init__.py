@@ -12,8 +12,9 @@ and needs nothing else of mbocp. Where an upstream `pinocchio.casadi` can be imp
 alone: one source of the functions is one set of numbers to trust.
 """
 
-from mbocp.symbolic.functions import ModelFunctions, Reference
-from mbocp.symbolic.numbers import (
+from mbocp.symbolic.algorithms import ModelFunctions, Reference, model_functions, self_test, text_without
+from mbocp.symbolic.bridge import check_versions
+from mbocp.symbolic.model_numbers import (
     ModelNumber,
     all_numbers,
     inertia_numbers,
@@ -25,8 +26,6 @@ from mbocp.symbolic.numbers import (
     values_of,
     with_values,
 )
-from mbocp.symbolic.verified import model_functions, self_test, text_without
-from mbocp.symbolic.versions import check_versions
 
 __all__ = [
     "ModelFunctions",

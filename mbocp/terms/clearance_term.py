@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.robot.collision.motion import PIECE, placement_of_piece
+from mbocp.robot.collision.obstacle_motion import PIECE, placement_of_piece
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure
 from mbocp.terms.distances import (

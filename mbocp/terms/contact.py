@@ -26,7 +26,7 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 
 from mbocp._keys import Key
-from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.bounded import Structure
 from mbocp.terms.point import Point
 from mbocp.terms.surface import SurfaceKeys, SurfaceShape

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.mechanics.held import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point, Sizes
 
 

@@ -14,7 +14,7 @@ from mbocp.formulation import Motion, formulate
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.memory import RULES, memory_units, order_blocks
 from mbocp.integrators import SCHEMES
-from mbocp.mechanics.rates import rates_along
+from mbocp.mechanics.motion_rates import rates_along
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 N = 5

@@ -13,7 +13,7 @@ import pytest
 from mbocp.formulation import formulate
 from mbocp.formulation.base import Formulation
 from mbocp.mechanics import JointMechanics
-from mbocp.mechanics.held import held_jacobians
+from mbocp.mechanics.held_frames import held_jacobians
 from mbocp.problem import Problem
 from mbocp.problem.timeline.hold import Hold
 from mbocp.programme.kernel import kernel_programme

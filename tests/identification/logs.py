@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.identification import Identification
-from mbocp.identification.base import pseudo_inertia
 from mbocp.identification.consistent import _thick, body_of, log_cholesky
+from mbocp.identification.unknown_parameters import pseudo_inertia
 from mbocp.robot import JointResistance, Robot
 
 

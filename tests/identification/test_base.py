@@ -8,8 +8,8 @@ import pytest
 from mbocp import load_robot
 from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
 from mbocp.identification import base_parameters
-from mbocp.identification.base import _random_poses, base_of, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics
+from mbocp.identification.unknown_parameters import _random_poses, base_of, unknowns_of
 from mbocp.robot import Payload
 from mbocp.robot.named_numbers import OF_ROBOT, named_numbers, number_of
 from tests.identification.logs import changed

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.identification.base import parameters_of, pseudo_inertia
 from mbocp.identification.consistent import body_of, body_slopes, log_cholesky
+from mbocp.identification.unknown_parameters import parameters_of, pseudo_inertia
 
 BODY = pin.Inertia.FromBox(2.0, 0.1, 0.2, 0.4)
 

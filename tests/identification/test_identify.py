@@ -16,10 +16,10 @@ from mbocp import identify, load_robot
 from mbocp.cli.app import app
 from mbocp.exceptions import LogError, ResultFileError, RobotFileError, UnknownJoint
 from mbocp.identification import Log, simulate_log, write_log
-from mbocp.identification.base import base_of, pseudo_inertia, unknowns_of
 from mbocp.identification.dynamics import InverseDynamics
-from mbocp.identification.plot import plot_residuals
-from mbocp.identification.trajectory import regression, spline_basis
+from mbocp.identification.likelihood import regression, spline_basis
+from mbocp.identification.residual_plot import plot_residuals
+from mbocp.identification.unknown_parameters import base_of, pseudo_inertia, unknowns_of
 from mbocp.robot import MissingMeshWarning, Payload
 from tests.identification.logs import changed, true_values
 
@@ -101,7 +101,7 @@ def test_slopes_are_those_of_differences(name, mass):
 
     def rows(shift):
         there = dynamics.motion(y + shift[0], yd + shift[1], ydd + shift[2], near)
-        return dynamics.regressor(there) @ values - dynamics.applied(there, u)
+        return dynamics.regressor(there) @ values - dynamics.applied_torques(there, u)
 
     found = dynamics.slopes(dynamics.motion(y, yd, ydd, near), values, u)
     for part, j in np.ndindex(3, dynamics.n):

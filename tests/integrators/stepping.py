@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from mbocp._arrays import Array
 from mbocp.integrators import PAIRS
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.partitioned import Node, PartitionedStep, Stage
+from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedStep, Stage
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from tests.integrators.partitioned import two_form_of

@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.lie import ConfigurationSpace
-from mbocp.lie import functions as scalar
+from mbocp.lie import angles as scalar
 
 JOINTS = {
     "revolute": pin.JointModelRX,

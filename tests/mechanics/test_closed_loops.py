@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.mechanics.joint import JointMechanics
+from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot, load_robot
 from tests.robot.loops import builders as loops
 

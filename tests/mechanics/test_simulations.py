@@ -13,7 +13,7 @@ from mbocp.integrators import State, evaluation_point, step_rows
 from mbocp.mechanics import JointMechanics, Mechanics, NaturalMechanics
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.robot import Robot
-from mbocp.robot.loading.readers import examples
+from mbocp.robot.loading.readers import example_robots as examples
 from tests.mechanics.natural_coordinates.test_mechanics import LARGEST, loaded, state
 
 DURATION = 0.02  # [s]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbocp.meshes.collada import read_collada
-from mbocp.meshes.parts import Surface
+from mbocp.meshes.mesh_parts import Surface
 from mbocp.robot import load_robot
 from mbocp.view.replay import write_replay
 from tests.view.pages import angles, read_page, write_arm

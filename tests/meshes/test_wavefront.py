@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbocp.meshes.parts import Surface
+from mbocp.meshes.mesh_parts import Surface
 from mbocp.meshes.wavefront import read_wavefront
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"

@@ -12,7 +12,7 @@ import mbocp
 from mbocp import Problem, Solution
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.mechanics.held import held_jacobians
+from mbocp.mechanics.held_frames import held_jacobians
 from mbocp.robot import Robot, load_parts
 from tests.holds.cases import drone
 

@@ -23,7 +23,7 @@ from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.receding.checks import check_functions
 from mbocp.robot import load_robot
-from mbocp.robot.collision.motion import ObstacleMotion
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.terms.point import Point
 from mbocp.view.meshcat.goals import obstacle_tracks
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.mechanics.rates import powers
+from mbocp.mechanics.motion_rates import powers
 from mbocp.solution import loads_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

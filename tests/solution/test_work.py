@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.mechanics.rates import powers
+from mbocp.mechanics.motion_rates import powers
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

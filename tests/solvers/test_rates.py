@@ -11,7 +11,7 @@ import pytest
 import mbocp
 from mbocp.cli.summary import solution_rows
 from mbocp.exceptions import MbocpError, ProblemError
-from mbocp.mechanics.rates import rates_along
+from mbocp.mechanics.motion_rates import rates_along
 from mbocp.problem import Problem
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.view.figures.panels import rate_limit_panels

@@ -9,14 +9,15 @@ import pinocchio as pin
 import pytest
 
 from mbocp.exceptions import NativeMismatch
-from mbocp.symbolic import ModelFunctions, check_versions, model_functions, self_test, versions
-from mbocp.symbolic.native import bridge
+from mbocp.symbolic import ModelFunctions, check_versions, model_functions, self_test
+from mbocp.symbolic.bridge import _installed_version, bridge
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
+INSTALLED = "mbocp.symbolic.bridge._installed_version"
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
@@ -26,17 +27,14 @@ def test_what_is_installed_fits():
 
 @pytest.mark.parametrize("package", ["pin", "libpinocchio", "casadi"])
 def test_another_version_names_both_and_the_remedy(package, monkeypatch):
-    found = versions._installed_version
-    monkeypatch.setattr(
-        versions, "_installed_version", lambda name: "9.9.9" if name == package else found(name)
-    )
+    monkeypatch.setattr(INSTALLED, lambda name: "9.9.9" if name == package else _installed_version(name))
     remedy = r"python -m pip install pin==4\.1\.0 libpinocchio==4\.1\.0 casadi==3\.8\.2"
     with pytest.raises(NativeMismatch, match=rf"against {package} \d\S*, but {package} 9\.9\.9.*{remedy}"):
         check_versions()
 
 
 def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setattr(versions, "_installed_version", lambda name: None)
+    monkeypatch.setattr(INSTALLED, lambda name: None)
     with pytest.raises(NativeMismatch, match="pin is not installed"):
         check_versions()
 
@@ -48,7 +46,7 @@ def test_a_native_part_that_was_not_built_is_named(monkeypatch):
 
 
 def test_no_function_is_built_on_a_mismatch(monkeypatch):
-    monkeypatch.setattr(versions, "_installed_version", lambda name: "9.9.9")
+    monkeypatch.setattr(INSTALLED, lambda name: "9.9.9")
     bridge.cache_clear()
     with pytest.raises(NativeMismatch):
         ModelFunctions(pin.buildSampleModelManipulator())
@@ -69,7 +67,7 @@ def test_self_test_reports_wrong_numbers(monkeypatch):
     for inertia in heavier.inertias:
         inertia.mass *= 1.01
     wrong = model_functions(heavier)
-    monkeypatch.setattr("mbocp.symbolic.verified.model_functions", lambda _: wrong)
+    monkeypatch.setattr("mbocp.symbolic.algorithms.model_functions", lambda _: wrong)
     with pytest.raises(NativeMismatch, match=r"joint forces differ by [\d.]+ of [\d.]+"):
         self_test(model)
 

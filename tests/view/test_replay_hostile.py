@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.meshes import parts
-from mbocp.meshes.formats import check_single_file
+from mbocp.meshes import mesh_parts as parts
 from mbocp.meshes.pictures import read_picture
 from mbocp.meshes.stl import binary_stl, read_stl
+from mbocp.meshes.triangles import check_single_file
 from mbocp.robot import load_robot
 from mbocp.view.meshcat import visuals
 from mbocp.view.replay import write_replay

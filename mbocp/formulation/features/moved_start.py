@@ -31,7 +31,7 @@ from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanisms.consistency import tangent_space
+from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.goals.free_start import kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes

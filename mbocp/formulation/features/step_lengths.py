@@ -34,7 +34,7 @@ from mbocp.formulation.features.switches import filled_lengths
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
-from mbocp.mechanics.rates import spacings
+from mbocp.mechanics.motion_rates import spacings
 from mbocp.problem import Problem
 from mbocp.robot import Label
 

@@ -14,7 +14,7 @@ from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
-from mbocp.mechanics.held import HeldFrame, held_labels
+from mbocp.mechanics.held_frames import HeldFrame, held_labels
 from mbocp.problem import Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label

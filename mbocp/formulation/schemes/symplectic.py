@@ -30,7 +30,7 @@ from mbocp.formulation.schemes.joint_states import (
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import PAIRS, Pair, State
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.partitioned import Node, PartitionedRows, PartitionedStep, Stage
+from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedRows, PartitionedStep, Stage
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import JointMechanics, Mechanics, duals_of_momenta
 from mbocp.programme import Iterate, zero_multipliers

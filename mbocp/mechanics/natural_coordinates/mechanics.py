@@ -25,8 +25,8 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, Body, BodyTree
-from mbocp.mechanics.natural_coordinates.joints import JointRow, follower_row, joint_rows
-from mbocp.mechanics.natural_coordinates.kinematics import NaturalKinematics, constant
+from mbocp.mechanics.natural_coordinates.body_kinematics import NaturalKinematics, constant
+from mbocp.mechanics.natural_coordinates.joint_rows import JointRow, follower_row, joint_rows
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
 

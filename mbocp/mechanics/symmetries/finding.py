@@ -34,7 +34,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._linear import null_space
 from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry
-from mbocp.mechanics.symmetries.parts import independent_parts, part_name
+from mbocp.mechanics.symmetries.separate_parts import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 
@@ -191,8 +191,7 @@ def _moving(basis: Array) -> Array:
         return basis
     _, singular, combinations = np.linalg.svd(basis[:-6], full_matrices=True)
     count = int(np.sum(singular > _RANK_TOLERANCE))
-    moving: Array = basis if count == basis.shape[1] else basis @ combinations[:count].T
-    return moving
+    return basis if count == basis.shape[1] else basis @ combinations[:count].T
 
 
 def _with_actuation(robot: Robot, ansatz: Ansatz, basis: Array) -> tuple[Array, Array]:

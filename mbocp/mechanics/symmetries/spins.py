@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
-from mbocp.mechanics.symmetries.parts import part_name
+from mbocp.mechanics.symmetries.separate_parts import part_name
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
 

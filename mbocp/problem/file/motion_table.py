@@ -20,8 +20,8 @@ from mbocp._keys import Key, Table, Takes
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError, ResultFileError, Unreadable
 from mbocp.robot import Robot, robot_from_spec
-from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.large import working_data
 from mbocp.robot.nodes import between
 from mbocp.storage.reading import read_image

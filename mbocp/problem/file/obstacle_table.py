@@ -18,11 +18,13 @@ from mbocp._keys import Key, Table
 from mbocp._text import shorten, show
 from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
 from mbocp.meshes.points import read_heights, read_points
+from mbocp.meshes.triangles import triangles_of
 from mbocp.problem._checks import choice
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import MotionTable, read_motion, spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
-from mbocp.robot.collision.boxes import (
+from mbocp.robot.collision.compound import CONCAVITY, Compound
+from mbocp.robot.collision.covering_boxes import (
     CLOUD,
     HEIGHTS,
     RESOLUTION,
@@ -30,12 +32,10 @@ from mbocp.robot.collision.boxes import (
     boxes_of_cloud,
     boxes_of_heights,
 )
-from mbocp.robot.collision.compound import CONCAVITY, Compound
-from mbocp.robot.collision.geometry import triangles_of
 from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.mesh_file import body_of, body_of_file
-from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.source import LinkShape
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
@@ -219,7 +219,7 @@ def write_self_collision(own: SelfCollision | bool | None) -> dict[str, Any] | N
 
 def _of_scene(table: ObstacleTable, key: str, folder: Path) -> Iterator[Obstacle]:
     """One obstacle for each shape of a scene's file, with the frame, margin and smoothing of the table."""
-    from mbocp.robot.loading.scene import read_scene  # it imports yaml, and few problems have scenes
+    from mbocp.robot.loading.scene_shapes import read_scene  # it imports yaml, and few problems have scenes
 
     _sizes(table, key)
     with locate(key):

@@ -10,7 +10,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._tolerances import DIRECTION_TOLERANCE
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.mechanisms.completion import complete_goal
-from mbocp.mechanisms.consistency import check_position, check_velocity
+from mbocp.mechanisms.consistent_states import check_position, check_velocity
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_finite, check_size
 from mbocp.problem.goals.end_conditions import at_rest, check_end_conditions, check_goal_rate, free_at_end
 from mbocp.problem.goals.frames import check_frames, with_configuration

@@ -13,7 +13,7 @@ from mbocp._linear import independent_rows, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal
-from mbocp.mechanisms.consistency import CONSISTENCY_TOLERANCE
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_frame, check_size
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds, ask_millimetres, with_question
@@ -21,8 +21,8 @@ from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.projection import violations
 from mbocp.robot.poses.inverse_kinematics import LimitChoice
-from mbocp.robot.poses.rows import PoseErrors, PoseRows
-from mbocp.robot.poses.search import inside
+from mbocp.robot.poses.pose_rows import PoseErrors, PoseRows
+from mbocp.robot.poses.pose_search import inside
 from mbocp.terms.frame_end import FrameProjections
 from mbocp.terms.frame_goal import FrameGoal
 

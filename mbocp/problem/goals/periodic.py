@@ -31,7 +31,7 @@ from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnknownFrame
-from mbocp.mechanisms.consistency import project_on_constraints
+from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_jacobian
 

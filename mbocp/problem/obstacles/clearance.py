@@ -15,8 +15,8 @@ import pinocchio as pin
 from mbocp._arrays import Array, IntArray
 from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
-from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes

@@ -20,8 +20,8 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import LinkSpheres, Robot
-from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import Obstacle
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
 from mbocp.robot.kinematics import reach
 from mbocp.robot.loading.readers.urdf_xml import disabled_by

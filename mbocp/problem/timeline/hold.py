@@ -26,13 +26,13 @@ from typing import Literal, NamedTuple
 
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.mechanics.held import HeldFrame
+from mbocp.mechanics.held_frames import HeldFrame
 from mbocp.problem._checks import check_choice
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.constraints import HOLDS
 from mbocp.robot.loops.kinds.axes import Axis
-from mbocp.robot.loops.kinds.base import FrameConstraint
+from mbocp.robot.loops.kinds.constraint import FrameConstraint
 
 Spans = tuple[tuple[int, int], ...]
 

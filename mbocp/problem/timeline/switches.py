@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.mechanics.held import HeldFrame, held_jacobians, held_labels, held_residuals
+from mbocp.mechanics.held_frames import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm

@@ -18,7 +18,7 @@ from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanisms.consistency import allowed_velocities, tangent_space
+from mbocp.mechanisms.consistent_states import allowed_velocities, tangent_space
 from mbocp.problem.goals.frames import pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import FreeTime, InPhase

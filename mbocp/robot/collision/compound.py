@@ -14,15 +14,15 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, freeze
 from mbocp._processes import python_command
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.volume import weld
+from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.hull import Hull, box_of, hull_of
-from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import points_on
 
 MAX_TRIANGLES = 20_000  # results keep them
@@ -76,7 +76,7 @@ class Compound:
             raise InvalidValue("faces", f"an array of shape {faces.shape}", expected)
         if not (faces.min() >= 0 and faces.max() < len(self.vertices)):
             raise InvalidValue("faces", "a corner that is not there", f"0 to {len(self.vertices) - 1}")
-        object.__setattr__(self, "vertices", frozen_array(self.vertices, shape=(None, 3), name="vertices"))
+        freeze(self, "vertices", (None, 3), "vertices")
 
     @property
     def pieces(self) -> list[Hull | tuple[pin.SE3, Array]]:
@@ -157,7 +157,7 @@ def compound_of(vertices: Array, faces: Indices, concavity: float = CONCAVITY) -
         faces = faces[:, ::-1]
     made = Compound(corners, faces, ())  # refuses what has too many triangles before that takes time
     numbers = [corners, faces.astype(np.float64), np.array(concavity)]
-    found = kept([], numbers, lambda: _cut(corners, faces, concavity))
+    found = load_or_fit([], numbers, lambda: _cut(corners, faces, concavity))
     ends = np.cumsum(found["counts"])[:-1]
     parts = tuple(hull_of(points) for points in np.split(found["corners"], ends))
     return Compound(made.vertices, made.faces, parts)

@@ -16,8 +16,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import RobotFileError
-from mbocp.meshes.parts import Indices
-from mbocp.meshes.read import UNREADABLE, read_triangles
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.payload import SHAPES, Payload, shape_name
 
@@ -69,13 +69,6 @@ def read_geometry(
         if any(getattr(payload, key) is not None for key in SHAPES):
             geometry.addGeometryObject(pin.GeometryObject(drawn[shape_name(payload)]))
     return geometry
-
-
-def triangles_of(mesh: coal.BVHModelBase) -> tuple[Array, Indices]:
-    """Corners, shape (V, 3) [m], and triangles, shape (F, 3), of a mesh."""
-    corners = [mesh.tri_indices(k) for k in range(mesh.num_tris)]
-    faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int64)
-    return np.array(mesh.vertices(), dtype=np.float64), faces
 
 
 def _object(model: pin.Model, source: ShapeSource, shape: LinkShape) -> pin.GeometryObject:

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 
 MAX_CORNERS = 5000
 _LEAST_VOLUME = 1e-9  # of the cube over the diagonal

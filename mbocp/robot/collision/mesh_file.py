@@ -9,9 +9,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.parts import Indices
-from mbocp.meshes.read import UNREADABLE, read_triangles
-from mbocp.meshes.volume import count_open_edges, enclosed, weld
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
+from mbocp.meshes.volume import count_open_edges, enclosed_body, weld
 from mbocp.robot.collision.compound import CONCAVITY, Compound, compound_of
 from mbocp.robot.collision.hull import Hull, hull_of
 
@@ -62,7 +62,8 @@ def body_of(
     hull = hull_of(vertices)
     corners, faces = weld(vertices, faces)
     open_edges = count_open_edges(faces)
-    excess = np.nan if open_edges else hull.volume / max(float(enclosed(corners, faces).mass), 1e-300) - 1.0
+    volume = np.nan if open_edges else max(float(enclosed_body(corners, faces).mass), 1e-300)
+    excess = hull.volume / volume - 1.0
     if takes_hull or abs(excess) <= _MAX_EXCESS:
         return hull, excess
     if open_edges:

@@ -15,10 +15,10 @@ from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics
-from mbocp.robot.collision.boxes import CLOUD, HEIGHTS, Boxes
 from mbocp.robot.collision.compound import Compound
+from mbocp.robot.collision.covering_boxes import CLOUD, HEIGHTS, Boxes
 from mbocp.robot.collision.hull import Hull
-from mbocp.robot.collision.motion import ObstacleMotion
+from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 
 # Keys of a shape's sizes, and how many lengths each has.
 SIZES: dict[str, dict[str, int]] = {

@@ -17,8 +17,8 @@ Boyd, Vandenberghe, "Convex Optimization", 2004, sections 2.5 and 8.1: supportin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -33,8 +33,7 @@ _POINT = 1e-9  # [m] radius of a point
 _SHARE = 0.5  # of the worst error: corners below are left to the next turn
 
 
-@dataclass(frozen=True, eq=False)
-class Planes:
+class Planes(NamedTuple):
     """Planes that touch a body.
 
     Attributes

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices
-from mbocp.robot.collision.geometry import triangles_of
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import triangles_of
 
 _PLASTIC = 1.22074408460575947536  # real root of x^4 = x + 1: the most even sequence in three dimensions
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # [rad]
@@ -24,8 +24,7 @@ def sequence(count: int, start: int = 0) -> Array:
     """
     steps = _PLASTIC ** -np.arange(1.0, 4.0)
     index = np.arange(start + 1, start + count + 1)[:, None]
-    points: Array = np.mod(0.5 + index * steps, 1.0)
-    return points
+    return np.mod(0.5 + index * steps, 1.0)
 
 
 def directions(count: int) -> Array:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,8 +17,7 @@ _POSES = 400
 _RESERVE = 0.05  # [m]: links that stay farther apart than this in all poses are left out
 
 
-@dataclass(frozen=True)
-class SelfPairs:
+class SelfPairs(NamedTuple):
     """Which spheres of which links keep away from each other, and which pairs of links are left out.
 
     Attributes

@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
-from mbocp.meshes.parts import Indices
-from mbocp.robot.collision.geometry import triangles_of
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.triangles import triangles_of
 from mbocp.robot.collision.samples import surface_points
 
 if TYPE_CHECKING:
@@ -65,13 +65,7 @@ class Solid:
     @property
     def inner(self) -> Array:
         """Centres of the cells that are filled, shape (M, 3) [m]."""
-        points: Array = self.low + self.cell * (np.argwhere(self.filled) + 0.5)
-        return points
-
-    @property
-    def volume(self) -> float:
-        """Of the cells that are filled [m^3]."""
-        return float(self.filled.sum()) * self.cell**3
+        return self.low + self.cell * (np.argwhere(self.filled) + 0.5)
 
     def outside(self, points: Array) -> Array:
         """How far points are outside, shape (M,) [m]; 0 within.
@@ -148,5 +142,4 @@ def _crossings(vertices: Array, faces: Indices, axes: Sequence[Array]) -> BoolAr
 
 def _turn(a: Array, b: Array, x: Array, y: Array) -> Array:
     """Twice the signed area of triangles (a, b, (x, y)), seen along the third axis."""
-    found: Array = (b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])
-    return found
+    return (b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import coal
 import pinocchio as pin
@@ -30,8 +31,7 @@ class CollisionSphere:
     radius: float
 
 
-@dataclass(frozen=True, eq=False)
-class LinkShape:
+class LinkShape(NamedTuple):
     """A shape of a link.
 
     Attributes

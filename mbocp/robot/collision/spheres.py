@@ -10,10 +10,10 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, freeze
 from mbocp.robot import kinematics
+from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out
-from mbocp.robot.collision.kept import kept
 from mbocp.robot.collision.samples import box_around, surface_points
 from mbocp.robot.collision.solid import Solid
 from mbocp.robot.collision.source import CollisionSphere
@@ -64,8 +64,8 @@ class LinkSpheres:
     gap: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "centers", frozen_array(self.centers, shape=(None, 3), name="centers"))
-        object.__setattr__(self, "radii", frozen_array(self.radii, shape=(len(self.centers),), name="radii"))
+        freeze(self, "centers", (None, 3), "centers")
+        freeze(self, "radii", (len(self.centers),), "radii")
 
     @property
     def words(self) -> str:
@@ -120,7 +120,7 @@ def _of_link(
     placement = model.frames[frame].placement
     own = np.array([[*sphere.center, sphere.radius] for sphere in given])
     numbers = [own, np.asarray(placement.homogeneous), np.array(tolerance)]
-    found = kept(shapes, numbers, partial(_fit, placement, shapes, given, tolerance))
+    found = load_or_fit(shapes, numbers, partial(_fit, placement, shapes, given, tolerance))
     sticks_out, uncovered, gap = map(float, found["measures"])
     return LinkSpheres(
         link=model.frames[frame].name,

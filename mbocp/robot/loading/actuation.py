@@ -14,12 +14,12 @@ from mbocp._arrays import Array
 from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.limits import limit_of
+from mbocp.robot.loading.joint_numbers import limit_of
 from mbocp.robot.loading.model_changes import unit_rotors
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
-from mbocp.robot.loading.schema import DriveTable, JointActuator, RobotTable, Thruster, Wrench
+from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.named_numbers import geared
+from mbocp.robot.named_numbers import put_motors
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor
 from mbocp.robot.robot import Robot
 
@@ -91,7 +91,7 @@ class DriveReader:
     def _drive(self, number: int, table: DriveTable, moved: list[int]) -> tuple[Drive, float]:
         dofs = tuple(dof for joint in moved for dof in self._dofs(joint))
         if table.frame is not None:
-            frame = self._frame(number, table.frame)
+            frame = self.names.moving_frame(table.frame, f"drive[{number}].frame")
             direction = np.array(table.direction) / np.linalg.norm(np.array(table.direction))
             speed, limit = _SPEEDS["m"], np.inf
         else:
@@ -110,12 +110,6 @@ class DriveReader:
             limit = plain_number(table.limit, unit, f"drive[{number}].limit")
         name = table.name or table.joint or table.frame or ""
         return Drive(name, table.control, dofs, frame, direction, unit, speed), limit
-
-    def _frame(self, number: int, name: str) -> int:
-        frame = self.names.frame(name)
-        if self.names.model.frames[frame].parentJoint == 0:
-            self.names.refuse(f"drive[{number}].frame", f"frame {name!r} is fixed to the world")
-        return frame
 
     def _dofs(self, joint: int) -> range:
         where = joints.velocity_slice(self.names.model, joint)
@@ -168,7 +162,7 @@ class ActuationReader:
         frames, drives = tuple(made for made, _ in varying), tuple(made for made, _ in pairs)
         own = (*(Label(m.name, m.unit) for m in frames), *(Label(m.name, m.unit) for m in drives))
         labels = (*(label for _, label, _ in fixed), *own)
-        self.names.refuse_repeated(
+        self.names.refuse_repetition(
             "actuator or drive" if drives else "actuator", [label.name for label in labels]
         )
         limits = [limit for *_, limit in (*fixed, *varying, *pairs)]
@@ -228,7 +222,7 @@ class ActuationReader:
         for number, row in enumerate(self.table.actuators):
             if isinstance(row, JointActuator):
                 continue
-            frame = self._moving_frame(row.frame, number)
+            frame = self.names.moving_frame(row.frame, f"actuator[{number}].frame", ": nothing would move")
             jacobian = self._constant_jacobian(frame)
             for label, direction, effort in _directions(row):
                 if jacobian is not None:
@@ -247,14 +241,6 @@ class ActuationReader:
             column = np.zeros(self.names.model.nv)  # a row of np.eye would keep the whole matrix
             column[index] = 1.0
             yield column, label, limit_of(limit) if effort is None else effort
-
-    def _moving_frame(self, name: str, number: int) -> int:
-        frame = self.names.frame(name)
-        if self.names.model.frames[frame].parentJoint == 0:
-            self.names.refuse(
-                f"actuator[{number}].frame", f"frame {name!r} is fixed to the world: nothing would move"
-            )
-        return frame
 
     def _constant_jacobian(self, frame: int) -> Array | None:
         """A frame's Jacobian in its own axes, shape (6, nv), if no configuration changes it."""
@@ -313,4 +299,4 @@ def with_gears(robot: Robot, rows: Sequence[MotorTable], gone: Sequence[str]) ->
         efforts[column] = efforts[column] / n if row.effort is None else row.effort
         speed = limit * n if row.speed is None else row.speed
         motors[row.joint] = Motor(row.joint, dof, column, n, float(inertia), float(speed))
-    return geared(replace(robot, limits=replace(robot.limits, effort=efforts)), tuple(motors.values()))
+    return put_motors(replace(robot, limits=replace(robot.limits, effort=efforts)), tuple(motors.values()))

@@ -27,8 +27,6 @@ _SCHEMES = ("package://", "model://")
 PREFIX = "mbocp-robot-"  # of the folder's name
 LIST = "mbocp-robot.json"
 
-Addresses = Mapping[str, Mapping[str, Any]]
-
 
 def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     """Find the file that an address means: package://, model://, file://, absolute, or relative to `base`.
@@ -119,11 +117,6 @@ def unpacked_root(folder: Path | None) -> Path | None:
     return next((f for f in above if f.name.startswith(PREFIX) and (f / LIST).is_file()), None)
 
 
-def unpacked_source(root: Path, spec: str, folder: Path) -> Mapping[str, Any] | None:
-    """What `spec` meant, asked from `folder`; None if nobody asked for it where the robot was stored."""
-    return _read_asked(root, "sources", spec, folder)
-
-
 def unpacked_file(root: Path, address: str, folder: Path) -> Path:
     """File that an address in a file of `folder` meant.
 
@@ -132,7 +125,7 @@ def unpacked_file(root: Path, address: str, folder: Path) -> Path:
     FileNotFoundError
         If it was missing, or left out.
     """
-    found = _read_asked(root, "addresses", address, folder)
+    found = find_row(root, "addresses", address, folder)
     if found is None:
         raise FileNotFoundError(f"{shorten(address)} was missing where the result was written")
     path = root / str(found["path"])
@@ -141,7 +134,8 @@ def unpacked_file(root: Path, address: str, folder: Path) -> Path:
     return path
 
 
-def _read_asked(root: Path, table: str, asked: str, folder: Path) -> Mapping[str, Any] | None:
+def find_row(root: Path, table: str, asked: str, folder: Path) -> Mapping[str, Any] | None:
+    """What a name or an address meant, asked from `folder`; None if that was not asked before."""
     try:
         within = folder.relative_to(root).as_posix()
     except ValueError:

@@ -16,7 +16,6 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, Rob
 from mbocp.robot import joints, kinematics
 from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.actuation import ActuationReader, with_gears
-from mbocp.robot.loading.checks import check_drives, check_mechanics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import (
     connectors_of,
@@ -25,13 +24,13 @@ from mbocp.robot.loading.elements import (
     spheres_of,
     trace_frames,
 )
-from mbocp.robot.loading.limits import limits_of
+from mbocp.robot.loading.joint_numbers import joint_resistances, limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
+from mbocp.robot.loading.mechanics_checks import check_drives, check_mechanics
 from mbocp.robot.loading.model_changes import with_motors
-from mbocp.robot.loading.resistances import joint_resistances
-from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.loops.undriven import Held, joints_to_hold
@@ -103,7 +102,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
     held = joints_to_hold(robot) if table.undriven == "hold" else Held()
     if held.joints:
-        return assemble_robot(_with_held(found, robot, held), actuated, spec)
+        return assemble_robot(_hold_joints(found, robot, held), actuated, spec)
     robot = robot.with_payload(*found.carried) if found.carried else robot
     robot = replace(robot, q0=robot.balanced(robot.q0)) if elastic else robot
     check_drives(robot)
@@ -111,7 +110,7 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
     return robot
 
 
-def _with_held(found: Description, robot: Robot, held: Held) -> Description:
+def _hold_joints(found: Description, robot: Robot, held: Held) -> Description:
     """The description of a robot with joints locked where its loops are closed, and its pose there."""
     at = {name: robot.q0[robot.configuration_indices(name)].tolist() for name in robot.joint_names}
     values = ", ".join(f"{name!r} at {at[name][0]:.4g}" for name in held.joints)
@@ -182,16 +181,12 @@ def with_joint_frames(
                     f"constraint[{number}].name",
                 )
             placement = placement_from(position or (0.0,) * 3, orientation or (0.0, 0.0, 0.0, 1.0))
-            _add_frame(model, frames[-1], kinematics.frame_id(model, parent, robot), placement)
+            index = kinematics.frame_id(model, parent, robot)
+            on = model.frames[index]
+            at, kind = on.placement * placement, pin.FrameType.OP_FRAME
+            model.addFrame(pin.Frame(frames[-1], on.parentJoint, index, at, kind), False)
         changed.append(constraint.model_copy(update={"frames": tuple(frames)} if frames else {}))
     return model, table.model_copy(update={"constraints": changed})
-
-
-def _add_frame(model: pin.Model, name: str, parent: int, placement: pin.SE3) -> None:
-    """Add a frame at a place in another one."""
-    on = model.frames[parent]
-    frame = pin.Frame(name, on.parentJoint, parent, on.placement * placement, pin.FrameType.OP_FRAME)
-    model.addFrame(frame, False)
 
 
 def close_loops(robot: Robot, given: Sequence[str]) -> Robot:

@@ -13,8 +13,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import RobotError, UnknownFrame
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.limits import Follower
-from mbocp.robot.loading.resistances import Losses
+from mbocp.robot.loading.joint_numbers import Follower, Losses
 from mbocp.robot.loading.whole_table import Part, combined_table, joint_positions, prefix, prefixed_frame
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR

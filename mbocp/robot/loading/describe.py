@@ -19,16 +19,16 @@ from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.elements import trace_frames
-from mbocp.robot.loading.formats import reader_of
+from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.model_changes import make_spherical, without_dynamics
-from mbocp.robot.loading.readers.examples import describe_example
+from mbocp.robot.loading.readers.example_robots import describe_example
 from mbocp.robot.loading.readers.in_memory import describe_chain, describe_object
-from mbocp.robot.loading.resistances import Losses
+from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
+from mbocp.robot.loading.robot_sources import Source, find_source
 from mbocp.robot.loading.robot_tables import InertiasTable, payloads_of
-from mbocp.robot.loading.schema import ActuationTable, RobotTable, read_robot_toml
-from mbocp.robot.loading.sources import Source, find_source
+from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.whole_table import Part, with_own_tables
 from mbocp.robot.placed import SEPARATOR, PlacedRobot

@@ -14,11 +14,10 @@ from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
 from mbocp.robot.collision.source import ShapeSource
-from mbocp.robot.loading.limits import Follower
+from mbocp.robot.loading.joint_numbers import Follower, Losses
 from mbocp.robot.loading.locking import pose_by_joint
-from mbocp.robot.loading.resistances import Losses
 from mbocp.robot.loading.robot_tables import InertiasTable
-from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 

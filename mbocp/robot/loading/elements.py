@@ -10,9 +10,9 @@ import pinocchio as pin
 from mbocp.exceptions import UnknownFrame, UnknownJoint
 from mbocp.robot import joints
 from mbocp.robot.collision.source import CollisionSphere
-from mbocp.robot.loading.schema import QuarticSpringTable, RobotTable
+from mbocp.robot.loading.robot_toml import QuarticSpringTable, RobotTable
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import (
     Connector,
     QuarticSpring,
@@ -33,7 +33,7 @@ def constraints_of(names: TableReader, table: RobotTable) -> tuple[Constraint, .
         except (UnknownFrame, UnknownJoint) as error:
             error.args = (f"constraint {row.name!r}: {error}",)
             raise
-    names.refuse_repeated("constraint", [constraint.name for constraint in found])
+    names.refuse_repetition("constraint", [constraint.name for constraint in found])
     return tuple(found)
 
 
@@ -46,7 +46,7 @@ def forces_of(names: TableReader, table: RobotTable) -> tuple[QuarticSpring | Sp
         length = names.distance(a, b) if damper.length is None else damper.length
         name = str(damper.name)
         found.append(SpringDamper(name, a, b, damper.stiffness, damper.damping, length, damper.frames))
-    names.refuse_repeated("spring or spring_damper", [force.name for force in found])
+    names.refuse_repetition("spring or spring_damper", [force.name for force in found])
     return tuple(found)
 
 

@@ -143,10 +143,6 @@ def _plain(value: float | ArrayLike, kind: joints.JointKind, where: str) -> Any:
     return plain_numbers(values, units, where)
 
 
-def _slice_of(model: pin.Model, name: str) -> slice:
-    return joints.configuration_slice(model, list(model.names).index(name))
-
-
 def decided_by_locks(
     model: pin.Model, locked: Sequence[int], named: Sequence[int], reduced: pin.Model, q: Array
 ) -> tuple[pin.Model, tuple[ModelNumber, ...]]:

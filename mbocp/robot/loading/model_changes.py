@@ -22,7 +22,7 @@ from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.loading.description import ROOT_JOINT, Description
-from mbocp.robot.loading.resistances import Losses
+from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.robot_tables import ElasticTable, motor_of
 from mbocp.robot.resistance import ElasticJoint
 

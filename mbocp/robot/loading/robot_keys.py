@@ -281,7 +281,7 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
     try:
         return PartTable.model_validate(plain(entry))
     except ValidationError as error:
-        raise refusal(error, f"part[{number}]", entry, _allowed) from error
+        raise refusal(error, f"part[{number}]", entry, _allowed_keys) from error
 
 
 def _said(value: Any) -> Any:
@@ -291,7 +291,7 @@ def _said(value: Any) -> Any:
     return [_said(entry) for entry in value] if isinstance(value, list) else value
 
 
-def _allowed(loc: tuple[int | str, ...]) -> list[str]:
+def _allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
     """Keys of the table of a part, or of the one in it, that an unknown key stands in."""
     tables: dict[str, type[BaseModel]] = {
         "inertias": InertiasTable,
@@ -322,4 +322,4 @@ def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
             raise RobotError(f"robot: unknown key {key!r}; {suggest(key, RobotKeys.model_fields)}") from error
         is_inside = first["loc"][0] in ("part", "payload") and len(first["loc"]) > 1
         where = "" if is_inside else "robot"
-        raise refusal(error, where, data, _allowed) from error
+        raise refusal(error, where, data, _allowed_keys) from error

@@ -51,6 +51,13 @@ class TableReader:
         """Index of a frame by name. Raises `UnknownFrame`."""
         return kinematics.frame_id(self.model, name, self.robot)
 
+    def moving_frame(self, name: str, key: str, consequence: str = "") -> int:
+        """Index of a frame that is not fixed to the world; `key` and `consequence` are for the message."""
+        frame = self.frame(name)
+        if self.model.frames[frame].parentJoint == 0:
+            self.refuse(key, f"frame {name!r} is fixed to the world{consequence}")
+        return frame
+
     def pair(self, names: tuple[str, str], where: str) -> tuple[int, int]:
         """Indices of two frames by name, which must be on bodies that move against each other."""
         a, b = (self.frame(name) for name in names)
@@ -63,7 +70,7 @@ class TableReader:
         pair = Connector(a, b, "line")
         return float(np.linalg.norm(kinematics.distances(self.model, self.q0, [pair])[0]))
 
-    def refuse_repeated(self, what: str, names: Sequence[str]) -> None:
+    def refuse_repetition(self, what: str, names: Sequence[str]) -> None:
         """Refuse a name that several elements have."""
         repeated = [name for name in names if names.count(name) > 1]
         if repeated:

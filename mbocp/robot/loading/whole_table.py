@@ -14,7 +14,7 @@ from mbocp.exceptions import DimensionMismatch, RobotError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.locking import by_joint
-from mbocp.robot.loading.schema import ActuationTable, InitialTable, JointActuator, RobotTable
+from mbocp.robot.loading.robot_toml import ActuationTable, InitialTable, JointActuator, RobotTable
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 
 _SHARED = {"gravity": (0.0, 0.0, -9.81), "rotations": "quaternion"}  # of all parts, and what is usual

@@ -5,12 +5,12 @@ A kind is one file of `mbocp.robot.loops.kinds`, and an entry here.
 
 from __future__ import annotations
 
-from mbocp.robot.loops.kinds.base import Constraint, FrameConstraint
+from mbocp.robot.loops.kinds.constraint import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
 from mbocp.robot.loops.kinds.hinge import Hinge
-from mbocp.robot.loops.kinds.line import PointOnLine
-from mbocp.robot.loops.kinds.plane import PointOnPlane
 from mbocp.robot.loops.kinds.point import Point
+from mbocp.robot.loops.kinds.point_on_line import PointOnLine
+from mbocp.robot.loops.kinds.point_on_plane import PointOnPlane
 from mbocp.robot.loops.kinds.rod import Rod
 from mbocp.robot.loops.kinds.screw import Screw
 from mbocp.robot.loops.kinds.weld import Weld

@@ -21,7 +21,7 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import kinematics
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.mechanism import Mechanism
 
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
@@ -303,8 +303,7 @@ def _metric(robot: Mechanism, q: Array) -> Array:
     if not kinematics.is_singular(mass):
         return mass
     least = _REGULARISATION * float(np.diag(mass).max(initial=0.0)) or 1.0
-    metric: Array = mass + least * np.eye(robot.nv)
-    return metric
+    return mass + least * np.eye(robot.nv)
 
 
 def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> Array:
@@ -318,8 +317,7 @@ def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> 
     used = singular > max(RANK_TOLERANCE * largest, _MIN_SINGULAR_VALUE)
     inverse = np.zeros_like(singular)
     inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
-    step: Array = np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))
-    return step
+    return np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))
 
 
 def _error(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:

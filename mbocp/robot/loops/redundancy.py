@@ -17,7 +17,7 @@ from mbocp._arrays import Array
 from mbocp._linear import null_space, spanning_rows
 from mbocp._text import quote_all
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loops.kinds.base import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, gauss_newton
 from mbocp.robot.mechanism import Mechanism
 
@@ -204,16 +204,14 @@ def _poses(robot: Mechanism) -> list[Array]:
 
 def _scale(robot: Mechanism, jacobian: Array) -> Array:
     """Rows of unit length; rows of round-off become zero."""
-    scaled: Array = jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
-    return scaled
+    return jacobian / _lengths(robot, np.linalg.norm(jacobian, axis=1))[:, None]
 
 
 def _alike(robot: Mechanism, jacobians: Array) -> Array:
     """Rows at many poses, each divided by its largest length over all of them."""
     there = np.linalg.norm(jacobians, axis=2).max(axis=0)
     at_first = np.linalg.norm(robot.closure_jacobian(robot.q0), axis=1)
-    scaled: Array = jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
-    return scaled
+    return jacobians / _lengths(robot, np.maximum(there, at_first))[:, None]
 
 
 def _lengths(robot: Mechanism, norms: Array) -> Array:
@@ -222,8 +220,7 @@ def _lengths(robot: Mechanism, norms: Array) -> Array:
     floor = np.full(norms.size, 1e-12)
     floor[units == "rad"] = _RANK_TOLERANCE
     floor[units == "m"] = _RANK_TOLERANCE * norms[units == "m"].max(initial=0.0)
-    lengths: Array = np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
-    return lengths
+    return np.where(norms > np.maximum(floor, 1e-12), norms, np.inf)
 
 
 def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
@@ -236,10 +233,7 @@ def _score(choice: Sequence[int], jacobians: Sequence[Array]) -> float:
 
 
 def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Sequence[Array]) -> None:
-    start = 0
-    for constraint in robot.constraints:
-        rows = range(start, start + len(constraint.rows))
-        start = rows.stop
+    for constraint, rows in zip(robot.constraints, robot.constraint_rows, strict=True):
         if not all(row in redundant for row in rows):
             continue
         if not any(J[list(rows)].any() for J in jacobians):
@@ -254,13 +248,10 @@ def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Se
 
 def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
     """Clause of a message: the constraint that implies this one, or that all others together do."""
-    start, rows = 0, {}
-    for one in robot.constraints:
-        rows[one.name] = list(range(start, start + len(one.rows)))
-        start += len(one.rows)
+    pairs = zip(robot.constraints, robot.constraint_rows, strict=True)
+    rows = {one.name: list(places) for one, places in pairs}
     own = rows.pop(constraint.name)
     for name, other in rows.items():
-        pairs = [(len(_independent(J[other])), len(_independent(J[other + own]))) for J in jacobians]
-        if all(alone == both for alone, both in pairs):
+        if all(len(_independent(J[other])) == len(_independent(J[other + own])) for J in jacobians):
             return f"is a duplicate: {name!r} implies it"
     return f"follows from the others ({quote_all(rows)})"

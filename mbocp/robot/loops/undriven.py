@@ -37,8 +37,7 @@ def undriven_motions(robot: Robot, q: Array) -> Array:
     """Orthonormal basis W(q) of the motions that no motor drives, shape (nv, any)."""
     along = _tangent(robot, q)
     rows = np.vstack([robot.actuation_matrix(q).T, np.eye(robot.nv)[list(robot.driven)]])
-    found: Array = along @ null_space(rows @ along, RANK_TOLERANCE)
-    return found
+    return along @ null_space(rows @ along, RANK_TOLERANCE)
 
 
 class Held(NamedTuple):
@@ -62,7 +61,8 @@ def joints_to_hold(robot: Robot) -> Held:
     motions, along = undriven_motions(robot, robot.q0), _tangent(robot, robot.q0)
     if not motions.size or is_singular(along.T @ robot.mass_matrix(robot.q0) @ along):  # refused later
         return Held()
-    single = {robot.velocity_indices(n).start: n for n in robot.joint_names if _is_single(robot, n)}
+    places = [(robot.velocity_indices(name), name) for name in robot.joint_names]
+    single = {place.start: name for place, name in places if place.stop - place.start == 1}
     at = sorted(single)
     rows = spanning_rows(motions[at], RANK_TOLERANCE)
     if len(rows) < motions.shape[1] or not _keep_momentum(robot):
@@ -77,17 +77,11 @@ def _change_of_inertia(robot: Robot, motions: Array, held: Sequence[int]) -> flo
     along, mass = _tangent(robot, robot.q0), robot.mass_matrix(robot.q0)
     fixed = along @ null_space(along[list(held)], RANK_TOLERANCE)
     pull = motions.T @ mass
-    free = fixed - motions @ np.linalg.solve(
-        pull @ motions, pull @ fixed
-    )  # what is not held moves as it will
+    # What is not held moves as it will.
+    free = fixed - motions @ np.linalg.solve(pull @ motions, pull @ fixed)
     root = np.linalg.cholesky(free.T @ mass @ free)
     ratio = np.linalg.solve(root, np.linalg.solve(root, fixed.T @ mass @ fixed).T)
     return float(np.linalg.eigvalsh(ratio)[-1]) - 1.0
-
-
-def _is_single(robot: Robot, joint: str) -> bool:
-    where = robot.velocity_indices(joint)
-    return bool(where.stop - where.start == 1)
 
 
 def _tangent(robot: Robot, q: Array) -> Array:
@@ -114,8 +108,7 @@ def _without_momentum(robot: Robot, q: Array) -> Array:
     along = _tangent(robot, q)
     momenta = undriven_motions(robot, q).T @ robot.mass_matrix(q) @ along
     lengths = np.linalg.norm(momenta, axis=1, keepdims=True)
-    found: Array = along @ null_space(momenta / np.where(lengths > 0.0, lengths, 1.0), RANK_TOLERANCE)
-    return found
+    return along @ null_space(momenta / np.where(lengths > 0.0, lengths, 1.0), RANK_TOLERANCE)
 
 
 def _change_of_momentum(robot: Robot, q: Array, v: Array) -> float:

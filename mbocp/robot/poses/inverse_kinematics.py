@@ -19,8 +19,8 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import assemble, components, violations
 from mbocp.robot.mechanism import Mechanism
-from mbocp.robot.poses.rows import PoseErrors, PoseRows
-from mbocp.robot.poses.search import JointBounds, inside, joint_bounds, reach
+from mbocp.robot.poses.pose_rows import PoseErrors, PoseRows
+from mbocp.robot.poses.pose_search import JointBounds, inside, joint_bounds, reach
 from mbocp.robot.poses.target import FrameTarget, Targets, targets_of
 
 LimitChoice: TypeAlias = bool | tuple[ArrayLike, ArrayLike]
@@ -112,24 +112,23 @@ class _Search:
         rng = np.random.default_rng(seed)
         for attempt in range(1 + restarts):
             q0 = self.start if attempt == 0 else self.bounds.random(self.robot.model, self.start, rng)
-            yield self.attempt(self.with_held(self.bounds.clip(q0)))
+            yield self.attempt(self.hold_joints(self.bounds.clip(q0)))
 
     def attempt(self, q: Array) -> tuple[Array, bool]:
         """Configuration from one start, and whether it may count."""
         found, has_arrived = reach(self.rows, q, self.bounds, self.held, self.tolerance)
         if not has_arrived:
             return found, False
-        found = self.with_held(self.bounds.unwind(found, self.start))
+        found = self.hold_joints(self.bounds.unwind(found, self.start))
         is_closed = not self.robot.constraints or not violations(self.robot, found)
         return found, is_closed and inside(self.robot.model, found, self.lower, self.upper)
 
-    def with_held(self, q: Array) -> Array:
+    def hold_joints(self, q: Array) -> Array:
         """The same, joints that are held where they are at the start."""
         out = np.array(q)
-        for joint in self.robot.joint_names if self.held.any() else ():
-            if self.held[self.robot.velocity_indices(joint)].any():
-                where = self.robot.configuration_indices(joint)
-                out[where] = self.start[where]
+        for joint in self.robot.joints_with(self.held):
+            where = self.robot.configuration_indices(joint)
+            out[where] = self.start[where]
         return out
 
     def close_loops(self, q: Array) -> Array:
@@ -137,9 +136,7 @@ class _Search:
         if not self.robot.constraints:
             return q
         try:
-            joints = self.robot.joint_names
-            fixed = [j for j in joints if self.held[self.robot.velocity_indices(j)].any()]
-            return np.array(assemble(self.robot, q, fixed))
+            return np.array(assemble(self.robot, q, self.robot.joints_with(self.held)))
         except LoopNotClosed:
             return self.start
 
@@ -152,13 +149,12 @@ def solve_inverse_kinematics(
     robot: Mechanism,
     targets: Targets,
     start: Array,
-    *,
-    fixed: Sequence[str] = (),
-    branches: int | None = 1,
-    restarts: int = 100,
-    seed: int = 0,
-    within_limits: LimitChoice = True,
-    tolerance: float = 1e-9,
+    fixed: Sequence[str],
+    branches: int | None,
+    restarts: int,
+    seed: int,
+    within_limits: LimitChoice,
+    tolerance: float,
 ) -> InverseKinematics:
     """Search for configurations that reach targets, see `Robot.inverse_kinematics`."""
     wanted = targets_of(targets)

@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
 from mbocp.integrators import control_basis
-from mbocp.mechanics.rates import rates_along
+from mbocp.mechanics.motion_rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
 from mbocp.solution.records import dual_columns

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices, MeshPart
+from mbocp.meshes.mesh_parts import Indices, MeshPart
 from mbocp.robot import LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.samples import CORNERS, box_around

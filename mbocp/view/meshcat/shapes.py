@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.meshes.parts import Indices
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.view.meshcat.viewer import mg
 
 Colour = tuple[float, float, float]

@@ -22,10 +22,10 @@ from mbocp._files import MEGABYTE
 from mbocp._text import shorten
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError, Unreadable
-from mbocp.meshes.parts import MeshPart, Surface, check_parts
+from mbocp.meshes.mesh_parts import MeshPart, Surface, check_parts
 from mbocp.meshes.pictures import Picture, picture_folders, read_picture
-from mbocp.meshes.read import READERS, UNREADABLE, load_by_coal
 from mbocp.meshes.stl import binary_stl
+from mbocp.meshes.triangles import READERS, UNREADABLE, load_by_coal
 from mbocp.robot import Robot
 from mbocp.robot.collision.samples import CORNERS, box_around
 from mbocp.view.meshcat.commands import colour_number, shape_object

@@ -17,7 +17,7 @@ from mbocp.mechanics import NaturalMechanics
 from mbocp.mechanics.natural_coordinates.bodies import SIZE, body_tree
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.robot import Robot, load_robot
-from mbocp.robot.loading.readers import examples
+from mbocp.robot.loading.readers import example_robots as examples
 
 FEW = (
     "double_pendulum",

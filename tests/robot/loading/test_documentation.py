@@ -10,8 +10,8 @@ import pytest
 from mbocp.robot import load_robot
 from mbocp.robot.loading.readers.robot_yaml import RobotYaml, read_robot_yaml
 from mbocp.robot.loading.robot_keys import PartTable
-from mbocp.robot.loading.schema import TABLES, RobotTable
-from mbocp.robot.loading.sources import robot_folders
+from mbocp.robot.loading.robot_sources import robot_folders
+from mbocp.robot.loading.robot_toml import TABLES, RobotTable
 from tests.robot import urdfs
 
 ROOT = Path(__file__).parents[3]

@@ -16,14 +16,14 @@ from typer.testing import CliRunner
 import mbocp
 from mbocp.cli.app import app
 from mbocp.exceptions import RobotError
-from mbocp.meshes.parts import MeshPart
+from mbocp.meshes.mesh_parts import MeshPart
 from mbocp.meshes.stl import binary_stl
 from mbocp.problem import parse_problem, problem_to_toml
 from mbocp.robot import EstimatedInertiaWarning, Robot, describe, gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.hull import hull_of
-from mbocp.robot.facts import find_oddities
-from mbocp.robot.loading.checks import SingularMassMatrix
-from mbocp.robot.loading.readers.examples import example_facts
+from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
+from mbocp.robot.loading.readers.example_robots import example_facts
+from mbocp.robot.robot_facts import find_oddities
 from tests.robot.urdfs import joint, link, robot
 
 RHO = 2700.0

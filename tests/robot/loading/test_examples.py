@@ -12,7 +12,7 @@ import pytest
 
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import NotModelledWarning, SingularMassMatrix, describe, load_robot, robot_from_spec
-from mbocp.robot.loading.readers import examples
+from mbocp.robot.loading.readers import example_robots as examples
 
 # Left out, by name: an SDF file, and robots with a mass matrix that is singular as long as these joints move.
 SDF = ["cassie"]

@@ -13,9 +13,9 @@ import pytest
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.source import LinkShape, ShapeSource
-from mbocp.robot.facts import find_oddities
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
-from mbocp.robot.loading.formats import FORMATS, Format, format_of
+from mbocp.robot.loading.robot_formats import FORMATS, Format, format_of
+from mbocp.robot.robot_facts import find_oddities
 
 FILE = "swing 2.0\n"  # name and mass [kg] of a ball on a hinge
 

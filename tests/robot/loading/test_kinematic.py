@@ -13,7 +13,7 @@ import mbocp
 from mbocp.exceptions import ProblemError, UnsupportedRobot
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import load_parts
-from mbocp.robot.loading.checks import SingularMassMatrix
+from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

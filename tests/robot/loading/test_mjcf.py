@@ -14,8 +14,8 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import Robot, gather, load_robot, load_stored
-from mbocp.robot.facts import find_oddities
-from mbocp.robot.loading.formats import format_of
+from mbocp.robot.loading.robot_formats import format_of
+from mbocp.robot.robot_facts import find_oddities
 from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
 
 ARM = """<?xml version="1.0"?>

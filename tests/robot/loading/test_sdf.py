@@ -12,7 +12,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import Robot, gather, load_robot, load_stored
-from mbocp.robot.facts import find_oddities
+from mbocp.robot.robot_facts import find_oddities
 from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
 
 INERTIAL = """<inertial><pose>0.01 0.02 0.1 0.1 0.2 0.3</pose><mass>{mass}</mass>

@@ -11,7 +11,7 @@ import pytest
 
 from mbocp.exceptions import RobotError, RobotFileError, UnknownFrame, UnknownRobot
 from mbocp.robot import list_robots, load_robot, robot_from_spec
-from mbocp.robot.loading import sources
+from mbocp.robot.loading import robot_sources as sources
 from tests.robot import urdfs
 
 URDF = urdfs.chain("revolute", "prismatic", name="arm")
@@ -174,7 +174,7 @@ def test_robot_descriptions(descriptions: Path) -> None:
 
 
 def test_without_example_robot_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mbocp.robot.loading.readers import examples
+    from mbocp.robot.loading.readers import example_robots as examples
 
     monkeypatch.setitem(sys.modules, "example_robot_data", None)
     examples._loaders.cache_clear()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbocp.robot import ImpossibleInertiaWarning, NotModelledWarning, Robot, load_robot
-from mbocp.robot.loading.checks import IndefiniteMassMatrix
+from mbocp.robot.loading.mechanics_checks import IndefiniteMassMatrix
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, robot
 

@@ -13,7 +13,7 @@ import pytest
 from mbocp.exceptions import RobotError, RobotFileError
 from mbocp.problem.file.load import load_problem
 from mbocp.robot import gather, load_parts, load_robot, load_stored
-from mbocp.robot.facts import find_oddities
+from mbocp.robot.robot_facts import find_oddities
 
 pytest.importorskip("xacro")
 

@@ -13,7 +13,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, RobotFileError
 from mbocp.mechanics import JointMechanics, NaturalMechanics
-from mbocp.mechanics.held import held_jacobians, held_residuals
+from mbocp.mechanics.held_frames import held_jacobians, held_residuals
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.problem.timeline.hold import Hold
 from mbocp.robot import Coupling, Robot, Screw, load_robot

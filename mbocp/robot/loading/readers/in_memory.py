@@ -17,7 +17,7 @@ from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import describe_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
-from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.payload import Payload
 
 EXAMPLE = "chain_8"

@@ -20,7 +20,7 @@ from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, Node, parse_mjcf
 from mbocp.robot.loading.readers.tree import TreeJoint, describe_tree, oddities_of, placements_of
-from mbocp.robot.loading.schema import RobotTable, tables_from
+from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
 _HOME = "home"  # name of the pose to begin in
 _TOLERANCE = 1e-9  # for force and moment that are parallel

@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.meshes.volume import scaled
+from mbocp.meshes.volume import scale_mass
 from mbocp.robot.loading.readers.mjcf_geoms import (
     Geom,
     MeshAsset,
@@ -66,7 +66,6 @@ class _Reader:
     colors: Mapping[str, Array]
     groups: tuple[float, float]
     found: Bodies = field(default_factory=Bodies)
-    geoms: int = 0
 
     def children(
         self, element: ElementTree.Element, parent: str | None, inherited: str | None, frame: pin.SE3
@@ -115,7 +114,8 @@ class _Reader:
                 continue
             node = self.mjcf.node(inner, inherited)
             if inner.tag == "site":
-                self._site(node, body, frame)
+                if node.text("name"):
+                    body.frames.append((node.text("name"), frame * node.placement))
             elif inner.tag == "geom":
                 geom = read_geom(node, self.meshes, frame)
                 if geom is not None:
@@ -123,10 +123,6 @@ class _Reader:
                     self._shape(geom, body)
             else:
                 self._joint(node, body, frame)
-
-    def _site(self, node: Node, body: TreeBody, frame: pin.SE3) -> None:
-        if node.text("name"):
-            body.frames.append((node.text("name"), frame * node.placement))
 
     def _shape(self, geom: Geom, body: TreeBody) -> None:
         if geom.kind == "ellipsoid":
@@ -197,7 +193,7 @@ def read_bodies(mjcf: Mjcf, folders: Sequence[Path]) -> Bodies:
         if not found:
             raise RobotFileError(mjcf.path, f"<compiler>: settotalmass is {total:g}, but no body has a mass")
         for body in (body for body in reader.found.bodies if body.inertia.mass):
-            body.inertia = scaled(body.inertia, body.inertia.mass * total / found)
+            body.inertia = scale_mass(body.inertia, body.inertia.mass * total / found)
     for body in reader.found.bodies:
         body.frames = [(reader.found.frame_of(name), place) for name, place in body.frames]
     for key, default in _OF_MASSES.items():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -14,8 +14,8 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
-from mbocp.meshes.read import UNREADABLE, read_triangles
-from mbocp.meshes.volume import enclosed, fill, scaled
+from mbocp.meshes.triangles import UNREADABLE, read_triangles
+from mbocp.meshes.volume import enclosed_body, fill, scale_mass
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
@@ -29,8 +29,7 @@ _MESH_INERTIAS = ("legacy", "exact")
 _NO_VOLUME = 1e-15  # [m^3]
 
 
-@dataclass(frozen=True)
-class MeshAsset:
+class MeshAsset(NamedTuple):
     """A mesh by its address, as a file names it, its scale, and how its inertia is worked out."""
 
     address: str
@@ -38,8 +37,7 @@ class MeshAsset:
     inertia: str
 
 
-@dataclass(frozen=True)
-class Geom:
+class Geom(NamedTuple):
     """A geom: its type, its sizes (half lengths) [m], its placement in the body."""
 
     node: Node
@@ -135,7 +133,7 @@ def inertia_of(geom: Geom, folders: Sequence[Path]) -> pin.Inertia:
         body = _of_mesh(geom, geom.mesh, folders)
     else:
         body = fill(_SHAPES[geom.kind](geom.sizes))
-    return geom.placement.act(scaled(body, density * body.mass if math.isnan(mass) else mass))
+    return geom.placement.act(scale_mass(body, density * body.mass if math.isnan(mass) else mass))
 
 
 def shape_of(
@@ -189,10 +187,10 @@ def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> pin.Inerti
         raise RobotFileError(node.path, f"{node.where}: {words}: {error}") from error
     vertices, faces = np.asarray(points) * mesh.scale, np.asarray(triangles)
     if mesh.inertia == "exact":
-        body = enclosed(vertices, faces)
+        body = enclosed_body(vertices, faces)
     else:  # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed
-        centre = enclosed(vertices, faces, _middle(vertices[faces])).lever
-        found = enclosed(vertices, faces, centre)
+        centre = enclosed_body(vertices, faces, _middle(vertices[faces])).lever
+        found = enclosed_body(vertices, faces, centre)
         about_centre = pin.SE3(np.eye(3), centre).actInv(found).matrix()[3:, 3:]
         body = pin.Inertia(found.mass, centre, about_centre)
     if body.mass <= _NO_VOLUME:

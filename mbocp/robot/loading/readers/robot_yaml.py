@@ -34,8 +34,8 @@ from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
-from mbocp.robot.loading.schema import ActuationTable, RobotTable
-from mbocp.robot.loops.kinds.base import ConstraintKeys
+from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable
+from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.kinds.point import Point
 from mbocp.robot.loops.kinds.weld import Weld
 from mbocp.robot.warnings import IgnoredKeysWarning

@@ -29,7 +29,7 @@ from mbocp.robot.loading.readers.tree import (
     oddities_of,
 )
 from mbocp.robot.loading.readers.urdf_xml import finite_numbers
-from mbocp.robot.loading.schema import tables_from
+from mbocp.robot.loading.robot_toml import tables_from
 
 _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")
@@ -62,8 +62,9 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 
 def addresses(path: Path) -> tuple[str, ...]:
-    """Addresses of its meshes."""
-    return mesh_uris(parse_sdf(path))
+    """Addresses of its meshes, each once."""
+    uris = (mesh.findtext("uri") or "" for mesh in parse_sdf(path).element.iter("mesh"))
+    return tuple(dict.fromkeys(uri.strip() for uri in uris))
 
 
 def oddities(path: Path) -> Iterator[str]:
@@ -117,12 +118,6 @@ def _add_shapes(
         if form.find("submesh") is not None:
             left_out.add("<submesh>, in whose place stands the whole mesh, of", body.name)
         body.shapes.append(TreeShape(shape, _color(sdf, inner), is_drawn, not is_drawn))
-
-
-def mesh_uris(sdf: Sdf) -> tuple[str, ...]:
-    """Addresses of all meshes, each once."""
-    uris = (mesh.findtext("uri") or "" for mesh in sdf.element.iter("mesh"))
-    return tuple(dict.fromkeys(uri.strip() for uri in uris))
 
 
 def _inertia(sdf: Sdf, link: ElementTree.Element, name: str) -> pin.Inertia:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -23,8 +23,7 @@ _TWO_AXES = ("universal", "revolute2")
 _CLOSED_BY = {"fixed": "weld", "ball": "point", "revolute": "hinge", "continuous": "hinge"}
 
 
-@dataclass(frozen=True)
-class Joint:
+class Joint(NamedTuple):
     """A joint as it is written.
 
     Attributes
@@ -188,7 +187,7 @@ class _Reader:
         if mimic is None:
             return
         leader, where = mimic.get("joint", ""), f"{joint.where}: mimic"
-        if leader not in self.sdf.placed or self.sdf.placed[leader].tag != "joint":
+        if leader not in self.sdf.elements or self.sdf.elements[leader].tag != "joint":
             raise RobotFileError(self.sdf.path, f"{where}: there is no joint {show(leader)}")
         numbers = ("multiplier", "offset", "reference")
         ratio, offset, reference = (self.sdf.number(mimic, key, where, 0.0) for key in numbers)

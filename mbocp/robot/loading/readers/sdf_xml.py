@@ -94,7 +94,7 @@ class Sdf:
         return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
 
     @cached_property
-    def placed(self) -> dict[str, ElementTree.Element]:
+    def elements(self) -> dict[str, ElementTree.Element]:
         """Links, joints and frames by name."""
         found: dict[str, ElementTree.Element] = {}
         for element in (e for tag in _PLACED for e in self.element.iterfind(tag)):
@@ -116,8 +116,8 @@ class Sdf:
         """
         if name == MODEL:
             return pin.SE3.Identity()
-        if name not in self.placed:
-            words = f"there is no link, joint or frame {show(name)}: {suggest(name, self.placed)}"
+        if name not in self.elements:
+            words = f"there is no link, joint or frame {show(name)}: {suggest(name, self.elements)}"
             raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
         if name in passed:
             raise RobotFileError(
@@ -125,7 +125,7 @@ class Sdf:
             )
         if len(passed) > _MAX_ROW:
             raise UnsupportedRobot(f"{self.path}: more than {_MAX_ROW} frames are placed in a row")
-        element = self.placed[name]
+        element = self.elements[name]
         where = f"{element.tag} {show(name)}"
         placed_in = _frame_of_pose(element) or self._carrier(element)
         return self.place(placed_in, (*passed, name)) * self.pose(element, where)
@@ -148,15 +148,15 @@ class Sdf:
             name = self._canonical if name == MODEL else name
             if name == WORLD:
                 return name
-            if name not in self.placed:
-                words = f"there is no link or frame {show(name)}: {suggest(name, self.placed)}"
+            if name not in self.elements:
+                words = f"there is no link or frame {show(name)}: {suggest(name, self.elements)}"
                 raise RobotFileError(self.path, f"model {show(self.name)}: {words}")
-            if self.placed[name].tag == "link":
+            if self.elements[name].tag == "link":
                 return name
             if name in passed:
                 raise RobotFileError(self.path, f"frames move in a circle: {list_names(passed, _MAX_NAMES)}")
             passed.append(name)
-            name = self._carrier(self.placed[name])
+            name = self._carrier(self.elements[name])
 
     @property
     def _canonical(self) -> str:
@@ -180,8 +180,7 @@ class Sdf:
         if frame:
             turn = self.place(joint.get("name", "")).rotation.T @ self.place(frame).rotation
             axis = turn @ axis
-        unit: Array = axis / norm
-        return unit
+        return axis / norm
 
 
 def parse_sdf(path: Path) -> Sdf:

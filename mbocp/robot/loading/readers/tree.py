@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -23,7 +23,7 @@ from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
 from mbocp.robot.loading.readers.urdf_inertia import tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_shapes import object_of
-from mbocp.robot.loading.schema import RobotTable
+from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.warnings import MissingMeshWarning, NotModelledWarning
 
 ELLIPSOIDS = "ellipsoids, neither drawn nor solid, of"  # coal's obstacles and pages have no such shape
@@ -99,8 +99,7 @@ class TreeShape:
     is_solid: bool = True
 
 
-@dataclass(frozen=True)
-class MissingMesh:
+class MissingMesh(NamedTuple):
     """A mesh that is not there: whose it is, why, and whether it may collide."""
 
     where: str
@@ -150,8 +149,7 @@ class LeftOut:
         self.names.setdefault(kind, []).append(name)
 
 
-@dataclass(frozen=True)
-class _Place:
+class _Place(NamedTuple):
     """Where a body is in the model: its joint, its placement there, its frame."""
 
     joint: int

@@ -18,15 +18,14 @@ import pinocchio as pin
 from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
-from mbocp.robot.loading.limits import Follower
+from mbocp.robot.loading.joint_numbers import Follower
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
+from mbocp.robot.loading.readers.urdf_extensions import read_loops, tell_omissions
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
-from mbocp.robot.loading.readers.urdf_loops import read_loops
-from mbocp.robot.loading.readers.urdf_not_modelled import tell_not_modelled
 from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
 from mbocp.robot.loading.readers.urdf_xml import Urdf, find_srdf, finite_numbers, parse_urdf
-from mbocp.robot.loading.schema import RobotTable, tables_from
+from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
 _MASS_TOLERANCE = 1e-9  # relative
 _stderr_lock = threading.Lock()
@@ -113,7 +112,7 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
     inertials = read_inertials(urdf.path, urdf.root)
     _check_mass(urdf.path, model, inertials)
     tell_impossible_inertias(urdf.path, model, inertials)
-    tell_not_modelled(urdf.path, urdf.root)
+    tell_omissions(urdf.path, urdf.root)
     return model
 
 
@@ -225,10 +224,10 @@ def _resolve(path: Path, name: str, elements: Mapping[str, ElementTree.Element])
         multiplier *= _number(path, who, mimic, "multiplier", 1.0)
         passed.append(leader)
         at = leader
-    return _with_own(Follower(name, at, multiplier, offset), path, elements[name])
+    return _add_limits(Follower(name, at, multiplier, offset), path, elements[name])
 
 
-def _with_own(follower: Follower, path: Path, element: ElementTree.Element) -> Follower:
+def _add_limits(follower: Follower, path: Path, element: ElementTree.Element) -> Follower:
     """The follower with its limits and losses; zero or contradictory limits mean none."""
     who = f"joint {follower.name!r}"
     limit, dynamics = element.find("limit"), element.find("dynamics")

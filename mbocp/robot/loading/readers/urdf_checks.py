@@ -54,8 +54,9 @@ def check_tree(path: Path, root: ElementTree.Element) -> None:
             "must have exactly one root link (one that is no joint's child), has "
             f"{list_names(roots, _MAX_NAMES) if roots else 'none'}",
         )
-    _check_reach(path, links, parents, roots[0])
-    _check_size(path, joints.values(), parents)
+    depths = _depths(parents, roots[0])
+    _check_reach(path, [link for link in links if link not in depths], parents, roots[0])
+    _check_size(path, joints.values(), max(depths.values()))
 
 
 def _parents(
@@ -78,9 +79,7 @@ def _parents(
     return parents
 
 
-def _check_size(
-    path: Path, joints: Iterable[ElementTree.Element], parents: dict[str, tuple[str, str]]
-) -> None:
+def _check_size(path: Path, joints: Iterable[ElementTree.Element], depth: int) -> None:
     """Parsers of C++ call themselves for each link in a row, until the stack ends without a word."""
     moving = sum(joint.get("type") != "fixed" for joint in joints)
     if moving > MAX_MOVING_JOINTS:
@@ -88,7 +87,6 @@ def _check_size(
             f"{path}: has {moving:,} joints that move; supported are at most {MAX_MOVING_JOINTS:,}. Make "
             "some of them fixed"
         )
-    depth = max(_depths(parents).values(), default=0)
     if depth > MAX_CHAIN_LENGTH:
         raise UnsupportedRobot(
             f"{path}: has {depth:,} joints one behind the other; supported are at most {MAX_CHAIN_LENGTH:,}. "
@@ -96,30 +94,20 @@ def _check_size(
         )
 
 
-def _depths(parents: dict[str, tuple[str, str]]) -> dict[str, int]:
-    """Number of joints between each link and the root."""
-    found: dict[str, int] = {}
-    for link in parents:
-        row = [link]
-        while row[-1] in parents and row[-1] not in found:
-            row.append(parents[row[-1]][1])
-        depth = found.get(row[-1], 0)
-        for i, passed in enumerate(reversed(row)):
-            found.setdefault(passed, depth + i)
-    return found
-
-
-def _check_reach(path: Path, links: list[str], parents: dict[str, tuple[str, str]], root: str) -> None:
-    """Every link hangs on the root; with one parent each, those that do not hang on a circle of links."""
+def _depths(parents: dict[str, tuple[str, str]], root: str) -> dict[str, int]:
+    """Number of joints between the root and each link that hangs on it."""
     below: dict[str, list[str]] = {}
     for child, (_, parent) in parents.items():
         below.setdefault(parent, []).append(child)
-    reached, stack = {root}, [root]
-    while stack:
-        found = below.get(stack.pop(), [])
-        reached.update(found)
-        stack += found
-    lost = [link for link in links if link not in reached]
+    found, waiting = {root: 0}, [root]
+    for link in waiting:  # it grows
+        found |= dict.fromkeys(below.get(link, ()), found[link] + 1)
+        waiting += below.get(link, ())
+    return found
+
+
+def _check_reach(path: Path, lost: list[str], parents: dict[str, tuple[str, str]], root: str) -> None:
+    """Every link hangs on the root; with one parent each, those that do not hang on a circle of links."""
     if lost:
         joints = list_names([parents[link][0] for link in lost], _MAX_NAMES)
         raise RobotFileError(

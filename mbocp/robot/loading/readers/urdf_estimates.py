@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,8 +19,8 @@ from mbocp._arrays import Array
 from mbocp._text import quote_all, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, RobotFileError, suggest
-from mbocp.meshes.parts import Indices
-from mbocp.meshes.volume import count_open_edges, enclosed, fill, scaled, weld
+from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.volume import count_open_edges, enclosed_body, fill, scale_mass, weld
 from mbocp.robot.collision.geometry import read_mesh
 from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.collision.source import LinkShape
@@ -36,8 +36,7 @@ _LEAST_SHARE = 1e-6  # volume of a mesh, of its hull's: less is the noise of a s
 _LARGEST_SHARE = 1.02  # and the most; also of a moment of inertia, of the sum of the other two
 
 
-@dataclass(frozen=True)
-class _Filled:
+class _Filled(NamedTuple):
     """A link's shapes, filled evenly.
 
     Attributes
@@ -89,7 +88,7 @@ def with_inertias(
     for link, each in usable.items():
         mass = masses.get(link, density * each.body.mass)
         why = f"{faults[link]}: its mass is kept; {each.origin}" if link in masses else each.origin
-        found[link] = LinkInertia.of(link, scaled(each.body, mass), why)
+        found[link] = LinkInertia.of(link, scale_mass(each.body, mass), why)
     _tell(urdf, asked, density, found, [link for link in filled if link in faults and link not in usable])
     return _written(urdf, found), tuple(found.values())
 
@@ -153,11 +152,11 @@ def _of_mesh(vertices: Array, faces: Indices) -> tuple[pin.Inertia, bool]:
     except InvalidValue:  # flat
         return pin.Inertia.Zero(), True
     if not count_open_edges(triangles):
-        body = enclosed(corners, triangles)
+        body = enclosed_body(corners, triangles)
         # Faces that are there twice may leave no volume, or more than there is room for.
         if _LEAST_SHARE * hull.volume < body.mass <= _LARGEST_SHARE * hull.volume and _is_possible(body):
             return body, False
-    return enclosed(np.array(hull.vertices), hull.faces), True
+    return enclosed_body(np.array(hull.vertices), hull.faces), True
 
 
 def _is_possible(body: pin.Inertia) -> bool:
@@ -175,7 +174,7 @@ def _of_table(urdf: Urdf, link: str, table: LinkTable, filled: _Filled | None) -
     said = Payload(name=link, frame=link, **table.model_dump(exclude_none=True))
     com, inertia, origin = np.array(said.com), said.inertia_matrix, "given"
     if filled is not None:
-        body = scaled(filled.body, table.mass)
+        body = scale_mass(filled.body, table.mass)
         com = np.asarray(body.lever) if table.com is None else com
         inertia = np.asarray(body.inertia) if table.inertia is None else inertia
         origin = f"given mass; {filled.origin}"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -25,8 +25,7 @@ _PLACES = (("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 _MAX_NAMES = 5  # links named in one warning
 
 
-@dataclass(frozen=True)
-class Inertial:
+class Inertial(NamedTuple):
     """An <inertial>: mass [kg] and rotational inertia about the centre of mass, shape (3, 3) [kg m^2]."""
 
     link: str

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
 from mbocp._files import is_file
@@ -24,8 +24,7 @@ _MAX_NAMES = 12
 _lock = threading.Lock()  # the package keeps its state in its module
 
 
-@dataclass(frozen=True)
-class Expanded:
+class Expanded(NamedTuple):
     """What a xacro file is the source of.
 
     Attributes
@@ -42,7 +41,7 @@ class Expanded:
 
 @dataclass(frozen=True)
 class XacroReader:
-    """The reader of xacro files with certain arguments; see `mbocp.robot.loading.formats.Reader`.
+    """The reader of xacro files with certain arguments; see `mbocp.robot.loading.robot_formats.Reader`.
 
     Parameters
     ----------
@@ -58,21 +57,21 @@ class XacroReader:
 
     def read(self, path: Path, name: str, how: Reading) -> Description:
         """Read a robot, as a URDF."""
-        return describe_urdf(check_urdf(self.expanded(path).urdf), how)
+        return describe_urdf(check_urdf(self.expand(path).urdf), how)
 
     def companions(self, path: Path) -> tuple[Path, ...]:
         """Files that it includes, and its SRDF."""
-        return (*self.expanded(path).includes, *urdf_reader.companions(path))
+        return (*self.expand(path).includes, *urdf_reader.companions(path))
 
     def addresses(self, path: Path) -> tuple[str, ...]:
         """Addresses of its meshes."""
-        return mesh_addresses(self.expanded(path).urdf.root)
+        return mesh_addresses(self.expand(path).urdf.root)
 
     def oddities(self, path: Path) -> Iterator[str]:
         """What is odd in its URDF."""
-        return find_oddities(path, self.expanded(path).urdf.root)
+        return find_oddities(path, self.expand(path).urdf.root)
 
-    def expanded(self, path: Path) -> Expanded:
+    def expand(self, path: Path) -> Expanded:
         """Expand a file.
 
         Raises

@@ -16,7 +16,7 @@ from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import FramePair, Number
-from mbocp.robot.loops.kinds.base import Constraint, ConstraintKeys, Kinematics
+from mbocp.robot.loops.kinds.constraint import Constraint, ConstraintKeys, Kinematics
 from mbocp.robot.parts import Label
 
 _INTEGER_TOLERANCE = 1e-12  # a ratio this close to a whole number is one

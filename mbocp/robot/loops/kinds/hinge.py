@@ -13,7 +13,7 @@ from mbocp._arrays import Array
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, position_rows
+from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics, position_rows
+from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
 
 

@@ -17,7 +17,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction, Number
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, perpendiculars, unit_axis
-from mbocp.robot.loops.kinds.base import FrameConstraint, FrameKeys, Kinematics
+from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 

@@ -1,0 +1,149 @@
+"""What a robot is, as a plain dict for the command line and for JSON, and what is odd in its files."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from mbocp._text import show
+from mbocp.exceptions import MbocpError
+from mbocp.robot import joints
+from mbocp.robot.drives import moved_joints
+from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.robot_formats import reader_of
+from mbocp.robot.parts import Drive, QuarticSpring
+from mbocp.robot.resistance import ElasticJoint
+from mbocp.robot.robot import Robot
+
+
+def describe(robot: Robot) -> dict[str, Any]:
+    """Everything a person may want to know about a robot, JSON-able; a limit that is not there is None.
+
+    Returns
+    -------
+    dict
+        name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
+        constraints leave), mass [kg], inertias (of links whose file gives none), gravity [m/s^2], joints,
+        actuators, actuated (their names), passive (joints that none of them acts upon directly), drives,
+        speeds, constraints, forces, elastic (joints), payloads, parts, frames, trace_frames, q0 [rad, m],
+        rotations, fingerprint. Drives are among the actuators, last.
+    """
+    return {
+        "name": robot.name,
+        "description": robot.description,
+        "source": None if robot.source is None else str(robot.source),
+        "nq": robot.nq,
+        "nv": robot.nv,
+        "nu": robot.nu,
+        "nc": robot.nc,
+        "dofs": robot.nv - robot.nc,
+        "mobility": robot.nv - robot.nc,
+        "mass": float(sum(inertia.mass for inertia in list(robot.model.inertias)[1:])),
+        "inertias": [{"link": one.link, **one.table, "origin": one.origin} for one in robot.link_inertias],
+        "gravity": [float(g) for g in robot.model.gravity.linear],
+        "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
+        "actuators": [
+            {"name": label.name, "unit": label.unit, "limit": _finite(limit)}
+            for label, limit in zip(robot.u_labels, robot.limits.effort, strict=True)
+        ],
+        "actuated": [label.name for label in robot.u_labels],
+        "passive": _passive(robot),
+        "drives": [_drive(robot, drive) for drive in robot.drives],
+        "speeds": [{"name": label.name, "unit": label.unit} for label in robot.speed_labels],
+        "constraints": [_constraint(robot, number) for number in range(len(robot.constraints))],
+        "forces": [_force(force) for force in robot.forces],
+        "elastic": [_elastic(robot, joint) for joint in robot.elastic],
+        "payloads": [payload.table for payload in robot.payloads],
+        "parts": [part.table for part in robot.parts],
+        "frames": list(robot.frame_names),
+        "trace_frames": list(robot.trace_frames),
+        "q0": robot.q0.tolist(),
+        "rotations": robot.rotations,
+        "fingerprint": robot.fingerprint,
+    }
+
+
+def find_oddities(robot: Robot) -> tuple[str, ...]:
+    """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
+    found = list[str]()
+    parts = ("", *(part.prefix for part in robot.parts))
+    mended = tuple(
+        f"link {show(one.link.removeprefix(part))}: " for one in robot.link_inertias for part in parts
+    )
+    folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
+    for path in robot.sources:
+        try:
+            lines = reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
+            found += [line for line in lines if not line.startswith(mended)]
+        except MbocpError:  # the file has changed, or is no longer there
+            continue
+    return tuple(found)
+
+
+def _joint(robot: Robot, joint: int) -> dict[str, Any]:
+    q, v = joints.configuration_slice(robot.model, joint), joints.velocity_slice(robot.model, joint)
+    kind = joints.joint_kind(robot.model, joint)
+    limits = robot.limits
+    losses = [r for r in robot.resistances if r.name == robot.model.names[joint]]
+    return {
+        "name": robot.model.names[joint],
+        "type": kind.word,
+        "nq": len(kind.q),
+        "nv": len(kind.v),
+        "actuated": bool(np.any(robot.actuation.selection[v])),
+        "driven": any(v.start <= dof < v.stop for dof in robot.driven),
+        "lower": [_finite(x) for x in limits.position_lower[q]],
+        "upper": [_finite(x) for x in limits.position_upper[q]],
+        "velocity": [_finite(x) for x in limits.velocity[v]],
+        "damping": sum(r.damping for r in losses),
+        "friction": sum(r.friction for r in losses),
+        "units": [label.unit for label in robot.q_labels[q]],
+    }
+
+
+def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:
+    frame = None if drive.frame_id is None else robot.frame_names[drive.frame_id]
+    direction = None if frame is None else drive.direction.tolist()
+    return {
+        "name": drive.name,
+        "control": drive.control,
+        "unit": drive.unit,
+        "joints": moved_joints(robot, drive.dofs),
+        "frame": frame,
+        "direction": direction,
+    }
+
+
+def _passive(robot: Robot) -> list[str]:
+    """Joints without a motor or drive; wrenches and thrusters act on bodies."""
+    idle = ~np.any(robot.actuation.selection, axis=1)
+    idle[list(robot.driven)] = False
+    slices = ((name, robot.velocity_indices(name)) for name in robot.joint_names)
+    return [name for name, where in slices if where.stop > where.start and idle[where].all()]
+
+
+def _constraint(robot: Robot, number: int) -> dict[str, Any]:
+    constraint, places = robot.constraints[number], robot.constraint_rows[number]
+    rows = [label.name for label in constraint.rows]
+    redundant = [name for name, place in zip(rows, places, strict=True) if place in robot.redundant_rows]
+    facts = {"name": constraint.name, "type": constraint.kind, **constraint.facts}
+    return {**facts, "rows": rows, "redundant_rows": redundant}
+
+
+def _force(force: Any) -> dict[str, Any]:
+    common = {"name": force.name, "type": force.kind, "frames": list(force.frames), "length": force.length}
+    if isinstance(force, QuarticSpring):
+        return {**common, "coefficient": force.coefficient}
+    return {**common, "stiffness": force.stiffness, "damping": force.damping}
+
+
+def _elastic(robot: Robot, joint: ElasticJoint) -> dict[str, Any]:
+    rotor = float(robot.model.armature[joint.at_v[1]])
+    numbers = {"stiffness": joint.stiffness, "damping": joint.damping, "motor_inertia": rotor}
+    return {"name": joint.name, "type": "elastic", "joints": [joint.name, joint.motor], **numbers}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

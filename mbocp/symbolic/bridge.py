@@ -1,0 +1,93 @@
+"""The native part, imported once it is known to fit the Pinocchio and CasADi that are installed.
+
+Minor releases of libpinocchio break the ABI without a sign: a mismatched pair computes, and computes
+nonsense. So the versions must be the very ones that the native part was compiled against.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import pinocchio as pin
+
+from mbocp.exceptions import InvalidValue, NativeMismatch, UnknownJoint
+
+if TYPE_CHECKING:
+    from mbocp._native import _bridge
+
+
+def check_versions() -> None:
+    """Compare what the native part was compiled against with what is installed.
+
+    Raises
+    ------
+    NativeMismatch
+        If pin, libpinocchio or casadi have another version, or if the native part was never built.
+    """
+    compiled = _compiled_versions()
+    for name, expected in compiled.items():
+        installed = _installed_version(name)
+        if installed != expected:
+            found = f"{name} {installed} is installed" if installed else f"{name} is not installed"
+            wanted = " ".join(f"{package}=={number}" for package, number in compiled.items())
+            raise NativeMismatch(
+                f"mbocp's native part was compiled against {name} {expected}, but {found}; together they may "
+                f"compute wrong numbers without an error. Run `python -m pip install {wanted}`, or reinstall "
+                "mbocp to compile it again"
+            )
+
+
+def _compiled_versions() -> dict[str, str]:
+    try:
+        versions = import_module("mbocp._native._versions")
+    except ImportError as error:
+        raise NativeMismatch(
+            "mbocp's native part is not built; run `python -m pip install .` (or `make setup`) in mbocp's "
+            "source folder"
+        ) from error
+    return {"pin": versions.PINOCCHIO, "libpinocchio": versions.PINOCCHIO, "casadi": versions.CASADI}
+
+
+def _installed_version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+@cache
+def bridge() -> ModuleType:
+    """Return the extension module, after `check_versions`."""
+    check_versions()
+    return import_module("mbocp._native._bridge")
+
+
+def native_constraint(
+    constraint: pin.RigidConstraintModel, joints: tuple[str, ...], model_name: str
+) -> _bridge.RigidConstraint:
+    """Translate Pinocchio's constraint; the errors are those of `ModelFunctions.constraint_jacobian`."""
+    sizes = {pin.ContactType.CONTACT_3D: 3, pin.ContactType.CONTACT_6D: 6}
+    if constraint.type not in sizes:
+        raise InvalidValue("constraint type", constraint.type, "CONTACT_3D or CONTACT_6D")
+    if constraint.reference_frame == pin.ReferenceFrame.WORLD:
+        raise InvalidValue("constraint reference frame", "WORLD", "LOCAL or LOCAL_WORLD_ALIGNED")
+    for joint in (constraint.joint1_id, constraint.joint2_id):
+        if not 0 <= joint < len(joints):
+            raise UnknownJoint(f"#{joint}", model_name, joints)
+    native: _bridge.RigidConstraint = bridge().RigidConstraint(
+        sizes[constraint.type],
+        _attachment(constraint.joint1_id, constraint.joint1_placement),
+        _attachment(constraint.joint2_id, constraint.joint2_placement),
+        constraint.reference_frame == pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+    )
+    return native
+
+
+def _attachment(joint: int, placement: pin.SE3) -> _bridge.Attachment:
+    rotation = placement.rotation.ravel(order="F").tolist()
+    native: _bridge.Attachment = bridge().Attachment(joint, rotation, placement.translation.tolist())
+    return native
