@@ -15,7 +15,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import end_as_solved
 from mbocp.problem import Problem
 from mbocp.problem.file.goal_table import write_goal
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.reading import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at

@@ -23,8 +23,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.of_solution import with_accuracy
 from mbocp.accuracy.rounds import Round, asked_of, is_rough, step_errors_of
 from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution

@@ -23,9 +23,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
-from mbocp.accuracy.errors import StepErrors, step_errors
+from mbocp.accuracy.errors import StepErrors, motion_of, step_errors
 from mbocp.accuracy.mesh import Mesh, Wanted, control_shares
-from mbocp.accuracy.of_solution import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES

@@ -120,7 +120,7 @@ def _executor(how: How) -> Iterator[tuple[Executor | None, int | None]]:
     if how.scheduler is None:
         yield None, how.workers
         return
-    from mbocp.study.cluster import dask_executor
+    from mbocp.study.pools import dask_executor
 
     with dask_executor(how.scheduler, how.workers) as (executor, workers):
         yield executor, workers

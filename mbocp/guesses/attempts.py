@@ -10,7 +10,7 @@ from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.guesses.end_rates import with_rates_at_end
 from mbocp.guesses.in_turn import solve_from_guesses
 from mbocp.job import Job
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution.reading import Attempt
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase

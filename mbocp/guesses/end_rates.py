@@ -16,7 +16,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.end_reached import miss_of_rates
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solvers import Outcome, Status
 
 _ROUNDS = 6  # of solving again: each leaves a tenth or less, since the end moves with the conditions

@@ -25,7 +25,7 @@ from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, thr
 from mbocp.job import Warm
 from mbocp.menus.places import box_around, tool_of
 from mbocp.problem import Guess, Problem
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot.joints import joint_kind, velocity_slice
 
 _RESTARTS = 100  # of the search for configurations at the goal: an arm of six joints has eight

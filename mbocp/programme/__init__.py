@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mbocp.programme.iterate import zero_multipliers as zero_multipliers
     from mbocp.programme.stagewise import StageKind as StageKind
     from mbocp.programme.stagewise import StagewiseProgramme as StagewiseProgramme
-    from mbocp.programme.units import Units as Units
+    from mbocp.programme.stagewise import Units as Units
 
 
 __getattr__ = names_of(__name__, __file__)

@@ -316,7 +316,7 @@ class MovingHorizonEstimator:
         before, root = lower_root(self._root_after_newest()()), self._root
         if rows[_FIRST, self._layout.rho["moves"]][0]:
             (off,) = self._difference.evaluate([np.array(x[_FIRST]), mean], 1, False)
-            moved, columns = _filtered(self._stage(_FIRST), off, root)
+            moved, columns = _filter(self._stage(_FIRST), off, root)
             if np.isfinite(moved).all():
                 (mean,) = self._retract.evaluate([np.array(x[_FIRST + 1]), moved], 1, False)
             root = lower_root(columns)
@@ -372,7 +372,7 @@ class MovingHorizonEstimator:
         )
 
 
-def _filtered(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
+def _filter(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
     """Mean and root after a stage; NaN where its functions are not finite or its steps have no solution."""
     try:
         return stage().filter(mean, root)
@@ -381,7 +381,7 @@ def _filtered(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tup
 
 
 def _root_after(stage: Callable[[], LinearStage], root: Array) -> Array:
-    return _filtered(stage, np.zeros(len(root)), root)[1]
+    return _filter(stage, np.zeros(len(root)), root)[1]
 
 
 def _robot_of(given: Robot | Problem | str) -> Robot:

@@ -32,7 +32,7 @@ _NUMBERS, _LIBRARY = "controller.txt", "libmbocp_receding.so"
 _LOOKED_AT = 5  # configurations
 
 
-def check_can_be_saved(formulation: Formulation, *, is_plain: bool, belongs_to_times: bool) -> None:
+def check_savable(formulation: Formulation, *, is_plain: bool, belongs_to_times: bool) -> None:
     """Refuse a horizon that C++ cannot step without Python.
 
     Parameters

@@ -114,7 +114,7 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
         kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
-        optimum = _corrected(kkt.optimum)
+        optimum = _correct(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))
     raise SolverError(
@@ -122,7 +122,7 @@ def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     )
 
 
-def _corrected(optimum: Optimum) -> Optimum:
+def _correct(optimum: Optimum) -> Optimum:
     """With limits let go that would have to pull the other way, and with those active that are not kept."""
     lower, upper, is_equation, values = _limits(optimum)
     is_upper = optimum.sides == upper

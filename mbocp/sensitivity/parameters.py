@@ -129,13 +129,13 @@ class Limit(Parameter):
                 getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
             return found
 
-        def moved(k: int, size: float) -> Problem:
+        def move(k: int, size: float) -> Problem:
             return self.put(self.problem, value + size * np.eye(len(value))[k])
 
         none = Change.none(self.formulation.programme, 1)
-        return Change.joined(
+        return Change.join(
             [
-                change_along(self.formulation, partial(moved, k)) if np.isfinite(value[k]) else none
+                change_along(self.formulation, partial(move, k)) if np.isfinite(value[k]) else none
                 for k in range(len(value))
             ]
         )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy

@@ -24,7 +24,7 @@ from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.data import SolutionData
 from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
-from mbocp.solution.its_robot import held_files, tell_changed
+from mbocp.solution.its_robot import held_files, warn_of_changes
 from mbocp.terms import RATE_TERMS, OwnTerm
 
 
@@ -114,7 +114,7 @@ def _robot_in(
     is_other = any(was.get(key) != now.get(key) for key in ("name", "part"))
     if files is None or is_other:
         return None
-    tell_changed(files)
+    warn_of_changes(files)
     return load_stored(files, now)
 
 

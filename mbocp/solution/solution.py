@@ -231,8 +231,8 @@ class Solution(SolutionData):
         return export_motion(self, path, **how, load_robot=load_robot)
 
     def to_xarray(self) -> xarray.Dataset:
-        """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""
-        from mbocp.solution.labelled import dataset_of
+        """All trajectories by time and name, see `mbocp.solution.export.dataset_of`."""
+        from mbocp.solution.export import dataset_of
 
         return dataset_of(self)
 

@@ -23,7 +23,7 @@ from mbocp.problem.timeline.sequence import are_alike
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.storage.reading import read_image
+from mbocp.storage.seal import read_image
 from mbocp.terms import COST_TERMS
 from mbocp.terms.cost import Reader
 from mbocp.terms.tables import WeightsTable

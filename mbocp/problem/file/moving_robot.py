@@ -14,7 +14,7 @@ from mbocp.robot.collision.motion import ObstacleMotion
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.large import working_data
 from mbocp.robot.nodes import between
-from mbocp.storage.reading import read_image
+from mbocp.storage.seal import read_image
 
 
 def spheres_of_result(path: Path, base: pin.SE3, name: str, margin: float) -> tuple[Obstacle, ...]:

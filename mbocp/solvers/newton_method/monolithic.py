@@ -23,8 +23,8 @@ from mbocp.solvers.newton_method.newton import (
     next_state,
     start,
 )
+from mbocp.solvers.options import SOLVER_TOLERANCE
 from mbocp.solvers.records import Status
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp.programme.native import KernelNewton, KernelNewtonState, KernelProgramme

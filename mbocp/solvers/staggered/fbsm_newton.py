@@ -29,9 +29,9 @@ from mbocp.solvers.newton_method.newton import (
     new_state,
     next_state,
 )
+from mbocp.solvers.options import SOLVER_TOLERANCE
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
     from mbocp.programme.native import Evaluation, KernelProgramme

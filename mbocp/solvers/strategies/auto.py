@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.options import Switch
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
 from mbocp.solvers.strategies.registry import make_solver

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.programme.units import Units
+from mbocp.programme.stagewise import Units
 from mbocp.solvers.records import Status
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.auto import Auto
