@@ -39,7 +39,8 @@ _SUFFIXES = MappingProxyType(
         ".script": "urscript",
         ".npz": "npz",
         ".parquet": "parquet",
-        **{recording.suffix: name for name, recording in RECORDINGS.items()},
+        ".mcap": "mcap",
+        ".rrd": "rerun",
     }
 )
 
@@ -138,7 +139,7 @@ def write_recording(
         raise InvalidValue("interpolation", interpolation, f"none: {name} has the motion as it was solved")
     motion = record(solution, robot_of(solution), rate)
     try:
-        return replace_file(path, RECORDINGS[name].write(motion))
+        return replace_file(path, RECORDINGS[name](motion))
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
 
