@@ -32,7 +32,7 @@ from mbocp.problem.obstacles.reserves import (
 from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
-from mbocp.solution.reading import Attempt
+from mbocp.solution.read_solution import Attempt
 from mbocp.solution.rest import Rest
 from mbocp.solvers import Phase, Status
 

@@ -30,7 +30,7 @@ from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Status
-from mbocp.solvers.strategies.units import is_no_cost
+from mbocp.solvers.strategies.in_units import is_no_cost
 
 _ROUNDS = 8
 _MORE = 4  # times as many steps where the first do not lead to a motion

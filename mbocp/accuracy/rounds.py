@@ -29,7 +29,7 @@ from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution import Solution
-from mbocp.solvers.strategies.units import is_no_cost
+from mbocp.solvers.strategies.in_units import is_no_cost
 
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
 _OF_STATES = ("position", "velocity")

@@ -11,7 +11,7 @@ from mbocp.guesses.end_rates import with_rates_at_end
 from mbocp.guesses.in_turn import solve_from_guesses
 from mbocp.job import Job
 from mbocp.programme.iterate import Carried
-from mbocp.solution.reading import Attempt
+from mbocp.solution.read_solution import Attempt
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase
 from mbocp.solvers.records import time_phase

@@ -21,10 +21,10 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve
-from mbocp.view.live.scene import ACCENT, LiveScene, viser_module
+from mbocp.view.live.live_scene import ACCENT, LiveScene, viser_module
 from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
-from mbocp.view.motion import Motion, sample_motion
+from mbocp.view.motion_samples import Motion, sample_motion
 
 _FRAMES_PER_SECOND = 30.0
 _SHOWS_END = 0.8  # [s] for which the end is shown after the goal has moved

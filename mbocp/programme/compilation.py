@@ -35,7 +35,7 @@ from mbocp.programme.library import (
     make_library,
     sources_digest,
 )
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import number_of_lanes
 from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, open_tape
 

@@ -39,7 +39,7 @@ from mbocp.programme.cache import (
     trim,
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import instruction_flags, number_of_lanes
 from mbocp.programme.tapes import count_operations
 

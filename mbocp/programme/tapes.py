@@ -22,7 +22,7 @@ import casadi as ca
 
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction

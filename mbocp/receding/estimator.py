@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.receding.estimator_functions import NUM_MOMENTS, EstimatorLayout, load_estimator_functions
 from mbocp.receding.kalman import LinearStage, lower_root
 from mbocp.receding.status import HorizonStatus
@@ -23,7 +23,7 @@ from mbocp.robot import Robot, load_robot
 from mbocp.robot.kinematics import difference
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelHorizon, KernelProgramme
+    from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
 
 _MICROSECOND = 1e-6  # [s]
 _TOLERANCE = 1e-9  # of a Gauss-Newton step, in the units of states and noise

@@ -20,7 +20,7 @@ from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
-from mbocp.receding.checks import check_can_recede, check_functions
+from mbocp.receding.refusals import check_can_recede, check_functions
 from mbocp.receding.saved import check_savable, write_horizon
 from mbocp.receding.status import HorizonStatus
 from mbocp.robot import Robot

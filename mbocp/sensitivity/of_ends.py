@@ -19,7 +19,7 @@ from mbocp.mechanisms.consistency import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
-from mbocp.sensitivity.numbers import Change, change_along
+from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.terms import FrameEnd, FrameGoal
 

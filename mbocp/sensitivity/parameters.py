@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.numbers import Change, change_along
+from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter

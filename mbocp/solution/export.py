@@ -14,8 +14,8 @@ import numpy as np
 from mbocp._arrays import Array, plain_json
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.atomic import atomic_path
-from mbocp.solution.data import TOLD, SolutionData
 from mbocp.solution.records import Column
+from mbocp.solution.solution_data import TOLD, SolutionData
 from mbocp.storage.content import QUANTITIES
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from mbocp.problem.timeline.times import FreeTime
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.solution.data import SolutionData
-from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_robot import held_files, warn_of_changes
+from mbocp.solution.problem_facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
+from mbocp.solution.solution_data import SolutionData
 from mbocp.terms import RATE_TERMS, OwnTerm
 
 

@@ -14,7 +14,7 @@ from mbocp.robot import (
     load_stored,
     robot_from_spec,
 )
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 MESH_LIMIT = 64 * MEGABYTE  # of all meshes of a robot that go into a result unasked [bytes]
 _MAX_NAMES = 3

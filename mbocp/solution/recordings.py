@@ -20,7 +20,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 _MOST_SAMPLES = 200_000
 _FORCES = ("N", "N m")

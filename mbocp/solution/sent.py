@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import Curves
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 from mbocp.terms import RATE_TERMS
 
 INTERPOLATIONS = ("cubic", "quintic")

@@ -19,7 +19,7 @@ from pebble import CONSTS, ProcessExpired, ProcessPool
 from mbocp._environment import available_workers
 from mbocp._processes import SAFE_PATH, signal_handler
 from mbocp.exceptions import StudyError
-from mbocp.study.rows import CRASHED, TIMEOUT, failure_row
+from mbocp.study.result_rows import CRASHED, TIMEOUT, failure_row
 
 Row = dict[str, Any]
 
@@ -72,7 +72,7 @@ class LocalPool:
 
     def _new(self) -> ProcessPool:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["mbocp.study.task"])
+        context.set_forkserver_preload(["mbocp.study.run_task"])
         environment = {**os.environ, **dict.fromkeys(_THREADS, "1")}
         with _environment({**environment, **SAFE_PATH}):
             forkserver.ensure_running()

@@ -18,7 +18,7 @@ from mbocp.solution import ActiveLimit, Load, Solution, loads_of
 from mbocp.view.meshcat.page import Below, write_page
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import OtherMotion, replay_page
-from mbocp.view.reports.plots import (
+from mbocp.view.reports.page_plots import (
     motion_figures,
     multiplier_figures,
     other_figures,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import ProblemFileError
 from mbocp.formulation import formulate
 from mbocp.guesses import several

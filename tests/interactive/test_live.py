@@ -253,7 +253,7 @@ def test_without_viser_it_is_refused_by_name(monkeypatch, at_frame):
 
 
 def test_drawn_triangles_are_those_of_the_shapes():
-    from mbocp.view.live.scene import triangles_of
+    from mbocp.view.live.live_scene import triangles_of
     from mbocp.view.meshcat.commands import shape_object
     from mbocp.view.meshcat.viewer import mg
 

@@ -13,8 +13,8 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.sensitivity import DegenerateLimitWarning
+from mbocp.sensitivity.change import change_along
 from mbocp.sensitivity.kkt import Parts
-from mbocp.sensitivity.numbers import change_along
 from mbocp.sensitivity.parameters import parameters_of
 from tests.sensitivity.moved import moved
 

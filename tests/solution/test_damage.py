@@ -15,7 +15,7 @@ import pytest
 
 from mbocp.exceptions import MbocpError, ResultFileError
 from mbocp.solution import Solution
-from mbocp.solution.facts import Facts
+from mbocp.solution.problem_facts import Facts
 from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.storage import guarded, seal
 

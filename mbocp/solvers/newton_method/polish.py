@@ -15,14 +15,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.programme.native import kernel
-from mbocp.solvers.newton_method.limits import largest_product, why_limits_cannot_be_kept
+from mbocp.programme.native_modules import kernel
+from mbocp.solvers.newton_method.limit_multipliers import largest_product, why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewtonState
 
 _STEPS = 30  # Newton steps: from near a solution it takes a few, or does not get there
 

@@ -35,7 +35,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import EndCondition, Kept, Sweeps, init_sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, KernelProgramme
 
 _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40

@@ -21,7 +21,7 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers.newton_method.newton import (
     PlainState,
     check_termination,
@@ -34,7 +34,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT, _MAX_SHIFT = 1e-3, 1e10

@@ -13,9 +13,9 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.auto import run_auto
 from mbocp.solvers.strategies.elsewhere import Tell
+from mbocp.solvers.strategies.in_units import run_in, run_with_tiny_costs
 from mbocp.solvers.strategies.phases import Outcome, Phases, Start, how_it_ended
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
-from mbocp.solvers.strategies.units import run_in, run_with_tiny_costs
 
 
 def run_elsewhere(settings: SolverSettings, start: Start, tell: Tell) -> Outcome:

@@ -18,7 +18,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.newton_method.limits import bounded_values, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible, run_auto
 from mbocp.solvers.strategies.interior import run_interior

@@ -18,8 +18,8 @@ from mbocp.robot.stored import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
-from mbocp.solution.facts import Facts, PhasePlace
 from mbocp.solution.later import Later, complete
+from mbocp.solution.problem_facts import Facts, PhasePlace
 from mbocp.solution.records import (
     Column,
     Labels,

@@ -28,7 +28,7 @@ from rich.text import Text
 
 from mbocp.cli import signals
 from mbocp.cli.console import output, plain_table
-from mbocp.cli.report import INTERRUPTED
+from mbocp.cli.error_report import INTERRUPTED
 from mbocp.cli.solve import IMAGES, check_output
 from mbocp.exceptions import ResultFileError, StudyError
 

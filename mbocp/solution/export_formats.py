@@ -19,10 +19,10 @@ from mbocp._text import list_names, printable
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.solution.atomic import replace_file
-from mbocp.solution.data import SolutionData
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
 from mbocp.solution.sent import MOST, Excess, Sent, motion_as_sent
+from mbocp.solution.solution_data import SolutionData
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
