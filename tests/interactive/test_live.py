@@ -14,7 +14,7 @@ import pytest
 from mbocp.exceptions import ReplayError
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
-from mbocp.view.live import scene as live_scene
+from mbocp.view.live import live_scene
 from mbocp.view.live.server import is_own_page
 from tests.view.pages import angles, write_arm
 
