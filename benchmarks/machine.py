@@ -11,7 +11,7 @@ from pathlib import Path
 from mbocp_papers.machine import processor
 
 from benchmarks.tables import Table
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 __all__ = ["header", "memory", "one_core"]
 

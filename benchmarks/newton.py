@@ -20,7 +20,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.solvers import GlobalisedNewton, Iterate, SolverResult, run
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewtonState
 
 __all__ = [
     "CASES",

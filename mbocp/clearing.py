@@ -30,10 +30,10 @@ from mbocp.problem.obstacles.reserves import (
     with_room,
     with_rows_and_room,
 )
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
-from mbocp.solution.reading import Attempt
+from mbocp.solution.read_solution import Attempt
 from mbocp.solution.rest import Rest
 from mbocp.solvers import Phase, Status
 

@@ -15,9 +15,9 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import take_end_of
 from mbocp.problem import Problem
 from mbocp.problem.file.goal_table import write_goal
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
-from mbocp.solution.reading import Attempt, read_solution
+from mbocp.solution.read_solution import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at
 from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.records import Callback

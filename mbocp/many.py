@@ -37,14 +37,14 @@ from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
-from mbocp.solution.reading import judge
+from mbocp.solution.read_solution import judge
 from mbocp.solvers import GlobalisedNewton, Status
-from mbocp.solvers.strategies.units import cost_factor
+from mbocp.solvers.strategies.in_units import cost_factor
 from mbocp.solving import solve
 from mbocp.terms.written import AUTO
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 _AHEAD = 2  # guesses for each thread that wait for it
 _NUMBERS = ("theta", "rho", "rho_terminal", "x_start")  # of a programme

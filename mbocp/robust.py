@@ -28,7 +28,7 @@ from mbocp.problem import Problem
 from mbocp.problem.between_nodes import can_hold_within
 from mbocp.problem.uncertainty import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.sensitivity.functions import load_stage_functions
+from mbocp.sensitivity.derivative_functions import load_stage_functions
 from mbocp.sensitivity.kkt import call
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import formulate_as_solved

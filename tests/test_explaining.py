@@ -53,7 +53,7 @@ def test_the_command_says_it(run, tmp_path):
 
 
 def test_a_failed_solve_says_the_first_cause(capsys):
-    from mbocp.cli.summary import print_summary
+    from mbocp.cli.solution_summary import print_summary
     from tests.cli.conftest import straight_line
 
     goal = {"q": [1, 0, 0, 0, 0, 0], "v": 0}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InconsistentStart, MbocpError
 from mbocp.formulation import formulate
 from mbocp.formulation.features.step_lengths import begins_phase

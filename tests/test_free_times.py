@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InconsistentStart
 from mbocp.formulation import formulate
 from mbocp.guesses.from_solution import iterate_from_solution

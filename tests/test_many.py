@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
-from mbocp.solution import reading
+from mbocp.solution import read_solution as reading
 from mbocp.solvers import Status
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -16,7 +16,7 @@ from scipy.optimize import brentq, fsolve
 from scipy.special import ellipk
 
 from mbocp import Problem, Solution, load_problem, load_robot, solve
-from mbocp.cli.summary import goal_error
+from mbocp.cli.solution_summary import goal_error
 from mbocp.exceptions import MbocpError
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem.file.tables import tables_of, to_toml

@@ -15,7 +15,7 @@ import mbocp
 from mbocp._processes import python_command
 from mbocp._text import printable
 from mbocp.problem import parse_problem
-from mbocp.solution.formats import export_motion
+from mbocp.solution.export_formats import export_motion
 from tests.solution.fabricated import limited
 
 SHADOWS = ("json", "multiprocessing", "pickle", "struct")

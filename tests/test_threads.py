@@ -28,7 +28,7 @@ from mbocp.solution import IterationRecord, Status
 from tests.test_determinism import digest, digest_of
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -23,14 +23,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.of_solution import with_accuracy
 from mbocp.accuracy.rounds import Round, asked_of, is_rough, step_errors_of
 from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Status
-from mbocp.solvers.strategies.units import is_no_cost
+from mbocp.solvers.strategies.in_units import is_no_cost
 
 _ROUNDS = 8
 _MORE = 4  # times as many steps where the first do not lead to a motion

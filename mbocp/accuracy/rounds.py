@@ -23,14 +23,13 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
-from mbocp.accuracy.errors import StepErrors, step_errors
+from mbocp.accuracy.errors import StepErrors, motion_of, step_errors
 from mbocp.accuracy.mesh import Mesh, Wanted, control_shares
-from mbocp.accuracy.of_solution import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution import Solution
-from mbocp.solvers.strategies.units import is_no_cost
+from mbocp.solvers.strategies.in_units import is_no_cost
 
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
 _OF_STATES = ("position", "velocity")

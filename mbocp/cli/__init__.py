@@ -62,7 +62,7 @@ def main() -> None:
         sys.stderr.write("interrupted: stopped before there was a result\n")
         sys.exit(130)
     except OSError as error:  # of what is printed beside commands, as help is
-        from mbocp.cli.report import BAD_INPUT, forget_output
+        from mbocp.cli.error_report import BAD_INPUT, forget_output
 
         with contextlib.suppress(OSError):
             sys.stderr.write(f"error: {error.strerror}\n")

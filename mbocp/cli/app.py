@@ -12,8 +12,8 @@ import typer
 from typer.models import CommandInfo
 
 from mbocp.cli import signals
-from mbocp.cli.examples import examples
-from mbocp.cli.report import reporting
+from mbocp.cli.command_examples import examples
+from mbocp.cli.error_report import reporting
 from mbocp.cli.robot_options import RobotOptions
 
 _P = ParamSpec("_P")
@@ -195,7 +195,7 @@ def menu(
 
     Exit status: 0 converged, 1 none converged, 2 bad input, 130 interrupted before there is any.
     """
-    from mbocp.cli.menu import print_menu
+    from mbocp.cli.menu_table import print_menu
 
     raise typer.Exit(print_menu(file, settings or [], tries, output, replay, as_json=as_json, quiet=quiet))
 
@@ -318,7 +318,7 @@ def replay(
 
     The page is one file that works offline.
     """
-    from mbocp.cli.replay import Look, Recording, replay_results
+    from mbocp.cli.replay_page import Look, Recording, replay_results
 
     look = Look(tuple(trace or ()), ghosts, tuple(ghost_at or ()), camera, speed)
     replay_results(results, output, look, Recording(frames, movie, fps, size), live=live, quiet=quiet)
@@ -338,7 +338,7 @@ def live(
 
     Needs mbocp[live].
     """
-    from mbocp.cli.replay import live_page
+    from mbocp.cli.replay_page import live_page
 
     live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
 
@@ -499,7 +499,7 @@ def study(
     Exit status: 0 all tasks converged, 1 some did not (each has a row), 2 bad input, 130 interrupted
     (--resume goes on).
     """
-    from mbocp.cli.study import How, Shown, run, summarise
+    from mbocp.cli.study_table import How, Shown, run, summarise
     from mbocp.exceptions import StudyError
 
     shown = Shown(by=tuple(by) if by else None, plot=plot, csv=csv, as_json=as_json, quiet=quiet)

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 from rich.text import Text
 
-from mbocp.cli.report import tell
+from mbocp.cli.error_report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
 from mbocp.problem.goals.end_conditions import stops_at_end
@@ -30,7 +30,7 @@ def check_file(file: Path, settings: Sequence[str], page: Path | None, *, as_jso
     """Print what would be solved, or what is wrong with it as JSON, and draw it; return the exit status."""
     if page is not None:
         check_output(page, "-o", PAGES)
-    from mbocp.cli.summary import print_rows
+    from mbocp.cli.solution_summary import print_rows
     from mbocp.problem import load_problem
 
     if as_json:
@@ -71,7 +71,7 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
 
 
 def _rows(problem: Problem) -> _Rows:
-    from mbocp.cli.summary import cause_rows, inertia_words, robot_words
+    from mbocp.cli.solution_summary import cause_rows, inertia_words, robot_words
     from mbocp.problem.reasons.causes import causes_of
     from mbocp.robot.robot_facts import describe, find_oddities
 

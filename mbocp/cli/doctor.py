@@ -116,7 +116,7 @@ def _native() -> tuple[Verdict, str, str]:
 
 
 def _kernel() -> tuple[Verdict, str, str]:
-    from mbocp.programme.native import kernel
+    from mbocp.programme.native_modules import kernel
     from mbocp.programme.processor import instruction_flags
 
     module = kernel()

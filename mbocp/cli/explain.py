@@ -45,7 +45,7 @@ def explain_file(
 
 
 def _print(name: str, status: str, found: Explanation, *, searched: bool) -> None:
-    from mbocp.cli.summary import cause_rows, print_rows
+    from mbocp.cli.solution_summary import cause_rows, print_rows
 
     rows: list[tuple[str, str | Text]] = [("status", status)] if status else []
     rows += cause_rows(found.causes[:_MAX_CAUSES])
@@ -90,7 +90,7 @@ def print_bound(file: Path, settings: Sequence[str], *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps(plain_json({**asdict(found), "gap": found.gap}), indent=2))
         return
-    from mbocp.cli.summary import print_rows
+    from mbocp.cli.solution_summary import print_rows
 
     rows = [("cost", found.words), ("duration", f"{found.duration:.6g} s at least")]
     print_rows(problem.name, [*rows, *([("of", f"the {found.of} problem")] if found.is_valid else [])])

@@ -6,7 +6,6 @@ import contextlib
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,37 +21,17 @@ _MALFORMED = re.compile(r"malformed TOML: .*line (\d+), column (\d+)", re.DOTALL
 _ADVICE = re.compile(r"(?:[,;:] |\()((?:expected|did you mean|valid names|allowed) .*)", re.DOTALL)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """An error or a warning.
-
-    Attributes
-    ----------
-    code : str
-        Class of the error or warning; "impossible" or "doubtful" for what arithmetic says against a problem,
-        and "odd" for what is odd in a robot's file.
-    key : str or None
-        Dotted.
-    file : str
-    line, column : int or None
-        Of the key, from 1; None where it is not in the file.
-    message : str
-        Without file and key.
-    advice : str or None
-        The part of the message that says what to do.
-    """
-
-    code: str
-    key: str | None
-    file: str
-    line: int | None
-    column: int | None
-    message: str
-    advice: str | None
+Finding = dict[str, str | int | None]
 
 
 class Findings:
-    """Errors and warnings about a problem file and changes of its keys."""
+    """Errors and warnings about a problem file and changes of its keys.
+
+    Each is a table. Its "code" is the class of the error or warning; "impossible" or "doubtful" for what
+    arithmetic says against a problem, and "odd" for what is odd in a robot's file. Its "key" is dotted or
+    None, "line" and "column" are those of the key in "file", from 1, or None where it is not there. Its
+    "message" is without file and key, and "advice" is the part of it that says what to do, or None.
+    """
 
     def __init__(self, file: Path, settings: Sequence[str]) -> None:
         self._file, self._settings = file, settings
@@ -98,8 +77,8 @@ class Findings:
         return {
             "status": "error" if self.errors else "ok",
             "exit_status": exit_status,
-            "errors": [asdict(finding) for finding in self.errors],
-            "warnings": [asdict(finding) for finding in self.warnings],
+            "errors": self.errors,
+            "warnings": self.warnings,
         }
 
     def _finding(self, code: str, key: str | None, words: str, path: Path) -> Finding:
@@ -107,7 +86,8 @@ class Findings:
         message = shorten(message.removeprefix(f"{key}: "), MAX_MESSAGE)
         place = self._place(key, message, path)
         line, column = (None, None) if place is None else place
-        return Finding(code, key, str(path), line, column, message, _advice(message))
+        where: Finding = {"key": key, "file": str(path), "line": line, "column": column}
+        return {"code": code, **where, "message": message, "advice": _advice(message)}
 
     def _place(self, key: str | None, message: str, path: Path) -> Place | None:
         if key is None:

@@ -70,7 +70,7 @@ def print_info(result: Path, *, as_json: bool) -> None:
     if as_json:
         typer.echo(solution.to_json(indent=2))
         return
-    from mbocp.cli.summary import print_rows
+    from mbocp.cli.solution_summary import print_rows
 
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     rows = [*_rows(solution), ("holds", _files_of(solution)), ("made with", versions or "not recorded")]
@@ -79,7 +79,7 @@ def print_info(result: Path, *, as_json: bool) -> None:
 
 def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
     """What a result says of itself."""
-    from mbocp.cli.summary import robot_words, solution_rows
+    from mbocp.cli.solution_summary import robot_words, solution_rows
     from mbocp.problem.coordinates import COORDINATES
 
     known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
@@ -164,7 +164,7 @@ def export_result(
         If the result cannot be read, or the motion not written.
     """
     from mbocp.solution import Solution
-    from mbocp.solution.formats import format_of, sent_within, write_recording, write_samples
+    from mbocp.solution.export_formats import format_of, sent_within, write_recording, write_samples
     from mbocp.solution.recordings import RECORDINGS
     from mbocp.solution.sampled import sample
 

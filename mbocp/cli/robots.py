@@ -16,8 +16,8 @@ from rich.table import Table
 from mbocp._arrays import plain_json
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.solution_summary import inertia_words, payload_words, print_rows
 from mbocp.cli.solve import PAGES, check_output
-from mbocp.cli.summary import inertia_words, payload_words, print_rows
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import describe, list_robots
 

@@ -13,7 +13,7 @@ import typer
 from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
 from mbocp._text import printable, show
 from mbocp.cli import signals
-from mbocp.cli.report import INTERRUPTED
+from mbocp.cli.error_report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def run(
     outputs.check(file)
     _import(outputs)
     import mbocp
-    from mbocp.cli.progress import Progress
+    from mbocp.cli.progress_table import Progress
 
     signals.leave_in_order()
     chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
@@ -121,7 +121,7 @@ def run(
     if as_json:
         typer.echo(solution.to_json(indent=2))
     elif not quiet:
-        from mbocp.cli.summary import print_summary
+        from mbocp.cli.solution_summary import print_summary
 
         print_summary(solution, problem, written)
     elif not solution.converged:
@@ -131,13 +131,13 @@ def run(
 
 def _import(outputs: Outputs) -> None:
     """Import what takes time, and is better not interrupted, before there is anything to lose."""
-    import mbocp.cli.summary
+    import mbocp.cli.solution_summary
     import mbocp.solving
 
     if outputs.result is not None:
+        import mbocp.solution.file_content
         import mbocp.solution.files
         import mbocp.solution.its_robot
-        import mbocp.solution.stored
     if outputs.replay is not None:
         import mbocp.view.replay
     if outputs.plot is not None:

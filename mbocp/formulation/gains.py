@@ -3,7 +3,7 @@ r"""Feedback gains of an optimum: what its controls answer to a deviation of the
 The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton_method.newton`) eliminates
 the controls of each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the
 quadratic problem about the optimum, in which the end condition is a penalty as large as the factorisation
-needs, and active limits are equations (see `mbocp.solvers.newton_method.held`).
+needs, and active limits are equations (see `mbocp.solvers.newton_method.held_limits`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import TABLEAUX
 from mbocp.lie import ConfigurationSpace
 from mbocp.programme import Iterate
-from mbocp.solvers.newton_method.held import FIRST_WEIGHT, factorise_held, hold_active_limits
+from mbocp.solvers.newton_method.held_limits import FIRST_WEIGHT, factorise_held, hold_active_limits
 
 _ROBUST_WEIGHT = (
     1e5  # of the end condition by the weight of the controls, where these answer to what is uncertain

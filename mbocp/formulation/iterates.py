@@ -16,7 +16,7 @@ from mbocp.formulation.motion import Motion
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 
 _SAME = 1e-9  # relative: multipliers of steps of another length are others
 _SAME_MOTION = 1e-3  # of the largest number: rotations that left their group come back to it

@@ -17,7 +17,7 @@ from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
 from mbocp.problem.cost import typical_force
-from mbocp.programme.units import Units
+from mbocp.programme.stagewise import Units
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)

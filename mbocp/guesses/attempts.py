@@ -20,8 +20,8 @@ from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.guesses.in_turn import solve_from_guesses
 from mbocp.job import Job
-from mbocp.programme.carried import Carried
-from mbocp.solution.reading import Attempt
+from mbocp.programme.iterate import Carried
+from mbocp.solution.read_solution import Attempt
 from mbocp.solution.records import StartRecord
 from mbocp.solvers import Outcome, Phase, Status
 from mbocp.solvers.records import time_phase

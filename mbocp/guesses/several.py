@@ -12,6 +12,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
@@ -25,7 +26,7 @@ from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_str
 from mbocp.solvers.deadline import time_until
 from mbocp.solvers.records import Callback, time_phase
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
-from mbocp.solvers.strategies.strategy import SolveTask
+from mbocp.solvers.strategies.strategy import run_elsewhere
 
 _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
 
@@ -227,8 +228,9 @@ class _Batch:
         while (number := self._next()) is not None:
             task = self.tasks[number]
             settings, programme = task.settings(self.deadline), task.formulation.programme
+            start = Start(programme, task.guess.iterate, label=_label(number))
             try:
-                found = process.run(SolveTask(settings, programme, task.guess.iterate, _label(number)))
+                found = process.run(partial(run_elsewhere, settings, start))
             except ElsewhereError:
                 self._waiting.append(number)
                 return

@@ -21,7 +21,7 @@ from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.rest import Rest
 

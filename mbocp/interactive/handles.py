@@ -35,7 +35,7 @@ class PoseHandle:
         Whether its origin moves, and whether it turns.
     placement : callable
         Its pose in the world, as pin.SE3, from a goal and a configuration at it.
-    moved : callable
+    move : callable
         The wish for it to be elsewhere: from a wish, a pose and a configuration at the goal.
     """
 
@@ -44,7 +44,7 @@ class PoseHandle:
     slides: bool
     turns: bool
     placement: Callable[[Goal, Array], pin.SE3]
-    moved: Moved
+    move: Moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class JointHandle:
         Between which values it can be [rad, m].
     value : callable
         Its value at a configuration.
-    moved : callable
+    move : callable
         A configuration with another value of it.
     """
 
@@ -66,7 +66,7 @@ class JointHandle:
     lower: float
     upper: float
     value: Callable[[Array], float]
-    moved: Callable[[Array, float], Array]
+    move: Callable[[Array, float], Array]
 
 
 def pose_handles(problem: Problem) -> list[PoseHandle]:
@@ -122,11 +122,11 @@ def _of_frame(problem: Problem, place: int) -> PoseHandle:
         (found,) = goal_placements(robot, [goal.frames[place].target], q)
         return pin.SE3(np.eye(3), found.translation) if in_world else found
 
-    def moved(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
+    def move(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
         return replace(wish, poses={**wish.poses, place: pose})
 
     axes = (x, y, z) if in_world else _FREE
-    return PoseHandle(target.name, axes, target.coordinates.size > 0, turns, placement, moved)
+    return PoseHandle(target.name, axes, target.coordinates.size > 0, turns, placement, move)
 
 
 def _of_body(robot: Robot, name: str) -> PoseHandle:
@@ -140,7 +140,7 @@ def _of_body(robot: Robot, name: str) -> PoseHandle:
             return base * pin.SE3(turn, np.array([x, y, 0.0]))
         return base * pin.XYZQUATToSE3(np.array(q[at]))
 
-    def moved(wish: Wish, pose: pin.SE3, q: Array) -> Wish:
+    def move(wish: Wish, pose: pin.SE3, q: Array) -> Wish:
         own, there = base.actInv(pose), np.array(q)
         if is_planar:
             cosine, sine = own.rotation[:2, 0] / np.linalg.norm(own.rotation[:2, 0])
@@ -150,7 +150,7 @@ def _of_body(robot: Robot, name: str) -> PoseHandle:
         return replace(wish, q=there, tool=None)
 
     axes = (True, True, not is_planar)
-    return PoseHandle(name, axes, True, True, placement, moved)
+    return PoseHandle(name, axes, True, True, placement, move)
 
 
 def _of_tool(robot: Robot) -> PoseHandle:
@@ -159,10 +159,10 @@ def _of_tool(robot: Robot) -> PoseHandle:
     def placement(_: Goal, q: Array) -> pin.SE3:
         return robot.frame_placement(name, q)
 
-    def moved(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
+    def move(wish: Wish, pose: pin.SE3, _: Array) -> Wish:
         return replace(wish, q=None, tool=pose)
 
-    return PoseHandle(name, _FREE, True, True, placement, moved)
+    return PoseHandle(name, _FREE, True, True, placement, move)
 
 
 def _of_joint(problem: Problem, name: str) -> JointHandle:
@@ -173,15 +173,15 @@ def _of_joint(problem: Problem, name: str) -> JointHandle:
         own = q[at]
         return float(np.arctan2(own[1], own[0]) if is_circle else own[0])
 
-    def moved(q: Array, number: float) -> Array:
+    def move(q: Array, number: float) -> Array:
         there = np.array(q)
         there[at] = [np.cos(number), np.sin(number)] if is_circle else [number]
         return there
 
     present = value(problem.goal.q)
     if is_circle:
-        return JointHandle(name, -np.pi, np.pi, value, moved)
+        return JointHandle(name, -np.pi, np.pi, value, move)
     model = robot.model
     lower, upper = float(model.lowerPositionLimit[at][0]), float(model.upperPositionLimit[at][0])
     lower, upper = max(lower, present - _FURTHEST), min(upper, present + _FURTHEST)
-    return JointHandle(name, min(lower, present), max(upper, present), value, moved)
+    return JointHandle(name, min(lower, present), max(upper, present), value, move)

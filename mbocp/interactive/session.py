@@ -21,10 +21,10 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve
-from mbocp.view.live.scene import ACCENT, LiveScene, viser_module
+from mbocp.view.live.live_scene import ACCENT, LiveScene, viser_module
 from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
-from mbocp.view.motion import Motion, sample_motion
+from mbocp.view.motion_samples import Motion, sample_motion
 
 _FRAMES_PER_SECOND = 30.0
 _SHOWS_END = 0.8  # [s] for which the end is shown after the goal has moved
@@ -262,14 +262,14 @@ class Live:
         )
         factor_text = gui.add_markdown(_describe_factor(1.0))
 
-        def turned(event: Any) -> None:
+        def take_weight(event: Any) -> None:
             factor = 10.0 ** float(slider.value)
             factor_text.content = _describe_factor(factor)
             with self._lock:
                 factors = {**self._wish.factors, key: factor}
             self._asked_for(event, factors=factors)
 
-        slider.on_update(turned)
+        slider.on_update(take_weight)
         self._weights.append(slider)
 
     def _add_joint(self, joint: JointHandle) -> Any:
@@ -277,12 +277,12 @@ class Live:
         value = joint.value(self._q_goal)
         slider = self._server.gui.add_slider(joint.name, joint.lower, joint.upper, step, value)
 
-        def moved(event: Any) -> None:
+        def take_angle(event: Any) -> None:
             with self._lock:
-                q = joint.moved(self._q_goal if self._wish.q is None else self._wish.q, float(slider.value))
+                q = joint.move(self._q_goal if self._wish.q is None else self._wish.q, float(slider.value))
             self._asked_for(event, goal=True, q=q, tool=None)
 
-        slider.on_update(moved)
+        slider.on_update(take_angle)
         return slider
 
     def _add_pose_handles(self) -> None:
@@ -302,16 +302,16 @@ class Live:
         self._place_handles()
 
     def _dragging(self, pose: PoseHandle, handle: Any) -> Callable[[Any], None]:
-        def dragged(event: Any) -> None:
+        def drag(event: Any) -> None:
             with self._lock:
                 self._is_dragged = event.phase != "end"
                 turn = pin.SE3(self._scene.turn, np.zeros(3))
-                wish = pose.moved(self._wish, turn.actInv(_placement(handle)), self._q_goal)
+                wish = pose.move(self._wish, turn.actInv(_placement(handle)), self._q_goal)
                 self._end_until = time.perf_counter() + _SHOWS_END
             if event.phase != "start":
                 self.ask(wish)
 
-        return dragged
+        return drag
 
     def _place_handles(self) -> None:
         """Put handles where the goal is, unless one of them is held."""

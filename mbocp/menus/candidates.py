@@ -25,7 +25,7 @@ from mbocp.guesses.straight_line import driven_line, is_whole, line
 from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess, Problem
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.joints import joint_kind, velocity_slice
 

@@ -26,7 +26,7 @@ from mbocp.job import Job, settings_of
 from mbocp.menus.candidates import Candidate, candidates, has_ways
 from mbocp.menus.names import names_of_motions
 from mbocp.problem import Problem
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
 from mbocp.solution import Solution

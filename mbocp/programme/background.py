@@ -16,9 +16,8 @@ from pathlib import Path
 from threading import Lock, Thread
 
 from mbocp._processes import python_command
-from mbocp.programme.compiler import compiler, run_watched
-from mbocp.programme.keys import library_of
-from mbocp.programme.library import make_library
+from mbocp.programme.compiler import compiler, run_and_watch
+from mbocp.programme.library import library_of, make_library
 from mbocp.programme.tapes import functions_in
 
 _PRIORITY = 19  # the lowest one
@@ -74,7 +73,7 @@ class BackgroundCompiler:
         with _TURN:
             try:
                 if not self._is_stopped:
-                    code, said = run_watched(self._command, dict(os.environ), begun=self._begun)
+                    code, said = run_and_watch(self._command, dict(os.environ), begun=self._begun)
             except (OSError, RuntimeError) as error:  # no process can be started
                 code, said = 1, str(error).encode()
         if code != 0:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.tapes import as_operations
 
 HEADERS = tuple(Path(__file__).with_name(name) for name in ("lanes.h", "functions.h"))

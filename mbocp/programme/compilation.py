@@ -1,6 +1,6 @@
 """Stage functions as the kernel calls them: tapes at once, machine code where it pays; both cached on disk.
 
-An entry has two keys, what the functions depend on and their C code, see `mbocp.programme.keys`. It is one
+An entry has two keys, what the functions depend on and their C code, see `mbocp.programme.library`. It is one
 shared library with a checksum behind it, written under a temporary name and moved into place, so that
 several processes can fill the cache at once and a torn or foreign file is noticed and rebuilt. Where the
 folder cannot be written, a temporary one takes its place. Until there is a library, the kernel executes the
@@ -27,9 +27,15 @@ from mbocp.exceptions import CompilationTimeout
 from mbocp.programme.background import BackgroundCompiler
 from mbocp.programme.cache import environment, is_sound, is_trusted
 from mbocp.programme.compiler import check_deadline, compiler
-from mbocp.programme.keys import key_of, library_of
-from mbocp.programme.library import casadi_version, library_key, make_library, sources_digest
-from mbocp.programme.native import kernel
+from mbocp.programme.library import (
+    casadi_version,
+    key_of,
+    library_key,
+    library_of,
+    make_library,
+    sources_digest,
+)
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import number_of_lanes
 from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, open_tape
 
@@ -247,14 +253,14 @@ class _Place:
     beside: BackgroundCompiler | None = None
 
     @property
-    def executed(self) -> int:
+    def num_instructions(self) -> int:
         """Instructions of tapes that the kernel has executed so far."""
         return sum(tape.num_executed for tape in self.opened.values())
 
-    def add_executed(self) -> None:
+    def count_instructions(self) -> None:
         """Tell later processes, at the end of this one, unless there is a library."""
         if self.tapes is not None:
-            self.tapes.add_executed(self.executed)
+            self.tapes.count_instructions(self.num_instructions)
 
     @property
     def is_sound(self) -> bool:
@@ -289,7 +295,7 @@ class _Asked:
         if place.tapes is None:
             key = key_of(self.key, sources_digest(), casadi_version(), kernel().TAPE_FORMAT)
             place.tapes = Tapes.read(key) or Tapes.of(self.functions).keep(key)
-            atexit.register(place.add_executed)
+            atexit.register(place.count_instructions)
         return place.tapes
 
     def as_tapes(self) -> CompiledFunctions:
@@ -311,7 +317,7 @@ class _Asked:
         """Whether a compiler has run beside the solves; one is started as soon as that pays."""
         beside = self.place.beside
         if beside is None:
-            if self.tapes.pay_compiling(self.place.executed):
+            if self.tapes.pay_compiling(self.place.num_instructions):
                 self._begin_compiling()
             return False
         if beside.is_running:

@@ -156,14 +156,14 @@ def _outcome(command: Sequence[str], scratch: Path, deadline: float) -> tuple[in
     environment = {**folders, **os.environ, "TMPDIR": str(scratch), "LC_ALL": "C"}
     left = None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())
     try:
-        return run_watched(command, environment, timeout=left)
+        return run_and_watch(command, environment, timeout=left)
     except subprocess.TimeoutExpired as error:
         raise CompilationTimeout("the C compiler ran") from error
     except FileNotFoundError as error:
         raise CompilationError(f"cannot run the C compiler: there is no {_SHELL}") from error
 
 
-def run_watched(
+def run_and_watch(
     command: Sequence[str],
     environment: Mapping[str, str],
     *,

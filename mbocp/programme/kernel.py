@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.programme.bounds import StateBounds
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.stagewise import StagewiseProgramme
+from mbocp.programme.state_bounds import StateBounds
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 
 def kernel_programme(

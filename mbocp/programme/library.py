@@ -1,12 +1,21 @@
-"""Functions as a shared library: written in C, compiled, kept under the key of all that they depend on."""
+"""Functions as a shared library: written in C, compiled, kept under the key of all that they depend on.
+
+A library is found by two keys. The first is of all that functions depend on: the signature of the problem,
+and the sources that write them. It is known before anything is built, so that what was solved before is
+solved at once. The second is of the C code and of how it is translated, and is the name of the library. A
+small file for each first key holds the second. So a change of the sources that changes no function translates
+nothing anew, and signatures with the same functions share a library.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import hashlib
 import math
 import os
 import platform
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -21,20 +30,63 @@ from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import (
     cache_folder,
     find_entry,
+    folders,
     is_private,
+    own_content,
     private_folder,
     scratch_folder,
     seal,
     trim,
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
-from mbocp.programme.keys import key_of, remember
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import instruction_flags, number_of_lanes
 from mbocp.programme.tapes import count_operations
 
 if TYPE_CHECKING:
     from mbocp.programme.c_files import CText
+
+_MOST = 4000  # of these files, each a block of the disk; without its file a library is found by its code
+_LIBRARY = re.compile(rb"[0-9a-f]{32}\.so")
+
+
+def key_of(*material: str) -> str:
+    """Return the key of texts that stand for all that something depends on."""
+    return hashlib.sha256("\n".join(material).encode()).hexdigest()[:32]
+
+
+def library_of(key: str) -> Path | None:
+    """Sound library of a first key, if its file names one."""
+    for folder in folders():
+        name = own_content(_file(folder, key))
+        if name is not None and _LIBRARY.fullmatch(name):
+            library = find_entry(name.decode())
+            if library is not None:
+                return library
+    return None
+
+
+def remember(key: str, library: Path) -> None:
+    """Write the file of a first key, beside the library; where nothing can be written, its code finds it."""
+    folder = library.parent
+    with contextlib.suppress(OSError), scratch_folder(folder) as scratch:
+        file = scratch / "key"
+        file.write_bytes(library.name.encode())
+        file.replace(_file(folder, key))
+        _forget(folder)
+
+
+def _file(folder: Path, key: str) -> Path:
+    return folder / f"{key}.key"
+
+
+def _forget(folder: Path) -> None:
+    """Remove the oldest files, if there are too many."""
+    files = list(folder.glob("*.key"))
+    if len(files) > _MOST:
+        for file in sorted(files, key=lambda path: path.lstat().st_mtime_ns)[: len(files) - _MOST]:
+            file.unlink()
+
 
 # Without contraction: products within sums are said to be such, and round alike in tapes.
 _FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")

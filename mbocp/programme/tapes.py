@@ -22,7 +22,7 @@ import casadi as ca
 
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
@@ -125,7 +125,7 @@ class Tapes:
         taken = (self.executed_before + executed) * _INSTRUCTION
         return taken >= _COMPILER + self.operations * _COMPILED_OPERATION
 
-    def add_executed(self, executed: int) -> None:
+    def count_instructions(self, executed: int) -> None:
         """Tell later processes how many instructions this one has executed, where that can be written."""
         if self.file is None or executed == 0:
             return

@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.receding.estimator_functions import NUM_MOMENTS, EstimatorLayout, load_estimator_functions
 from mbocp.receding.kalman import LinearStage, lower_root
 from mbocp.receding.status import HorizonStatus
@@ -23,7 +23,7 @@ from mbocp.robot import Robot, load_robot
 from mbocp.robot.kinematics import difference
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelHorizon, KernelProgramme
+    from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
 
 _MICROSECOND = 1e-6  # [s]
 _TOLERANCE = 1e-9  # of a Gauss-Newton step, in the units of states and noise
@@ -316,7 +316,7 @@ class MovingHorizonEstimator:
         before, root = lower_root(self._root_after_newest()()), self._root
         if rows[_FIRST, self._layout.rho["moves"]][0]:
             (off,) = self._difference.evaluate([np.array(x[_FIRST]), mean], 1, False)
-            moved, columns = _filtered(self._stage(_FIRST), off, root)
+            moved, columns = _filter(self._stage(_FIRST), off, root)
             if np.isfinite(moved).all():
                 (mean,) = self._retract.evaluate([np.array(x[_FIRST + 1]), moved], 1, False)
             root = lower_root(columns)
@@ -372,7 +372,7 @@ class MovingHorizonEstimator:
         )
 
 
-def _filtered(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
+def _filter(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
     """Mean and root after a stage; NaN where its functions are not finite or its steps have no solution."""
     try:
         return stage().filter(mean, root)
@@ -381,7 +381,7 @@ def _filtered(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tup
 
 
 def _root_after(stage: Callable[[], LinearStage], root: Array) -> Array:
-    return _filtered(stage, np.zeros(len(root)), root)[1]
+    return _filter(stage, np.zeros(len(root)), root)[1]
 
 
 def _robot_of(given: Robot | Problem | str) -> Robot:

@@ -20,8 +20,8 @@ from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
-from mbocp.receding.checks import check_can_recede, check_functions
-from mbocp.receding.saved import check_can_be_saved, write_horizon
+from mbocp.receding.refusals import check_can_recede, check_functions
+from mbocp.receding.saved import check_savable, write_horizon
 from mbocp.receding.status import HorizonStatus
 from mbocp.robot import Robot
 from mbocp.solution import Solution
@@ -220,7 +220,7 @@ class RecedingHorizon:
         ResultFileError
             If something cannot be written.
         """
-        check_can_be_saved(
+        check_savable(
             self._formulation, is_plain=self._is_plain, belongs_to_times=self._numbers.belong_to_times
         )
         numbers = {

@@ -20,11 +20,11 @@ from mbocp.exceptions import NativeMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import sides
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers.receding import RecedingSettings
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelHorizon, KernelProgramme
+    from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
 
 HEADERS = Path(__file__).parents[1] / "_native" / "include"  # for a C++ compiler: -I
 _VERSION = 1  # of the text file and of the library's functions
@@ -32,7 +32,7 @@ _NUMBERS, _LIBRARY = "controller.txt", "libmbocp_receding.so"
 _LOOKED_AT = 5  # configurations
 
 
-def check_can_be_saved(formulation: Formulation, *, is_plain: bool, belongs_to_times: bool) -> None:
+def check_savable(formulation: Formulation, *, is_plain: bool, belongs_to_times: bool) -> None:
     """Refuse a horizon that C++ cannot step without Python.
 
     Parameters

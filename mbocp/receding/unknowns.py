@@ -58,7 +58,7 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
     ProblemError
         For a word that the robot has nothing for, or one that is said twice.
     """
-    known = dict(_known(robot))
+    known = dict(_unknowns_of(robot))
     for joint in (unknown for word in _LOSSES for unknown in known.get(OF_ROBOT + word, ())):
         known[joint.name] = (joint,)
     found = list[Unknown]()
@@ -84,7 +84,7 @@ def _word_now(word: str) -> str:
     return OF_ROBOT + _OLD.get(word, word)
 
 
-def _known(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
+def _unknowns_of(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     for index, payload in enumerate(robot.payloads):
         carries = payload.name in {other.frame for other in robot.payloads}  # they would move with it
         for key, ends in (("mass", _PAYLOAD["mass"]),) if carries else _PAYLOAD.items():

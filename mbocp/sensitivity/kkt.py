@@ -23,10 +23,10 @@ from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions
-from mbocp.solvers.newton_method.held import factorise_held, hold
+from mbocp.solvers.newton_method.held_limits import factorise_held, hold
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 _MOST_LEFT = 1e-7  # relative residual of a solution of a system that is not singular
 

@@ -19,7 +19,7 @@ from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
-from mbocp.sensitivity.numbers import Change, change_along
+from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_goal import FrameGoal
@@ -57,15 +57,15 @@ class OfState(Parameter):
             return np.eye(self.problem.robot.nv)
         return _projection(self.problem, q)
 
-    def _formulated_anew(self, moves: Array) -> Change:
+    def _formulate_anew(self, moves: Array) -> Change:
         """Changes along directions, of which functions do not say what they make of the numbers."""
 
-        def moved(move: Array, size: float) -> Problem:
+        def move_by(move: Array, size: float) -> Problem:
             if self.is_configuration:
                 return self.put(self.problem, self.problem.robot.integrate(self.value, size * move))
             return self.put(self.problem, self.value + size * move)
 
-        return Change.joined([change_along(self.formulation, partial(moved, move)) for move in moves])
+        return Change.join([change_along(self.formulation, partial(move_by, move)) for move in moves])
 
 
 def _projection(problem: Problem, q: Array) -> Array:
@@ -117,7 +117,7 @@ class Start(OfState):
         formulation, problem = self.formulation, self.problem
         moves = self._moves(problem.q_start)
         if _begins_with_a_chord(problem) or not _is_plain(problem):
-            return self._formulated_anew(moves)
+            return self._formulate_anew(moves)
         found, at = self._none, formulation.layout
         if self.is_configuration:
             found.start[:, : at.nw] = moves @ tangents(formulation, formulation.programme.x_start[None])[0].T
@@ -158,7 +158,7 @@ class GoalOfJoints(OfState):
         moves = self._moves(problem.goal.q)
         has_ties = problem.robot.nc or problem.timeline.switches is not None  # of which projections are made
         if has_ties or not _is_plain(problem):
-            return self._formulated_anew(moves)
+            return self._formulate_anew(moves)
         found, space = self._none, formulation.pieces.joints
         at = places(formulation.pieces.parameters.terminal)
         if self.is_configuration:
@@ -265,7 +265,7 @@ class GoalOfFrame(Parameter):
     def put(self, problem: Problem, value: Array) -> Problem:
         """With another position, or the orientation nearest to a quaternion."""
 
-        def moved(goal: FrameGoal) -> FrameGoal:
+        def move(goal: FrameGoal) -> FrameGoal:
             if goal.name != self._frame:
                 return goal
             if not self._is_position:
@@ -274,7 +274,7 @@ class GoalOfFrame(Parameter):
             position[goal.target.coordinates] = value
             return replace(goal, target=replace(goal.target, position=position))
 
-        return replace(problem, goal=replace(problem.goal, frames=tuple(map(moved, problem.goal.frames))))
+        return replace(problem, goal=replace(problem.goal, frames=tuple(map(move, problem.goal.frames))))
 
 
 def _frame_ends(formulation: Formulation) -> list[FrameEnd]:

@@ -18,7 +18,7 @@ from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model
 from mbocp.robot.payload import INERTIA_KEYS, Payload
-from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.change import Change
 from mbocp.sensitivity.parameter import Parameter
 
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}

@@ -15,14 +15,14 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation
 from mbocp.programme import Iterate
+from mbocp.sensitivity.change import Change
 from mbocp.sensitivity.kkt import Optimum, Parts
-from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions, gradient_of
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.sensitivity.parameters import parameters_of
 from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, Reader, readings_of
-from mbocp.sensitivity.slopes import ParameterFunctions, gradient_of
 from mbocp.solution import Solution
 
 _LISTED = 4  # degenerate limits in a message
@@ -99,7 +99,7 @@ class Sensitivities:
     @property
     def degenerate(self) -> tuple[str, ...]:
         """Limits that are active with next to no multiplier, or nearly active."""
-        return self._found.degenerate
+        return self._optimum.degenerate
 
     @cached_property
     def cost(self) -> dict[str, Array]:
@@ -146,7 +146,7 @@ class Sensitivities:
         parameter = next(p for p in self.parameters if p.word == word)
         if quantity in OF_MODEL and isinstance(parameter, OfRobot):
             raise InvalidValue("quantity", quantity, f"one that depends on {word} by the motion alone")
-        optimum = self._found.kkt.optimum
+        optimum = self._optimum.kkt.optimum
         if quantity == "cost":
             found: Array = self._by_word(self._cost_at(optimum))[word]
             return found
@@ -175,7 +175,7 @@ class Sensitivities:
         stretch = np.array([weights @ self._stretches])
         (along,) = self._moves_for(self._change.along(weights), stretch)
         return {
-            "cost": weights @ self._cost_at(self._found.kkt.optimum),
+            "cost": weights @ self._cost_at(self._optimum.kkt.optimum),
             **self._reader.along(along, OF_MOTION),
         }
 
@@ -195,7 +195,7 @@ class Sensitivities:
         SingularSystem
             If the optimum is not the only one near.
         """
-        kkt, motion = self._found.kkt, self._reader.motion
+        kkt, motion = self._optimum.kkt, self._reader.motion
         shapes = {
             "cost": (),
             "qs": motion.vs.shape,
@@ -219,7 +219,7 @@ class Sensitivities:
         return self._by_word(whole)
 
     @cached_property
-    def _found(self) -> Found:
+    def _optimum(self) -> Found:
         found = find_optimum(self.formulation, self.iterate)
         if found.degenerate:
             more = ", ..." if len(found.degenerate) > _LISTED else ""
@@ -236,11 +236,11 @@ class Sensitivities:
 
     @cached_property
     def _change(self) -> Change:
-        return Change.joined([parameter.change() for parameter in self.parameters])
+        return Change.join([parameter.change() for parameter in self.parameters])
 
     @cached_property
     def _reader(self) -> Reader:
-        return Reader(self.formulation, self._found.kkt.optimum)
+        return Reader(self.formulation, self._optimum.kkt.optimum)
 
     @cached_property
     def _stretches(self) -> Array:
@@ -255,7 +255,7 @@ class Sensitivities:
 
     def _moves_for(self, change: Change, stretches: Array) -> list[Move]:
         """Moves of the optimum with changes of the programme's numbers."""
-        kkt = self._found.kkt
+        kkt = self._optimum.kkt
         solved = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change))))
         return [
             Move(

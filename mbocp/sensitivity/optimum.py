@@ -17,8 +17,8 @@ from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
 from mbocp.solution import Solution
-from mbocp.solvers.newton_method.held import active_limits
-from mbocp.solvers.newton_method.limits import why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.held_limits import active_limits
+from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _STIFFNESSES = (1.0, 1e3, 1e6)  # at which limits count as active
@@ -95,9 +95,9 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
 def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
     """The optimum near an iterate, with its active limits as equations.
 
-    Which these are is a guess, see `mbocp.solvers.newton_method.held`; where it leads nowhere, a stricter one
-    follows. What a barrier leaves in doubt is decided where the conditions hold to round-off: active limits
-    pull, and others are kept.
+    Which these are is a guess, see `mbocp.solvers.newton_method.held_limits`; where it leads nowhere, a
+    stricter one follows. What a barrier leaves in doubt is decided where the conditions hold to round-off:
+    active limits pull, and others are kept.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
         kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
-        optimum = _corrected(kkt.optimum)
+        optimum = _correct(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))
     raise SolverError(
@@ -122,7 +122,7 @@ def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     )
 
 
-def _corrected(optimum: Optimum) -> Optimum:
+def _correct(optimum: Optimum) -> Optimum:
     """With limits let go that would have to pull the other way, and with those active that are not kept."""
     lower, upper, is_equation, values = _limits(optimum)
     is_upper = optimum.sides == upper

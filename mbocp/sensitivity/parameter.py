@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
-from mbocp.sensitivity.numbers import Change
+from mbocp.sensitivity.change import Change
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.numbers import Change, change_along
+from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter
@@ -130,13 +130,13 @@ class Limit(Parameter):
                 getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
             return found
 
-        def moved(k: int, size: float) -> Problem:
+        def move(k: int, size: float) -> Problem:
             return self.put(self.problem, value + size * np.eye(len(value))[k])
 
         none = Change.none(self.formulation.programme, 1)
-        return Change.joined(
+        return Change.join(
             [
-                change_along(self.formulation, partial(moved, k)) if np.isfinite(value[k]) else none
+                change_along(self.formulation, partial(move, k)) if np.isfinite(value[k]) else none
                 for k in range(len(value))
             ]
         )

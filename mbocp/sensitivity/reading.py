@@ -17,8 +17,8 @@ from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.motion import NodeSlopes
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.robot.kinematics import momenta_of
+from mbocp.sensitivity.change import POINTS
 from mbocp.sensitivity.kkt import Optimum, Parts, call
-from mbocp.sensitivity.numbers import POINTS
 
 _NUMBERS = ("theta", "rho", "rho_terminal")
 

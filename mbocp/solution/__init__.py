@@ -8,8 +8,8 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.solution.accuracy import Accuracy as Accuracy
+    from mbocp.solution.active_limits import ActiveLimit as ActiveLimit
     from mbocp.solution.conserved import ConservedQuantity as ConservedQuantity
-    from mbocp.solution.limits import ActiveLimit as ActiveLimit
     from mbocp.solution.loads import Load as Load
     from mbocp.solution.loads import loads_of as loads_of
     from mbocp.solution.records import Column as Column

@@ -13,8 +13,7 @@ from pathlib import Path
 from mbocp.exceptions import ResultFileError
 from mbocp.solution.atomic import replace_file
 from mbocp.storage.content import FileContent
-from mbocp.storage.reading import read_image
-from mbocp.storage.seal import LARGEST, seal
+from mbocp.storage.seal import LARGEST, read_image, seal
 
 
 def write_content(path: str | Path, content: FileContent) -> Path:

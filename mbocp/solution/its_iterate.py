@@ -8,8 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.programme.carried import Carried
-from mbocp.programme.iterate import BoundMultipliers, Iterate
+from mbocp.programme.iterate import BoundMultipliers, Carried, Iterate
 from mbocp.solution.records import Column
 from mbocp.storage.content import FileContent
 

@@ -22,9 +22,9 @@ from mbocp.problem.timeline.times import FreeTime
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.solution.data import SolutionData
-from mbocp.solution.facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
-from mbocp.solution.its_robot import held_files, tell_changed
+from mbocp.solution.its_robot import held_files, warn_of_changes
+from mbocp.solution.problem_facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
+from mbocp.solution.solution_data import SolutionData
 from mbocp.terms import OwnTerm
 from mbocp.terms.rates import RATE_TERMS
 
@@ -115,7 +115,7 @@ def _robot_in(
     is_other = any(was.get(key) != now.get(key) for key in ("name", "part"))
     if files is None or is_other:
         return None
-    tell_changed(files)
+    warn_of_changes(files)
     return load_stored(files, now)
 
 

@@ -14,7 +14,7 @@ from mbocp.robot import (
     load_stored,
     robot_from_spec,
 )
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 MESH_LIMIT = 64 * MEGABYTE  # of all meshes of a robot that go into a result unasked [bytes]
 _MAX_NAMES = 3
@@ -59,7 +59,7 @@ def robot_of(solution: SolutionData) -> Robot:
     """The robot that the solution holds, else that at the old place; see `Solution.load_robot`."""
     files = held_files(solution)
     if files is not None:
-        tell_changed(files)
+        warn_of_changes(files)
         robot = load_stored(files)
     elif solution.robot_spec:
         robot = robot_from_spec(solution.robot_spec)
@@ -80,7 +80,7 @@ def held_files(solution: SolutionData) -> RobotFiles | None:
     return files if files is not None and dict(files.spec) == dict(solution.robot_spec) else None
 
 
-def tell_changed(files: RobotFiles) -> None:
+def warn_of_changes(files: RobotFiles) -> None:
     """Warn if files of the robot are others on this machine by now."""
     changed = files.changed
     if changed:

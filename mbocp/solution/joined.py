@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 
 def join_motions(first: SolutionData, node: int, second: SolutionData) -> SolutionData:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.integrators import root_mean_squares
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot

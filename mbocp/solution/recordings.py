@@ -1,17 +1,17 @@
 """A motion as a recording for viewers: MCAP, which Foxglove shows, and Rerun's format.
 
 Unlike what is sent to a controller, a recording is the solution itself, with floating bases and ball joints:
-poses of links, joints, controls, paths of the tool. A new format is a class, and an entry of `RECORDINGS`.
+poses of links, joints, controls, paths of the tool. A new format is a function, and an entry of `RECORDINGS`.
 """
 
 from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +20,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 
 _MOST_SAMPLES = 200_000
 _FORCES = ("N", "N m")
@@ -122,41 +122,29 @@ def _poses(robot: Robot, qs: Array, frames: list[int]) -> dict[int, Array]:
     return found
 
 
-class Recording(Protocol):
-    """A format of recordings: the suffix of its files, and how a motion is written."""
+def _mcap(motion: Recorded) -> bytes:
+    """Write topics /tf, /joint_states, /controls, and /path/FRAME once.
 
-    suffix: str
-
-    def write(self, motion: Recorded) -> bytes:
-        """Write the content of a file."""
-        ...
-
-
-class Mcap:
-    """MCAP with messages in JSON: poses as Foxglove has them, joints as `sensor_msgs/JointState`."""
-
-    suffix = ".mcap"
-
-    def write(self, motion: Recorded) -> bytes:
-        """Write topics /tf, /joint_states, /controls, and /path/FRAME once."""
-        try:
-            from mcap.writer import CompressionType, Writer
-        except ImportError as error:
-            raise InvalidValue.of_missing("mcap", error) from error
-        file = io.BytesIO()
-        writer = Writer(file, compression=CompressionType.ZSTD)
-        writer.start(profile="", library="mbocp")
-        channels: dict[str, int] = {}
-        times = [round(float(t) * 1e9) for t in motion.t]  # [ns]
-        for n, topic, kind, message in _messages(motion, times):
-            if topic not in channels:
-                schema = json.dumps(_schema_of(message)).encode()
-                number = writer.register_schema(name=kind, encoding="jsonschema", data=schema)
-                channels[topic] = writer.register_channel(topic, message_encoding="json", schema_id=number)
-            data = json.dumps(message, allow_nan=False).encode()
-            writer.add_message(channels[topic], log_time=times[n], publish_time=times[n], data=data)
-        writer.finish()
-        return file.getvalue()
+    MCAP with messages in JSON: poses as Foxglove has them, joints as `sensor_msgs/JointState`.
+    """
+    try:
+        from mcap.writer import CompressionType, Writer
+    except ImportError as error:
+        raise InvalidValue.of_missing("mcap", error) from error
+    file = io.BytesIO()
+    writer = Writer(file, compression=CompressionType.ZSTD)
+    writer.start(profile="", library="mbocp")
+    channels: dict[str, int] = {}
+    times = [round(float(t) * 1e9) for t in motion.t]  # [ns]
+    for n, topic, kind, message in _messages(motion, times):
+        if topic not in channels:
+            schema = json.dumps(_schema_of(message)).encode()
+            number = writer.register_schema(name=kind, encoding="jsonschema", data=schema)
+            channels[topic] = writer.register_channel(topic, message_encoding="json", schema_id=number)
+        data = json.dumps(message, allow_nan=False).encode()
+        writer.add_message(channels[topic], log_time=times[n], publish_time=times[n], data=data)
+    writer.finish()
+    return file.getvalue()
 
 
 def _messages(motion: Recorded, times: list[int]) -> Iterator[tuple[int, str, str, Any]]:
@@ -198,39 +186,37 @@ def _schema_of(value: Any) -> dict[str, Any]:
     return {"type": "integer" if isinstance(value, int) else "number"}
 
 
-class Rerun:
-    """Rerun's .rrd: poses of links, paths, and a curve for each joint and control."""
+def _rerun(motion: Recorded) -> bytes:
+    """Write entities world/LINK, path/FRAME, joints/JOINT/position, ..., controls/NAME over "time".
 
-    suffix = ".rrd"
+    Rerun's .rrd: poses of links, paths, and a curve for each joint and control.
+    """
+    try:
+        import rerun as rr
+    except ImportError as error:
+        raise InvalidValue.of_missing("rerun", error) from error
+    recording = rr.RecordingStream("mbocp")
+    memory = recording.memory_recording()
+    times = [rr.TimeColumn("time", duration=motion.t)]
 
-    def write(self, motion: Recorded) -> bytes:
-        """Write entities world/LINK, path/FRAME, joints/JOINT/position, ..., controls/NAME over "time"."""
-        try:
-            import rerun as rr
-        except ImportError as error:
-            raise InvalidValue.of_missing("rerun", error) from error
-        recording = rr.RecordingStream("mbocp")
-        memory = recording.memory_recording()
-        times = [rr.TimeColumn("time", duration=motion.t)]
+    def entity(*parts: str) -> str:
+        return "/".join(map(rr.escape_entity_path_part, parts))
 
-        def entity(*parts: str) -> str:
-            return "/".join(map(rr.escape_entity_path_part, parts))
-
-        for name, poses in motion.links.items():
-            columns = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, 3:])
-            recording.send_columns(entity(_WORLD, name), times, columns)
-        for name, poses in motion.paths.items():
-            recording.log(entity("path", name), rr.LineStrips3D([poses[:, :3]]), static=True)
-        curves = {
-            entity("joints", name, field): values
-            for name, joint in motion.joints.items()
-            for field, values in zip(_FIELDS, joint, strict=True)
-        }
-        curves |= {entity("controls", name): values for name, values in motion.controls.items()}
-        for path, values in curves.items():
-            recording.send_columns(path, times, rr.Scalars.columns(scalars=values))
-        recording.flush()
-        return bytes(memory.drain_as_bytes())
+    for name, poses in motion.links.items():
+        columns = rr.Transform3D.columns(translation=poses[:, :3], quaternion=poses[:, 3:])
+        recording.send_columns(entity(_WORLD, name), times, columns)
+    for name, poses in motion.paths.items():
+        recording.log(entity("path", name), rr.LineStrips3D([poses[:, :3]]), static=True)
+    curves = {
+        entity("joints", name, field): values
+        for name, joint in motion.joints.items()
+        for field, values in zip(_FIELDS, joint, strict=True)
+    }
+    curves |= {entity("controls", name): values for name, values in motion.controls.items()}
+    for path, values in curves.items():
+        recording.send_columns(path, times, rr.Scalars.columns(scalars=values))
+    recording.flush()
+    return bytes(memory.drain_as_bytes())
 
 
-RECORDINGS: Mapping[str, Recording] = MappingProxyType({"mcap": Mcap(), "rerun": Rerun()})
+RECORDINGS: Mapping[str, Callable[[Recorded], bytes]] = MappingProxyType({"mcap": _mcap, "rerun": _rerun})

@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
 from mbocp.problem import Problem
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot.kinematics import difference
 from mbocp.solution.solution import Solution
 

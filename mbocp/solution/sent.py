@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import Curves
-from mbocp.solution.data import SolutionData
+from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import RATE_TERMS
 
 INTERPOLATIONS = ("cubic", "quintic")
@@ -200,7 +200,7 @@ def motion_as_sent(
     joints, cubics, lag = _read(solution, is_joined=is_joined)
     _check_rate(rate, cubics)
     fitting = _Fitting(joints, cubics, rate, interpolation)
-    found = _Fit(fitting.as_asked())
+    found = _Fit(fitting.follow_request())
     can_fit = (rate is not None or is_joined) and cubics.is_from_rest_to_rest and not cubics.has_impacts
     if like is not None:
         found = fitting.like(like)
@@ -309,7 +309,7 @@ class _Fitting:
         found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
         return found
 
-    def as_asked(self) -> Curves:
+    def follow_request(self) -> Curves:
         """Curves that are not fitted."""
         if self.interpolation == "cubic" or not (self.interpolation or self.joints.is_joined):
             return self.cubics

@@ -61,7 +61,7 @@ class Follower:
         prescribed = cls(sent, robot, _has_controls(sent, robot))
         if not (robot.elastic and prescribed.has_controls):
             return prescribed
-        return cls(sent, robot, has_controls=True, links=_integrated(prescribed))
+        return cls(sent, robot, has_controls=True, links=_integrate_links(prescribed))
 
     @property
     def known(self) -> tuple[BoolArray, BoolArray]:
@@ -83,7 +83,7 @@ class Follower:
 
         Other coordinates are those of `others`, shape (n, nq), or of the solution's start, at rest.
         """
-        qs, vs = self._placed(positions, rates, others)
+        qs, vs = self._place(positions, rates, others)
         if self.links is not None:
             qs[:, self._link_q], vs[:, self._link_v] = np.hsplit(self.links(times), 2)
         return qs, vs
@@ -91,7 +91,7 @@ class Follower:
     def controls(self, qs: Array, vs: Array, accelerations: Array) -> Array:
         """Controls by inverse dynamics, shape (n, nu) [N, N m], of accelerations of joints that are sent."""
         robot = self.robot
-        _, rates = self._placed(accelerations, accelerations, None)
+        _, rates = self._place(accelerations, accelerations, None)
         driven = np.setdiff1d(np.arange(robot.nv), self._link_v)
         forces = np.array([self._forces(*at)[driven] for at in zip(qs, vs, rates, strict=True)])
         return np.asarray(np.linalg.solve(robot.actuation_matrix(robot.q0)[driven], forces.T).T)
@@ -104,7 +104,7 @@ class Follower:
     def _link_v(self) -> list[int]:
         return [joint.at_v[0] for joint in self.robot.elastic]
 
-    def _placed(self, positions: Array, rates: Array, others: Array | None) -> tuple[Array, Array]:
+    def _place(self, positions: Array, rates: Array, others: Array | None) -> tuple[Array, Array]:
         """Values of joints that are sent, in their places."""
         solution, places = self.sent.solution, {name: k for k, name in enumerate(self.sent.joints)}
         qs = np.repeat(solution.qs[:1], len(positions), axis=0) if others is None else others.copy()
@@ -156,14 +156,14 @@ def _has_controls(sent: Sent, robot: Robot) -> bool:
     return bool(np.linalg.cond(robot.actuation_matrix(robot.q0)[driven]) < _MOST_CONDITION)
 
 
-def _integrated(follower: Follower) -> Callable[[Array], Array]:
+def _integrate_links(follower: Follower) -> Callable[[Array], Array]:
     """Motion of links on springs, from the solution's start, by the classical Runge-Kutta scheme."""
     curves, solution = follower.sent.curves, follower.sent.solution
     at_q, at_v = follower._link_q, follower._link_v
     parts = _parts(follower)
     times, (positions, velocities, accelerations, _) = curves.places(2 * parts)
-    qs, vs = follower._placed(positions, velocities, None)
-    _, rates = follower._placed(positions, accelerations, None)
+    qs, vs = follower._place(positions, velocities, None)
+    _, rates = follower._place(positions, accelerations, None)
 
     def slope(k: int, y: Array) -> Array:
         qs[k, at_q], vs[k, at_v] = np.split(y, 2)

@@ -14,9 +14,9 @@ import mbocp
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ResultFileError
 from mbocp.solution._values import same
-from mbocp.solution.data import SolutionData
-from mbocp.solution.facts import Facts
-from mbocp.solution.limits import ActiveLimit, active_limits
+from mbocp.solution.active_limits import ActiveLimit, active_limits
+from mbocp.solution.problem_facts import Facts
+from mbocp.solution.solution_data import SolutionData
 
 if TYPE_CHECKING:
     import xarray
@@ -217,21 +217,21 @@ class Solution(SolutionData):
         fit: bool = True,
         check: bool = True,
     ) -> Path:
-        """Write the motion for controllers and other tools, see `mbocp.solution.formats.export_motion`.
+        """Write the motion for controllers and other tools, see `mbocp.solution.export_formats`.
 
         Raises
         ------
         LimitsExceeded
             If the motion leaves limits as it is sent; `check=False` writes it all the same.
         """
-        from mbocp.solution.formats import export_motion
+        from mbocp.solution.export_formats import export_motion
 
         how: dict[str, Any] = {"kind": kind, "rate": rate, "interpolation": interpolation, "fit": fit}
         return export_motion(self, path, **how, load_robot=self.load_robot, check=check)
 
     def to_xarray(self) -> xarray.Dataset:
-        """All trajectories by time and name, see `mbocp.solution.labelled.dataset_of`."""
-        from mbocp.solution.labelled import dataset_of
+        """All trajectories by time and name, see `mbocp.solution.export.dataset_of`."""
+        from mbocp.solution.export import dataset_of
 
         return dataset_of(self)
 
@@ -297,9 +297,9 @@ class Solution(SolutionData):
         RobotNotStoredWarning
             If the robot cannot be put into it, or its meshes are left out for their size.
         """
+        from mbocp.solution.file_content import content_of
         from mbocp.solution.files import write_content
         from mbocp.solution.its_robot import files_to_store  # as slow to import as all else
-        from mbocp.solution.stored import content_of
 
         return write_content(path, content_of(self, files_to_store(self, meshes)))
 
@@ -407,8 +407,8 @@ class Solution(SolutionData):
         ResultFileError
             If there is no such file, it is not a result of mbocp, it is damaged, or a newer mbocp wrote it.
         """
+        from mbocp.solution.file_content import fields_of
         from mbocp.solution.files import read_content
-        from mbocp.solution.stored import fields_of
 
         content = read_content(path)
         try:

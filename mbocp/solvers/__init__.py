@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from mbocp.solvers.newton_method.monolithic import PureNewton as PureNewton
     from mbocp.solvers.newton_method.newton import PlainState as PlainState
     from mbocp.solvers.options import Options as Options
+    from mbocp.solvers.options import Switch as Switch
     from mbocp.solvers.protocol import Solver as Solver
     from mbocp.solvers.protocol import SolverState as SolverState
     from mbocp.solvers.records import IterationRecord as IterationRecord
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from mbocp.solvers.staggered.fbsm_gradient import FBSMGradient as FBSMGradient
     from mbocp.solvers.staggered.fbsm_gradient import GradientState as GradientState
     from mbocp.solvers.staggered.fbsm_newton import FBSMNewton as FBSMNewton
-    from mbocp.solvers.staggered.switch import Switch as Switch
     from mbocp.solvers.strategies.iterating import SolverResult as SolverResult
     from mbocp.solvers.strategies.iterating import run as run
     from mbocp.solvers.strategies.phases import Outcome as Outcome

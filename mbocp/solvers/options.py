@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
+SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
 
 Globalisation = Literal["default", "none"]
 
@@ -109,3 +109,22 @@ class Options:
     def newton_iterations(self) -> int:
         """Limit of a Newton method."""
         return _NEWTON_ITERATIONS if self.max_iterations is None else self.max_iterations
+
+
+@dataclass(frozen=True)
+class Switch:
+    """When a hybrid goes over to Newton's method, step 2 of section 5.3; 0 switches a criterion off.
+
+    Attributes
+    ----------
+    residual : float
+        Once r_u is smaller.
+    cost : float
+        Once the cost is below this part of the guess's.
+    iterations : int
+        After so many steps.
+    """
+
+    residual: float = 10.0
+    cost: float = 0.5
+    iterations: int = 25

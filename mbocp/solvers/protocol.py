@@ -9,7 +9,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 
 class Measures(Protocol):

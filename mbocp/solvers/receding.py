@@ -14,12 +14,12 @@ import numpy as np
 
 from mbocp.exceptions import SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.programme.native import kernel
-from mbocp.solvers.newton_method.limits import warm_barrier
+from mbocp.programme.native_modules import kernel
+from mbocp.solvers.newton_method.limit_multipliers import warm_barrier
 from mbocp.solvers.newton_method.newton import first_augmentation
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelHorizon, KernelProgramme
+    from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
 
 _MIN_BARRIER, _MAX_BARRIER = 1e-9, 1.0
 _STEPS = 60  # to the optimum with the loop's barrier: the solution has another one

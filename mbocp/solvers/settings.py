@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.options import Options
-from mbocp.solvers.staggered.switch import Switch
+from mbocp.solvers.options import Options, Switch
 
 _INTERIOR_ITERATIONS, _GRADIENT_ITERATIONS = 1000, 5000
 _UNHURRIED_ITERATIONS = 1500  # of Newton's method, where somebody watches whether it makes progress

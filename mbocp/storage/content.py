@@ -85,7 +85,7 @@ def _spread(letter: str, row: str) -> Quantity:
 
 
 # A row is all that files, tables, datasets and checks know of a quantity: a new one is a row here, a field
-# of `mbocp.solution.data.SolutionData`, and the place where it is worked out.
+# of `mbocp.solution.solution_data.SolutionData`, and the place where it is worked out.
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         "t": Quantity("t", "time of the nodes", ("node",), "t [s]"),

@@ -17,7 +17,9 @@ import hmac
 import re
 from pathlib import Path
 
-from mbocp.exceptions import ResultFileError
+from mbocp._files import path_of, read_bytes
+from mbocp.exceptions import ResultFileError, Unreadable
+from mbocp.storage.guarded import renew
 
 FORMAT_VERSION = 3
 LARGEST = 2 << 30  # [bytes] of a result file; a million steps of an arm with limits are 0.8 GB
@@ -78,3 +80,30 @@ def _digest(block: bytes, image: bytes | memoryview) -> bytes:
     digest.update(block[_DIGEST.stop :])
     digest.update(image)
     return digest.hexdigest().encode()
+
+
+def read_image(path: str | Path) -> memoryview:
+    """The HDF5 part of a result file, as it was written.
+
+    Raises
+    ------
+    ResultFileError
+        If there is no such file, it is no result of mbocp, too large or damaged, or a newer mbocp wrote it.
+    """
+    try:
+        content = read_bytes(path_of(path), expected="a result file", limit=LARGEST)
+        if not is_sealed(content) and content.startswith(HDF5_SIGNATURE):
+            content = renew(path, content)
+    except Unreadable as error:
+        raise ResultFileError(path, error.reason) from error
+    except MemoryError as error:
+        raise ResultFileError(path, "needs more memory to be read than there is") from error
+    if not is_sealed(content):
+        raise ResultFileError(path, _foreign(content))
+    return unseal(path, content)
+
+
+def _foreign(content: bytes) -> str:
+    if content[SEAL_SIZE:].startswith(HDF5_SIGNATURE):
+        return "is damaged in its first bytes, or no result file of mbocp; solve again, or take a copy of it"
+    return "is not a result file of mbocp (not even HDF5); give a file that `mbocp solve -o` wrote"

@@ -12,14 +12,14 @@ from typing import Any
 import mbocp
 from mbocp._warn import warn_caller
 from mbocp.exceptions import MbocpError, StudyError
-from mbocp.study.kinds import first_of_each_kind
 from mbocp.study.pools import ExecutorPool, LocalPool, Pool, check_picklable
 from mbocp.study.result import StudyResult
-from mbocp.study.rows import CRASHED, failure_row
+from mbocp.study.result_rows import CRASHED, failure_row
+from mbocp.study.run_task import Solve, make_problem, rehearse, run_task
 from mbocp.study.study import Study, Task
 from mbocp.study.summary import word
 from mbocp.study.table import FORMAT, FORMAT_VERSION, RowFile
-from mbocp.study.task import Solve, make_problem, rehearse, run_task
+from mbocp.study.task_kinds import first_of_each_kind
 
 _PERIOD = 0.25  # [s] between two looks at the clock of the file
 _NUM_PROBES = 10  # tasks to try before a study is refused

@@ -21,9 +21,9 @@ from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.schema import ProblemTable, checked_tables
-from mbocp.study.rows import check_record
-from mbocp.study.schema import StudyTable
-from mbocp.study.task import Job
+from mbocp.study.result_rows import check_record
+from mbocp.study.run_task import Job
+from mbocp.study.study_schema import StudyTable
 from mbocp.study.values import (
     LABEL,
     Dimension,

@@ -20,7 +20,7 @@ from typing import Any
 
 from mbocp._files import read_bytes
 from mbocp.exceptions import ResultFileError, StudyError, Unreadable
-from mbocp.study.schema import is_header, is_row
+from mbocp.study.study_schema import is_header, is_row
 
 FORMAT = "mbocp study"
 FORMAT_VERSION = 1

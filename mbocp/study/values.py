@@ -16,7 +16,7 @@ from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.study.schema import AxisTable
+from mbocp.study.study_schema import AxisTable
 
 LABEL = "label"
 _COUNT = "count"

@@ -16,7 +16,7 @@ from mbocp.robot import Robot
 from mbocp.view.meshcat.commands import Command, set_transform
 from mbocp.view.meshcat.scene import Scene, build_scene, joint_node
 from mbocp.view.meshcat.viewer import meshcat
-from mbocp.view.motion import sample_motion
+from mbocp.view.motion_samples import sample_motion
 
 
 class LiveRobot:

@@ -128,7 +128,10 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     if not columns or not np.isfinite(solution.lams).all():
         return ()
     marks = []
-    for constraint, model in (*((one, robot.model) for one in robot.constraints), *_held(solution)):
+    for constraint, model in (
+        *((one, robot.model) for one in robot.constraints),
+        *_holds_of(solution),
+    ):
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]
         if not constraint.frame_ids or not rows:
             continue
@@ -143,7 +146,7 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     return tuple(marks)
 
 
-def _held(solution: Solution) -> list[tuple[Constraint, pin.Model]]:
+def _holds_of(solution: Solution) -> list[tuple[Constraint, pin.Model]]:
     """Constraints of what phases hold, with the model that has their frames."""
     shown = solution.shown if solution.facts.held else None
     if shown is None or shown.problem.timeline.switches is None:

@@ -22,8 +22,8 @@ from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.terms.rates import RATE_TERMS
 from mbocp.view.figures import panels as panels
+from mbocp.view.figures.frame_paths import FramePaths, frame_paths
 from mbocp.view.figures.lines import FEW, SHORT_NOTE, LinePanel
-from mbocp.view.figures.path import FramePaths, frame_paths
 from mbocp.view.figures.style import (
     WARNING,
     house_style,

@@ -11,7 +11,7 @@ from mbocp._arrays import Array
 from mbocp.view.marks import marks_of
 from mbocp.view.meshcat.page import render_page, write_page
 from mbocp.view.meshcat.scene import build_scene
-from mbocp.view.motion import sample_motion
+from mbocp.view.motion_samples import sample_motion
 
 if TYPE_CHECKING:
     from mbocp.problem import Problem

@@ -18,7 +18,7 @@ from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
 from mbocp.view.meshcat.page import Below, render_page, write_page
 from mbocp.view.meshcat.scene import Scene, build_scene
-from mbocp.view.motion import Motion, pose_at, sample_motion
+from mbocp.view.motion_samples import Motion, pose_at, sample_motion
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack

@@ -180,7 +180,7 @@ def test_a_foreign_value_in_the_file_is_refused() -> None:
 
 
 def test_the_summary_tells_it(capsys: pytest.CaptureFixture[str]) -> None:
-    from mbocp.cli.summary import print_summary
+    from mbocp.cli.solution_summary import print_summary
 
     problem = swing("se1", 15)
     print_summary(solved(problem), problem)

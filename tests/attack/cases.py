@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.robot.loading.readers.robot_yaml import RobotYaml
 from mbocp.robot.loading.robot_toml import RobotTable
-from mbocp.study.schema import StudyTable
+from mbocp.study.study_schema import StudyTable
 
 from .containers import mutate_result
 from .corpus import entries

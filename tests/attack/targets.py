@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from mbocp.cli import main as command_line
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.problem import load_problem
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.robot import describe, load_robot
@@ -23,7 +23,7 @@ from mbocp.solution import Solution
 from mbocp.solving import solve
 from mbocp.storage.seal import SEAL_SIZE, is_sealed, seal
 from mbocp.study import Study, StudyResult
-from mbocp.study.task import make_problem
+from mbocp.study.run_task import make_problem
 from mbocp.view import plots  # noqa: F401  the forked command lines need not load it
 from mbocp.view.replay import write_replay
 

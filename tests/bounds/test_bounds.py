@@ -17,7 +17,7 @@ from mbocp.bounds.of_problem import bound, quick_bound
 from mbocp.bounds.task import Task
 from mbocp.bounds.windows import windows_of
 from mbocp.cli.app import app
-from mbocp.cli.summary import print_summary
+from mbocp.cli.solution_summary import print_summary
 from mbocp.problem import Problem, load_problem
 from mbocp.robot import Robot, load_robot
 from tests.robot.urdfs import chain, write

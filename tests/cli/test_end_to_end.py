@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.cli.progress import Progress
+from mbocp.cli.progress_table import Progress
 from mbocp.solution import IterationRecord, Solution, Status
 
 from .conftest import Run

@@ -13,7 +13,7 @@ import pytest
 import typer
 
 from mbocp.cli.app import app
-from mbocp.cli.examples import EXAMPLES
+from mbocp.cli.command_examples import EXAMPLES
 
 from .conftest import Run
 

@@ -9,7 +9,7 @@ import time
 import pytest
 from rich.console import Console
 
-from mbocp.cli.progress import Progress
+from mbocp.cli.progress_table import Progress
 from mbocp.solution import IterationRecord
 
 

@@ -13,7 +13,7 @@ import pytest
 import mbocp
 import mbocp.view.of_solution
 import mbocp.view.report
-from mbocp.cli.summary import print_rows
+from mbocp.cli.solution_summary import print_rows
 from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited, pendulum
 from tests.solution.test_atomic import full_disk

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -68,21 +69,23 @@ def test_check_needs_neither_scipy_nor_files() -> None:
 
 def test_a_solve_needs_neither_scipy_nor_files() -> None:
     """Nor does what it prints: only `-o` needs HDF5."""
-    used = heavy("import mbocp.solving, mbocp.cli.summary, mbocp.accuracy")
+    used = heavy("import mbocp.solving, mbocp.cli.solution_summary, mbocp.accuracy")
     assert not used & NEVER
     assert used >= MECHANICS
 
 
 def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
     """Formulations, solvers of others, several starts, files, and what writes C."""
-    there = modules("import mbocp.solving, mbocp.cli.summary")
+    there = modules("import mbocp.solving, mbocp.cli.solution_summary")
     assert "mbocp.formulation.build" in there  # else the test would see nothing
     for name in (
-        *("formulation.natural", "formulation.explicit", "formulation.implicit", "formulation.partitioned"),
-        *("solvers.nlp.interior_point", "solvers.fbsm_newton", "solvers.fbsm_gradient", "solvers.homotopy"),
-        *("programme.c_files", "accuracy.refining", "guesses.from_joints"),
-        *("guesses.several", "solution.stored", "solution.files", "robot.loading.readers.robot_yaml"),
+        *(f"formulation.schemes.{scheme}" for scheme in ("natural", "explicit", "implicit", "partitioned")),
+        *("solvers.nlp.interior_point", "solvers.staggered.fbsm_newton", "solvers.staggered.fbsm_gradient"),
+        *("solvers.strategies.within_limits", "programme.c_files", "accuracy.refining"),
+        *("guesses.from_joints", "guesses.several", "solution.file_content", "solution.files"),
+        "robot.loading.readers.robot_yaml",
     ):
+        assert find_spec(f"mbocp.{name}") is not None, f"there is no {name}, so that none could be imported"
         assert f"mbocp.{name}" not in there, name
 
 

@@ -6,13 +6,14 @@ import json
 import os
 import signal
 from contextlib import closing
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import ProblemFileError
 from mbocp.formulation import formulate
 from mbocp.guesses import several
@@ -21,9 +22,9 @@ from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight
 from mbocp.job import Job
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import library
-from mbocp.solvers import SolverSettings, Status
+from mbocp.solvers import SolverSettings, Start, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
-from mbocp.solvers.strategies.strategy import SolveTask
+from mbocp.solvers.strategies.strategy import run_elsewhere
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -76,14 +77,15 @@ def test_another_process_gives_the_same_and_its_death_is_no_harm(monkeypatch):
     formulation = formulate(problem)
     guess = start_guesses(formulation, None)[0]
     settings = SolverSettings.of(problem.solver, formulation.programme)
+    task = partial(run_elsewhere, settings, Start(formulation.programme, guess.iterate))
     with closing(Elsewhere()) as process:
-        there = process.run(SolveTask(settings, formulation.programme, guess.iterate, ""))
+        there = process.run(task)
         here = mbocp.solve(pendulum(starts=1))
         assert there.result.record.cost == here.cost
         assert there.result.advice in here.advice
         os.kill(process._process.pid, signal.SIGKILL)
         with pytest.raises(ElsewhereError):
-            process.run(SolveTask(settings, formulation.programme, guess.iterate, ""))
+            process.run(task)
     monkeypatch.setattr(several, "_PATIENCE", 0.0)
     monkeypatch.setattr(Elsewhere, "run", _refuse)
     outcome, _, records = from_starts(problem, workers=2)
@@ -101,7 +103,8 @@ def test_words_for_rows_survive_the_way_to_another_process():
     assert programme.describe_row(3, 0) == "kinematics of joint1 in the step to t = 0.2 s"
     settings = SolverSettings.of(pendulum(max_iterations=1).solver, programme)
     with closing(Elsewhere()) as process:
-        found = process.run(SolveTask(settings, programme, start_guesses(formulation, None)[1].iterate, ""))
+        start = Start(programme, start_guesses(formulation, None)[1].iterate)
+        found = process.run(partial(run_elsewhere, settings, start))
     assert "largest violation: end condition 1 (joint1) at t = 3 s" in found.result.advice
 
 

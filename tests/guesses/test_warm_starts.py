@@ -15,7 +15,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import formulate
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.problem import Guess, Problem
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_complete
 from mbocp.solution.rest import place_of_start

@@ -14,7 +14,7 @@ import pytest
 from mbocp.exceptions import ReplayError
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
-from mbocp.view.live import scene as live_scene
+from mbocp.view.live import live_scene
 from mbocp.view.live.server import is_own_page
 from tests.view.pages import angles, write_arm
 
@@ -227,7 +227,7 @@ def test_bodies_that_fly_are_dragged():
     (handle,) = pose_handles(problem)
     placed = handle.placement(problem.goal, problem.goal.q)
     placed.translation = placed.translation + np.array([0.0, 0.25, 0.0])
-    changed = changed_problem(problem, handle.moved(Wish(), placed, problem.goal.q), problem.goal.q)
+    changed = changed_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
     assert np.allclose(changed.goal.q, [0.5, 0.25, 1, 0, 0, 0, 1])
 
 
@@ -239,7 +239,7 @@ def test_a_tool_is_dragged_where_the_goal_is_in_joints():
     (handle,) = pose_handles(problem)
     placed = handle.placement(problem.goal, problem.goal.q)
     placed.translation = placed.translation + np.array([0.05, 0.0, -0.05])
-    changed = changed_problem(problem, handle.moved(Wish(), placed, problem.goal.q), problem.goal.q)
+    changed = changed_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
     assert changed.robot.frame_placement("tool0", changed.goal.q).isApprox(placed, 1e-6)
     assert np.abs(changed.goal.q - q).max() < 0.5  # the branch near by
 
@@ -253,7 +253,7 @@ def test_without_viser_it_is_refused_by_name(monkeypatch, at_frame):
 
 
 def test_drawn_triangles_are_those_of_the_shapes():
-    from mbocp.view.live.scene import triangles_of
+    from mbocp.view.live.live_scene import triangles_of
     from mbocp.view.meshcat.commands import shape_object
     from mbocp.view.meshcat.viewer import mg
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.menus.names import _directions
 from mbocp.solvers import Status

@@ -17,7 +17,7 @@ from pebble import ProcessExpired, ProcessPool
 import mbocp
 from mbocp.exceptions import MbocpError, SolverError
 from mbocp.formulation import formulate
-from mbocp.receding.checks import check_can_recede, check_functions
+from mbocp.receding.refusals import check_can_recede, check_functions
 from tests.campaign.run import read_rows
 from tests.pairs.cover import Pair, cover, pairs_within
 from tests.pairs.features import FEATURES, ROBOTS, pairs, tables_of

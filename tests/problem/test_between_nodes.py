@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import mbocp
-from mbocp.accuracy.of_solution import motion_of
+from mbocp.accuracy.errors import motion_of
 from mbocp.cli.app import app
 from mbocp.formulation import formulate
 from mbocp.job import Job

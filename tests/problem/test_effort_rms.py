@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.inequalities import limit_violation

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary import goal_error, solution_rows
+from mbocp.cli.solution_summary import goal_error, solution_rows
 from mbocp.exceptions import OverdeterminedGoal, ProblemFileError, UnreachableGoal
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, load_robot
-from mbocp.solution import Solution, limits
+from mbocp.solution import Solution
+from mbocp.solution import active_limits as limits
 from mbocp.view.meshcat.goals import goal_commands, goal_placements
 from mbocp.view.of_solution import goals_of
 

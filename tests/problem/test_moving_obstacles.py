@@ -21,7 +21,7 @@ from mbocp.guesses.in_time import blend
 from mbocp.guesses.ways import straight
 from mbocp.mechanics import JointMechanics
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
-from mbocp.receding.checks import check_functions
+from mbocp.receding.refusals import check_functions
 from mbocp.robot import load_robot
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.terms.point import Point

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbocp.programme import BoundMultipliers, Iterate
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 
 NAMES = st.lists(st.sampled_from("abcdef"), max_size=8).map(tuple)
 STEPS = 3

@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from mbocp.formulation import build, signature, transcribe
-from mbocp.programme import compilation, keys
+from mbocp.programme import compilation, library
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import running
 
@@ -150,12 +150,12 @@ def test_a_key_whose_library_is_gone_has_it_compiled_again(folder: Path) -> None
 
 
 def test_the_oldest_files_of_keys_are_removed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(keys, "_MOST", 3)
-    library = load_functions("0", times(2.0)).library
+    monkeypatch.setattr(library, "_MOST", 3)
+    compiled = load_functions("0", times(2.0)).library
     for i in range(1, 5):
         file = max(folder.glob("*.key"), key=lambda path: path.stat().st_mtime_ns)
         os.utime(file, (i, i))
         assert not load_functions(str(i), times(2.0)).compiled_now
     assert len(list(folder.glob("*.key"))) == 3
-    assert load_functions("4", never).library == library
+    assert load_functions("4", never).library == compiled
     assert not load_functions("0", times(2.0)).compiled_now

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.programme.tapes import as_operations
 from mbocp.symbolic.columns import add_chosen_columns, choose_columns
 

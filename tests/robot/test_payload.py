@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.cli.summary import solution_rows
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import (
     InvalidValue,
     ProblemFileError,

@@ -13,8 +13,8 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.sensitivity import DegenerateLimitWarning
+from mbocp.sensitivity.change import change_along
 from mbocp.sensitivity.kkt import Parts
-from mbocp.sensitivity.numbers import change_along
 from mbocp.sensitivity.parameters import parameters_of
 from tests.sensitivity.moved import moved
 
@@ -168,7 +168,7 @@ def test_the_cheap_gradient_of_the_cost_solves_nothing(make):
     solution = solved(make())
     derivatives = mbocp.sensitivities(solution, ["start.q"])
     cheap = derivatives.cost["start.q"]
-    assert "_found" not in vars(derivatives)
+    assert "_optimum" not in vars(derivatives)
     exact = derivatives.of("cost", "start.q")
     assert np.abs(cheap - exact).max() <= TOLERANCE * np.abs(exact).max()
 
@@ -201,7 +201,7 @@ def test_the_optimum_is_that_of_the_solve(path, changes, tmp_path):
     solution.save(tmp_path / "result.npz")
     for one in (solution, mbocp.Solution.load(tmp_path / "result.npz")):
         derivatives = mbocp.sensitivities(one, ["cost.effort"])
-        iterate = derivatives._found.kkt.optimum.iterate
+        iterate = derivatives._optimum.kkt.optimum.iterate
         us = derivatives.formulation.motion_of(iterate).us
         assert np.abs(us - one.us).max() <= 1e-8 * np.abs(one.us).max()
     share, cost = 1e-4, problem.cost
@@ -245,7 +245,7 @@ def test_end_conditions_that_are_left_out_shift_no_other_number():
 @pytest.mark.parametrize("make", [arm_within_limits, arm_in_least_time, loop, loop_of_bodies, quaternion])
 def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     derivatives = mbocp.sensitivities(solved(make()), ["start.q"])
-    kkt = derivatives._found.kkt
+    kkt = derivatives._optimum.kkt
     rng = np.random.default_rng(0)
     right = Parts(*(rng.normal(size=part.shape) for part in Parts.zeros(kkt.optimum.programme, 2)))
     right = right._replace(ws=np.where(kkt.optimum.held, right.ws, 0.0))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbocp.solution import Column, IterationRecord, Labels, Phase, Solution, Status
-from mbocp.solution.facts import Facts
+from mbocp.solution.problem_facts import Facts
 
 ARM_JOINTS = [f"panda_joint{i}" for i in range(1, 8)]
 

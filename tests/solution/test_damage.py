@@ -15,9 +15,9 @@ import pytest
 
 from mbocp.exceptions import MbocpError, ResultFileError
 from mbocp.solution import Solution
-from mbocp.solution.facts import Facts
+from mbocp.solution.problem_facts import Facts
 from mbocp.solution.solution import ProblemNotShownWarning
-from mbocp.storage import guarded, reading, seal
+from mbocp.storage import guarded, seal
 
 from .damage import edit, edited_image, make_old
 from .fabricated import limited, pendulum
@@ -42,13 +42,13 @@ def test_every_flipped_bit_is_refused_before_hdf5_sees_the_file(
         raise AssertionError("HDF5 got a damaged file")
 
     monkeypatch.setattr("mbocp.storage.hdf5.content_of", opened)
-    monkeypatch.setattr(reading, "renew", opened)
+    monkeypatch.setattr(seal, "renew", opened)
     content = bytearray(pendulum(num_steps=2).save(result).read_bytes())
     for byte, bit in flips(len(content)):
         content[byte] ^= 1 << bit
         result.write_bytes(content)
         with pytest.raises(ResultFileError, match=r"is damaged|no result file|not a result file"):
-            reading.read_image(result)
+            seal.read_image(result)
         content[byte] ^= 1 << bit
 
 

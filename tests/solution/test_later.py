@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.solution import Solution, reading
+from mbocp.solution import Solution
+from mbocp.solution import read_solution as reading
 from mbocp.solution._values import same
 from mbocp.solution.later import Later, complete, is_complete, retold
 

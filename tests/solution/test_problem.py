@@ -16,8 +16,8 @@ from mbocp.exceptions import ProblemFileError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.solution import Solution
 from mbocp.solution.checked import read_facts
-from mbocp.solution.facts import Facts, PathRow, PhasePlace, ViaPlace
 from mbocp.solution.its_problem import facts_of
+from mbocp.solution.problem_facts import Facts, PathRow, PhasePlace, ViaPlace
 from mbocp.terms import path_constraint
 
 from .fabricated import pendulum

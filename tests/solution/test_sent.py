@@ -12,7 +12,7 @@ from scipy.integrate import quad
 
 from mbocp.solution import Column, Solution
 from mbocp.solution.curves import Curves
-from mbocp.solution.facts import Facts
+from mbocp.solution.problem_facts import Facts
 from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
 

@@ -12,8 +12,7 @@ import pytest
 import mbocp
 from mbocp.cli.results import export_result
 from mbocp.solution.sent import motion_as_sent
-from mbocp.solution.sent_checks import check_sent
-from mbocp.solution.sent_path import path_excesses
+from mbocp.solution.sent_checks import check_sent, path_excesses
 from mbocp.solution.sent_states import Follower
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -13,7 +13,7 @@ import pytest
 import mbocp
 from mbocp.cli.results import export_result
 from mbocp.exceptions import LimitsExceeded
-from mbocp.solution.formats import sent_within
+from mbocp.solution.export_formats import sent_within
 from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import controls_along, joint_excesses

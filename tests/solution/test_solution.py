@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.solution import Column, IterationRecord, Labels, Status
-from mbocp.solution.facts import Facts, PathRow
+from mbocp.solution.problem_facts import Facts, PathRow
 
 from .fabricated import arm, limited, pendulum
 

@@ -16,11 +16,11 @@ from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers import GlobalisedNewton
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewton, KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewton, KernelNewtonState
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

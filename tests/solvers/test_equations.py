@@ -23,7 +23,7 @@ from mbocp.solvers import GlobalisedNewton
 from mbocp.terms import OwnTerm, path_constraint
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewtonState
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

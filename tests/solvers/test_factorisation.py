@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 
 def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng: int):

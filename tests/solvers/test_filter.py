@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Trial
+    from mbocp.programme.native_modules import Trial
 
 VIOLATION, COST = st.floats(0.0, 1e3), st.floats(-1e3, 1e3)
 

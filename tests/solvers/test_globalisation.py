@@ -14,13 +14,13 @@ import mbocp
 from mbocp.formulation import formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme import StagewiseProgramme
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers import GlobalisedNewton
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewtonState
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

@@ -18,12 +18,12 @@ from typer.testing import CliRunner
 
 import mbocp
 from mbocp.cli.app import app
-from mbocp.cli.progress import Progress
+from mbocp.cli.progress_table import Progress
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
-from mbocp.solvers.nlp.functions import calm_or_none
-from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.solvers.nlp.log import IterationLog
+from mbocp.solvers.nlp.iteration_log import IterationLog
+from mbocp.solvers.nlp.nlp_functions import calm_or_none
+from mbocp.solvers.nlp.nlp_layout import NlpLayout
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

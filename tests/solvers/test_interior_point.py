@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.formulation import formulate, transcribe
 from mbocp.problem import Problem
 from mbocp.solution import Solution
-from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from tests.integrators.explicit import heavy_top
 
 pytestmark = pytest.mark.usefixtures("interpreted")

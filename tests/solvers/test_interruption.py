@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import mbocp
 from mbocp.cli.app import app
-from mbocp.cli.progress import Progress
+from mbocp.cli.progress_table import Progress
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solvers.staggered.fbsm_newton import FBSMNewton

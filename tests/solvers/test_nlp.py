@@ -14,8 +14,8 @@ from mbocp.formulation import formulate
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.robot import load_robot
-from mbocp.solvers.nlp.functions import NlpFunctions, parameters
-from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.nlp.nlp_functions import NlpFunctions, parameters
+from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from tests.integrators.explicit import towed_body
 
 pytestmark = pytest.mark.usefixtures("interpreted")

@@ -12,11 +12,11 @@ import mbocp
 from mbocp._linear import norm
 from mbocp.formulation import Formulation, formulate, transcribe
 from mbocp.guesses import make_guess
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers import GlobalisedNewton, Status
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState, Sizes
+    from mbocp.programme.native_modules import KernelNewtonState, Sizes
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 

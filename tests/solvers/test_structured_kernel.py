@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 
 DT = 0.02  # [s]
 

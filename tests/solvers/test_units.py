@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import Iterate
 from mbocp.solvers import PureNewton
-from mbocp.solvers.strategies.units import counted_in, iterate_in
+from mbocp.solvers.strategies.in_units import counted_in, iterate_in
 from tests.campaign.robots import arm_urdf
 from tests.campaign.run import run_task
 

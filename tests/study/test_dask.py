@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import StudyError
 from mbocp.study import run_study
-from mbocp.study.cluster import dask_executor
+from mbocp.study.pools import dask_executor
 
 from . import callables
 from .conftest import MakeStudy
@@ -49,7 +49,7 @@ def test_a_local_cluster_makes_the_same_table(make: MakeStudy, tmp_path: Path) -
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mbocp.study.cluster._TIMEOUT", 0.5)
+    monkeypatch.setattr("mbocp.study.pools._TIMEOUT", 0.5)
     with (
         pytest.raises(StudyError, match=r"--scheduler tcp://127.0.0.1:9: nobody answers there"),
         dask_executor("tcp://127.0.0.1:9"),

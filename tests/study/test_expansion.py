@@ -10,7 +10,7 @@ import pytest
 
 from mbocp.exceptions import MemoryLimitExceeded, ProblemFileError, StudyFileError
 from mbocp.study import Study
-from mbocp.study.kinds import first_of_each_kind
+from mbocp.study.task_kinds import first_of_each_kind
 
 from .conftest import EXAMPLES, PENDULUM, MakeStudy
 

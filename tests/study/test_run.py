@@ -16,9 +16,9 @@ import pytest
 import mbocp
 from mbocp.exceptions import ProblemError, ResultFileError, StudyError, UnknownJoint
 from mbocp.study import Study, StudyResult, StudyWarning, run_study
-from mbocp.study import task as task_module
-from mbocp.study.rows import FIELDS
-from mbocp.study.task import make_problem
+from mbocp.study import run_task as task_module
+from mbocp.study.result_rows import FIELDS
+from mbocp.study.run_task import make_problem
 
 from . import callables
 from .conftest import MakeStudy

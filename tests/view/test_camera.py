@@ -15,7 +15,7 @@ from mbocp.view.camera import ASPECT, FIELD_OF_VIEW, FILL_ABOVE, FILL_BELOW, FIL
 from mbocp.view.marks import Marks, ViaMark
 from mbocp.view.meshcat.goals import axis_points, goal_placements
 from mbocp.view.meshcat.scene import build_scene
-from mbocp.view.motion import sample_motion
+from mbocp.view.motion_samples import sample_motion
 
 ASPECTS = st.floats(0.25, 4.0)
 ROUGHLY = 1.02  # windows between those that the camera was made for

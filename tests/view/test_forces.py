@@ -9,10 +9,10 @@ import pytest
 
 import mbocp
 from mbocp.robot import Label
-from mbocp.solution.facts import Facts
+from mbocp.solution.problem_facts import Facts
 from mbocp.view.marks import ForceMark, forces_of, in_time
 from mbocp.view.meshcat.arrows import force_arrows
-from mbocp.view.motion import sample_motion
+from mbocp.view.motion_samples import sample_motion
 
 
 def still(newtons: np.ndarray):

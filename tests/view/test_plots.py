@@ -22,8 +22,8 @@ from mbocp.exceptions import InvalidValue, ResultFileError, UnknownFrame
 from mbocp.robot import load_robot
 from mbocp.solution import Column, IterationRecord, Status
 from mbocp.view.figures import style
+from mbocp.view.figures.frame_paths import frame_paths
 from mbocp.view.figures.lines import without_zigzag
-from mbocp.view.figures.path import frame_paths
 from mbocp.view.figures.style import PALETTE, line_style, shorten
 from mbocp.view.plots import (
     overview,

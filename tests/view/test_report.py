@@ -16,9 +16,8 @@ from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.view import browser
-from mbocp.view.report import compare_results, write_report
-from mbocp.view.reports.comparison import differences_of
-from mbocp.view.reports.plots import energy_panels, frame_panels
+from mbocp.view.report import compare_results, differences_of, write_report
+from mbocp.view.reports.page_plots import energy_panels, frame_panels
 from tests.view.test_replay_browser import SIZE, browse
 
 T, STEPS = 2.0, 20

@@ -24,7 +24,7 @@ from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.large import working_data
 from mbocp.robot.nodes import between
-from mbocp.storage.reading import read_image
+from mbocp.storage.seal import read_image
 from mbocp.terms.written import Finite, Triple
 
 if TYPE_CHECKING:

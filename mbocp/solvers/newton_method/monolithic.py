@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.programme.native import kernel
-from mbocp.solvers.newton_method.limits import begin, resume
+from mbocp.programme.native_modules import kernel
+from mbocp.solvers.newton_method.limit_multipliers import begin, resume
 from mbocp.solvers.newton_method.newton import (
     PlainState,
     check_termination,
@@ -23,11 +23,11 @@ from mbocp.solvers.newton_method.newton import (
     next_state,
     start,
 )
+from mbocp.solvers.options import SOLVER_TOLERANCE
 from mbocp.solvers.records import Status
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewton, KernelNewtonState, KernelProgramme
+    from mbocp.programme.native_modules import KernelNewton, KernelNewtonState, KernelProgramme
 
 
 @dataclass(frozen=True)

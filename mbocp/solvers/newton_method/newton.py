@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, Factorisation, KernelFilter, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, Factorisation, KernelFilter, KernelProgramme
     from mbocp.solvers.staggered.sweep import Sweeps
 
 

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from mbocp.programme import StagewiseProgramme
-from mbocp.programme.native import kernel
-from mbocp.solvers.newton_method.limits import largest_product, why_limits_cannot_be_kept
+from mbocp.programme.native_modules import kernel
+from mbocp.solvers.newton_method.limit_multipliers import largest_product, why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from mbocp.solvers.records import IterationRecord
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewtonState
+    from mbocp.programme.native_modules import KernelNewtonState
 
 _STEPS = 30  # Newton steps: from near a solution it takes a few, or does not get there
 
@@ -32,32 +32,22 @@ def can_be_polished(programme: StagewiseProgramme) -> bool:
     return why_limits_cannot_be_kept(programme) is None
 
 
-@dataclass(frozen=True)
-class Judged:
-    """A result, with its residual by the measure of our own Newton's method.
+def judge(
+    result: SolverResult, programme: StagewiseProgramme, tolerance: float
+) -> tuple[SolverResult, float]:
+    """Return a result with its residual by the measure of our own Newton's method, and that residual.
 
-    Attributes
-    ----------
-    result : SolverResult
-    error : float
-        The residual; where round-off is above the tolerance, in units in which that is the tolerance, see
-        the kernel's `stopping.hpp`.
+    It is that of the iterate with its own multipliers. Where round-off is above the tolerance, the second is
+    in units in which that is the tolerance, see the kernel's `stopping.hpp`.
     """
-
-    result: SolverResult
-    error: float
-
-    @classmethod
-    def of(cls, result: SolverResult, programme: StagewiseProgramme, tolerance: float) -> Judged:
-        """Judge a result by its iterate, with the iterate's own multipliers."""
-        state = GlobalisedNewton(tolerance).judge(programme, result.iterate)
-        native, primal, dual = state.native, state.evaluation.primal, _dual(state, programme)
-        residual = math.hypot(primal, dual)
-        error = kernel().relative_residual(native.round_off(), primal, dual, tolerance)
-        if error <= tolerance < residual and not native.has_a_say(dual):
-            error = residual
-        record = replace(result.record, residual=residual, primal=primal, dual=dual)
-        return cls(replace(result, record=record), error)
+    state = GlobalisedNewton(tolerance).judge(programme, result.iterate)
+    native, primal, dual = state.native, state.evaluation.primal, _dual(state, programme)
+    residual = math.hypot(primal, dual)
+    error = kernel().relative_residual(native.round_off(), primal, dual, tolerance)
+    if error <= tolerance < residual and not native.has_a_say(dual):
+        error = residual
+    record = replace(result.record, residual=residual, primal=primal, dual=dual)
+    return replace(result, record=record), error
 
 
 def _dual(state: KernelNewtonState, programme: StagewiseProgramme) -> float:

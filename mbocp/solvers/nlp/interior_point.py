@@ -24,10 +24,16 @@ from mbocp._arrays import Array
 from mbocp._linear import norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.bounds import bounds_of, check_fatrop_takes, kinds_of_bounds, miss, tighten
-from mbocp.solvers.nlp.functions import NlpFunctions, all_or_none, calm_or_none, parameters
-from mbocp.solvers.nlp.layout import NlpLayout
-from mbocp.solvers.nlp.log import IterationCallback, IterationLog, OfThread, whole_lines
+from mbocp.solvers.nlp.iteration_log import IterationCallback, IterationLog, OfThread, whole_lines
+from mbocp.solvers.nlp.nlp_functions import NlpFunctions, all_or_none, calm_or_none, parameters
+from mbocp.solvers.nlp.nlp_layout import (
+    NlpLayout,
+    bounds_of,
+    check_fatrop_takes,
+    kinds_of_bounds,
+    miss,
+    tighten,
+)
 from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import Callback, IterationRecord, Status
 from mbocp.solvers.strategies.iterating import SolverResult

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from mbocp.solvers.records import Status
 
 _ACCEPTABLE_RESIDUAL = 1e-5  # residual below which a solver that stalls has found what it was looking for

@@ -29,14 +29,13 @@ from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
+from mbocp.solvers.options import SOLVER_TOLERANCE, Switch
 from mbocp.solvers.protocol import Measures
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import EndCondition, Kept, Sweeps, init_sweeps
-from mbocp.solvers.staggered.switch import Switch
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, KernelProgramme
 
 _MEMORY = 10  # iterations that the merit is compared with
 _HALVINGS = 40

@@ -21,7 +21,7 @@ from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.native import kernel
+from mbocp.programme.native_modules import kernel
 from mbocp.solvers.newton_method.newton import (
     PlainState,
     check_termination,
@@ -29,12 +29,12 @@ from mbocp.solvers.newton_method.newton import (
     new_state,
     next_state,
 )
+from mbocp.solvers.options import SOLVER_TOLERANCE
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps
-from mbocp.solvers.tolerances import SOLVER_TOLERANCE
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, KernelProgramme
 
 _HALVINGS = 10  # i_max of Algorithm 2
 _MIN_SHIFT, _MAX_SHIFT = 1e-3, 1e10

@@ -31,7 +31,7 @@ from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import Evaluation, KernelProgramme
+    from mbocp.programme.native_modules import Evaluation, KernelProgramme
 
 _AMPLIFICATION = 100.0  # of the sensitivities by opening the loop, above which it is closed
 _GAIN_WEIGHT = (

@@ -11,9 +11,9 @@ from __future__ import annotations
 import atexit
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import cast
 
 import numpy as np
@@ -24,40 +24,25 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.deadline import deadline_after
 from mbocp.solvers.nlp.interior_point import InteriorPoint, unpack
-from mbocp.solvers.nlp.layout import NlpLayout
+from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from mbocp.solvers.records import Callback, IterationRecord, Status
-from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError
+from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError, Tell
 from mbocp.solvers.strategies.iterating import SolverResult
 
 _GRACE = 1.0  # [s] beyond a time limit: for the process to begin, and for an iteration that is under way
 _ALONE = threading.RLock()
 
 
-@dataclass(frozen=True, eq=False)
-class _Iteration:
-    """A record, and the unknowns that it is of."""
-
-    record: IterationRecord
-    w: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """A run of an interior-point solver, which tells records and unknowns of iterations."""
-
-    solver: InteriorPoint
-    programme: StagewiseProgramme
-    iterate: Iterate
-    phase: str
-    first: int
-
-    def run(self, tell: Callable[[object], None]) -> SolverResult:
-        """Solve, in the process."""
-
-        def watch(record: IterationRecord, w: Array | None) -> None:
-            tell(_Iteration(record, w))
-
-        return self.solver.run_and_watch(self.programme, self.iterate, watch, self.phase, self.first, tell)
+def _run_and_tell(
+    solver: InteriorPoint,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    phase: str,
+    first: int,
+    tell: Tell,
+) -> SolverResult:
+    """Solve in the process, and tell the records and unknowns of iterations."""
+    return solver.run_and_watch(programme, iterate, lambda *told: tell(told), phase, first, tell)
 
 
 def run_apart(
@@ -79,10 +64,11 @@ def run_apart(
     CompilationTimeout
         If the time limit passed before the solver began.
     """
+    task = partial(_run_and_tell, solver, programme, iterate, phase, first)
     told, deadline = _Told(callback), deadline_after(solver.time_limit) + _GRACE
     with _ALONE:
         try:
-            answer = _process().run(_Run(solver, programme, iterate, phase, first), told.hear, deadline)
+            answer = _process().run(task, told.hear, deadline)
         except ElsewhereError:
             if not told.begun:
                 return solver.run(programme, iterate, callback, phase, first)
@@ -121,11 +107,12 @@ class _Told:
         """Take in one more thing."""
         if isinstance(told, IterationRecord):
             self.begun = (told,)
-        elif isinstance(told, _Iteration):
-            self.records = (*self.records, told.record)
-            self.w = self.w if told.w is None else told.w
+        elif isinstance(told, tuple):  # of an iteration
+            record, w = told
+            self.records = (*self.records, record)
+            self.w = self.w if w is None else w
             if self.callback is not None:
-                self.callback(told.record)
+                self.callback(record)
 
 
 def _without_result(title: str, status: Status) -> BaseException:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from mbocp.programme.iterate import Iterate
+from mbocp.solvers.options import Switch
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.staggered.switch import Switch
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
 from mbocp.solvers.strategies.registry import make_solver
@@ -26,26 +26,22 @@ _NEARLY = 0.1  # of the largest violation on the way: less is nearly feasible
 _LATELY = 10  # iterations: violations go up and down from step to step, and the smallest of a few counts
 
 
-@dataclass(frozen=True)
-class Auto:
+def run_auto(phases: Phases) -> Outcome:
     """Run monolithic Newton; if it stalls, the hybrids; in the end resume the first run.
 
     Every phase says in the advice why it ended. Nothing is given up for good: where no other strategy
     succeeds, the first goes on from its best iterate.
     """
-
-    def run(self, phases: Phases) -> Outcome:
-        """Run phase after phase, until one converges."""
-        runs = _Runs(phases)
-        first = runs.go_on("monolithic", phases.guess)
-        runs.go_on("fbsm_bb", phases.guess)
-        if not runs.is_over and runs.results[-1].status is not Status.SWEEP_FAILED:
-            reached = runs.results[-1].iterate
-            runs.go_on("fbsm_newton", reached)
-            runs.go_on("monolithic", reached)
-        if first.status is Status.STAGNATED:
-            runs.go_on("monolithic", first.iterate, is_last=True)
-        return runs.outcome()
+    runs = _Runs(phases)
+    first = runs.go_on("monolithic", phases.guess)
+    runs.go_on("fbsm_bb", phases.guess)
+    if not runs.is_over and runs.results[-1].status is not Status.SWEEP_FAILED:
+        reached = runs.results[-1].iterate
+        runs.go_on("fbsm_newton", reached)
+        runs.go_on("monolithic", reached)
+    if first.status is Status.STAGNATED:
+        runs.go_on("monolithic", first.iterate, is_last=True)
+    return runs.outcome()
 
 
 @dataclass(eq=False)

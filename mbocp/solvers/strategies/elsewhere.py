@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from mbocp._processes import python_command
 
@@ -27,11 +27,8 @@ _START = "from mbocp.solvers.strategies.elsewhere import work\nwork(int(sys.argv
 _GRACE = 0.5  # [s] for a task that is to stop in the midst of an iteration
 
 
-class Task(Protocol):
-    """Work for a process; it is pickled."""
-
-    def run(self, tell: Callable[[object], None]) -> object:
-        """Do the work; `tell` returns once the parent has heard, and raises `KeyboardInterrupt` to stop."""
+Tell = Callable[[object], None]  # returns once the parent has heard; `KeyboardInterrupt` stops the task
+Task = Callable[[Tell], object]  # work for a process; it is pickled
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,8 @@ class Elsewhere:
 
         Parameters
         ----------
-        task : Task
+        task : callable
+            Gets a function that tells the parent something, and returns what it comes to.
         hear : callable, optional
             Gets what the task tells, which waits meanwhile. An exception of it, and Ctrl-C, stop the task;
             after Ctrl-C what it comes to is returned, any other exception is raised.
@@ -212,7 +210,7 @@ def work(handle: int) -> None:
     while True:
         task = inbox.get()
         try:
-            answer: object = Answer(task.run(tell))
+            answer: object = Answer(task(tell))
         except Exception as error:  # the parent does the task itself, and raises it
             answer = Failure(f"{type(error).__name__}: {error}")
         connection.send(answer)

@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from mbocp.solvers.newton_method.polish import Judged, can_be_polished, meets, polisher
+from mbocp.solvers.newton_method.polish import can_be_polished, judge, meets, polisher
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Phases, how_it_ended
 
 _SETTLED = (Status.CONVERGED, Status.LINE_SEARCH_FAILED)  # ends of an interior-point solver at a solution
-
-
-@dataclass(frozen=True)
-class InteriorPhase:
-    """An interior-point solver, to its end.
-
-    Attributes
-    ----------
-    name : {"ipopt", "fatrop"}
-    """
-
-    name: str
-
-    def run(self, phases: Phases) -> Outcome:
-        """Run it from the guess."""
-        return phases.outcome(*run_interior(self.name, phases))
 
 
 def run_interior(name: str, phases: Phases) -> tuple[SolverResult, str]:
@@ -42,18 +26,18 @@ def run_interior(name: str, phases: Phases) -> tuple[SolverResult, str]:
     found = phases.run_interior(solver, name, phases.guess)
     if found.status not in _SETTLED or not can_be_polished(phases.programme):
         return found, solver.title
-    judged = Judged.of(found, phases.programme, settings.tolerance)
-    if judged.error <= settings.tolerance:
-        return _claim_converged(judged.result), solver.title
+    judged, error = judge(found, phases.programme, settings.tolerance)
+    if error <= settings.tolerance:
+        return _claim_converged(judged), solver.title
     if found.status is not Status.CONVERGED:
         return found, solver.title
-    return _polish(judged, solver.title, phases)
+    return _polish(judged, error, solver.title, phases)
 
 
-def _polish(judged: Judged, title: str, phases: Phases) -> tuple[SolverResult, str]:
+def _polish(found: SolverResult, error: float, title: str, phases: Phases) -> tuple[SolverResult, str]:
     """Run Newton's method from where an interior-point solver ended; return the better of the two."""
     settings = phases.settings
-    found, most = judged.result, settings.within(phases.taken).newton_iterations
+    most = settings.within(phases.taken).newton_iterations
     newton = polisher(settings.tolerance, settings.control_weight, most)
     polished = phases.run(newton, "polish", found.iterate, should_stop=meets(settings.tolerance))
     if polished.status is Status.CONVERGED or polished.record.residual <= settings.tolerance:
@@ -62,7 +46,7 @@ def _polish(judged: Judged, title: str, phases: Phases) -> tuple[SolverResult, s
     if polished.status.is_stopped:
         return replace(better, status=polished.status, advice=polished.advice), title
     advice = (
-        f"{title} ends here by its own measure, but the optimality conditions hold to {judged.error:.1e} "
+        f"{title} ends here by its own measure, but the optimality conditions hold to {error:.1e} "
         f"alone, and Newton's method from there {how_it_ended(polished)}: multipliers may not exist here; "
         'try another guess, or the other of "ipopt" and "fatrop"'
     )

@@ -10,7 +10,7 @@ from typing import Any
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.newton_method.limits import multipliers_of
+from mbocp.solvers.newton_method.limit_multipliers import multipliers_of
 from mbocp.solvers.protocol import Measures, Solver, SolverState
 from mbocp.solvers.records import Callback, IterationRecord, Status
 

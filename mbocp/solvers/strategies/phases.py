@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
@@ -79,13 +79,6 @@ class Outcome:
     def with_interrupt(self) -> Outcome:
         """Return the same, after which somebody pressed Ctrl-C."""
         return replace(self, result=self.result.with_interrupt())
-
-
-class Strategy(Protocol):
-    """How phases follow each other: frozen, with one method."""
-
-    def run(self, phases: Phases) -> Outcome:
-        """Run them."""
 
 
 class Phases:

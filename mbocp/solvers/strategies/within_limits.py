@@ -10,7 +10,7 @@ closer part by part, each time from the solution before.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import groupby
 
@@ -18,9 +18,9 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.newton_method.limits import bounded_values, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
 from mbocp.solvers.records import Status
-from mbocp.solvers.strategies.auto import Auto, has_stalled, is_nearly_feasible
+from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible, run_auto
 from mbocp.solvers.strategies.interior import run_interior
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
@@ -37,70 +37,68 @@ Solve = Callable[[StagewiseProgramme, Iterate], SolverResult | None]
 _has_stalled = partial(has_stalled, window=_PATIENCE)
 
 
-@dataclass(frozen=True)
-class AutoWithinLimits:
+def run_auto_within_limits(phases: Phases) -> Outcome:
     """Run monolithic Newton with its barrier; if it stalls, what else may help.
 
     From a point far from feasible the problem without limits comes first: its solution may keep them, or
     nearly. Then IPOPT, which knows the infeasible. In the end limits are brought back part by part.
     """
+    programme, settings = phases.programme, phases.settings
+    if why_limits_cannot_be_kept(programme) is not None:
+        found, title = run_interior("ipopt", phases)
+        return phases.outcome(found, f"auto: {title}")
+    solver = make_solver("monolithic", settings.with_patience())
+    begun = phases.run(solver, "monolithic", phases.guess, should_stop=_has_stalled)
+    if phases.ends_with(begun):
+        return phases.outcome(begun, f"auto: {solver.name}")
+    return _go_on(phases, begun, f"auto: {solver.name}")
 
-    def run(self, phases: Phases) -> Outcome:
-        """Run phase after phase, until one converges."""
-        programme, settings = phases.programme, phases.settings
-        if why_limits_cannot_be_kept(programme) is not None:
-            found, title = run_interior("ipopt", phases)
-            return phases.outcome(found, f"auto: {title}")
-        solver = make_solver("monolithic", settings.with_patience())
-        begun = phases.run(solver, "monolithic", phases.guess, should_stop=_has_stalled)
-        if phases.ends_with(begun):
-            return phases.outcome(begun, f"auto: {solver.name}")
-        return self._go_on(phases, begun, f"auto: {solver.name}")
 
-    def _go_on(self, phases: Phases, begun: SolverResult, title: str) -> Outcome:
-        """Run what else may help, where Newton's method makes no progress."""
-        programme, words, free = phases.programme, f"auto: monolithic {how_it_ended(begun)}", None
-        may_leave_out = can_leave_out_limits(programme)
-        if may_leave_out and not is_nearly_feasible(begun.history):
-            free = _run_newton(phases.on(without_limits(programme), _WITHOUT), phases.guess)
-            last = _keep_limits_at_once(phases, free)
-            if last is not None or phases.is_in_vain:
-                return phases.outcome(_with_all_limits(last, begun), _title(phases), words)
-        found = begun
-        if not phases.settings.is_doubtful:
-            before = _title(phases)
-            found, name = run_interior("ipopt", phases)
-            title = f"{before} > {name}"
-            if found.status is Status.STAGNATED and begun.record.residual < found.record.residual:
-                found, words = begun, f"{words}, ipopt {how_it_ended(found)}"
-            if phases.ends_with(found):
-                return phases.outcome(found, title, words)
-        last = self._bring_limits_back(phases, free) if may_leave_out else None
+def _go_on(phases: Phases, begun: SolverResult, title: str) -> Outcome:
+    """Run what else may help, where Newton's method makes no progress."""
+    programme, words, free = phases.programme, f"auto: monolithic {how_it_ended(begun)}", None
+    may_leave_out = can_leave_out_limits(programme)
+    if may_leave_out and not is_nearly_feasible(begun.history):
+        free = _run_newton(phases.on(without_limits(programme), _WITHOUT), phases.guess)
+        last = _keep_limits_at_once(phases, free)
+        if last is not None or phases.is_in_vain:
+            return phases.outcome(_with_all_limits(last, begun), _title(phases), words)
+    found = begun
+    if not phases.settings.is_doubtful:
+        before = _title(phases)
+        found, name = run_interior("ipopt", phases)
+        title = f"{before} > {name}"
+        if found.status is Status.STAGNATED and begun.record.residual < found.record.residual:
+            found, words = begun, f"{words}, ipopt {how_it_ended(found)}"
+        if phases.ends_with(found):
+            return phases.outcome(found, title, words)
+    last = _bring_limits_back(phases, free) if may_leave_out else None
+    if last is not None:
+        found, title = _with_all_limits(last, found), _title(phases)
+    return phases.outcome(found, title, words)
+
+
+def _bring_limits_back(phases: Phases, free: SolverResult | None) -> SolverResult | None:
+    """Go by way of the problem without limits; return what was stopped, or None if it leads nowhere.
+
+    `free` is what Newton's method has made of the problem without limits, if it was asked. Where a
+    problem may be infeasible, parts are not gone through from every guess.
+    """
+    programme = phases.programme
+    if free is None or free.status is not Status.CONVERGED:
+        free = run_auto(phases.on(without_limits(programme), _WITHOUT)).result
+        last = _keep_limits_at_once(phases, free)
         if last is not None:
-            found, title = _with_all_limits(last, found), _title(phases)
-        return phases.outcome(found, title, words)
+            return last
+    if free.status is not Status.CONVERGED or phases.settings.is_doubtful:
+        return None
 
-    def _bring_limits_back(self, phases: Phases, free: SolverResult | None) -> SolverResult | None:
-        """Go by way of the problem without limits; return what was stopped, or None if it leads nowhere.
-
-        `free` is what Newton's method has made of the problem without limits, if it was asked. Where a
-        problem may be infeasible, parts are not gone through from every guess.
-        """
-        programme = phases.programme
-        if free is None or free.status is not Status.CONVERGED:
-            free = Auto().run(phases.on(without_limits(programme), _WITHOUT)).result
-            last = _keep_limits_at_once(phases, free)
-            if last is not None:
-                return last
-        if free.status is not Status.CONVERGED or phases.settings.is_doubtful:
+    def solve(wanted: StagewiseProgramme, start: Iterate) -> SolverResult | None:
+        if phases.is_in_vain:
             return None
+        return _run_newton(phases if wanted is programme else phases.on(wanted, _WIDER), start)
 
-        def solve(wanted: StagewiseProgramme, start: Iterate) -> SolverResult | None:
-            if phases.is_in_vain:
-                return None
-            return _run_newton(phases if wanted is programme else phases.on(wanted, _WIDER), start)
-
-        return bring_limits_back(programme, free.iterate, solve)
+    return bring_limits_back(programme, free.iterate, solve)
 
 
 def _keep_limits_at_once(phases: Phases, free: SolverResult) -> SolverResult | None:

@@ -18,7 +18,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from mbocp.exceptions import ReplayError
-from mbocp.view.live.scene import viser_module
+from mbocp.view.live.live_scene import viser_module
 
 _FOREIGN = "This page is for the browser that opened it.\n"
 _HEAD = b"<head>"

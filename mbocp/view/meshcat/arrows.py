@@ -19,7 +19,7 @@ from mbocp.view.marks import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
 from mbocp.view.meshcat.shapes import coil, cone, nice_length, tube
 from mbocp.view.meshcat.viewer import mg
-from mbocp.view.motion import Motion
+from mbocp.view.motion_samples import Motion
 
 _LONGEST = 0.25  # of the scene's size
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.0035, 0.009, 0.03  # of the scene's size: radii, and length

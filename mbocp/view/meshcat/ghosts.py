@@ -22,7 +22,7 @@ from mbocp.view.meshcat.commands import Command, Track, colour_number, set_objec
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
-from mbocp.view.motion import Motion
+from mbocp.view.motion_samples import Motion
 
 _OPACITY = 0.35
 _OTHER_OPACITY = 0.55

@@ -18,7 +18,7 @@ from mbocp.view.meshcat.commands import Command, Track, colour_number, set_objec
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.viewer import load_primitive, mg
 from mbocp.view.meshcat.visuals import MergedGeometry
-from mbocp.view.motion import Motion
+from mbocp.view.motion_samples import Motion
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot

@@ -46,7 +46,7 @@ from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
-from mbocp.view.motion import Motion
+from mbocp.view.motion_samples import Motion
 
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down

@@ -9,8 +9,8 @@ import typer
 
 from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet
-from mbocp.cli.examples import epilog
-from mbocp.cli.report import reporting
+from mbocp.cli.command_examples import epilog
+from mbocp.cli.error_report import reporting
 
 app = typer.Typer()
 _EXAMPLES = ("mbocp paper --table 1", "mbocp paper --paper so3 --figure 3")

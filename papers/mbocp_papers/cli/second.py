@@ -13,7 +13,7 @@ import typer
 from rich.text import Text
 
 from mbocp.cli.console import output
-from mbocp.cli.report import INTERRUPTED
+from mbocp.cli.error_report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 from mbocp_papers.cli.first import check_folder, progress
 

@@ -21,7 +21,7 @@ from mbocp_papers.so3.outcomes import UPRIGHT, outcomes_of, turn_from_upright
 
 from mbocp.exceptions import InvalidValue
 from mbocp.study import Study, run_study
-from mbocp.study.task import make_problem
+from mbocp.study.run_task import make_problem
 
 
 def test_the_study_is_the_example() -> None:

@@ -16,8 +16,7 @@ from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.file.profile import profile_names, profile_of
 from mbocp.robot import Payload, Robot, load_parts
 from mbocp.solution.sent import motion_as_sent
-from mbocp.solution.sent_checks import controls_along
-from mbocp.solution.sent_path import path_excesses
+from mbocp.solution.sent_checks import controls_along, path_excesses
 from mbocp.solution.sent_states import Follower
 
 DOCS = Path(__file__).parents[3] / "docs" / "profiles.md"

@@ -19,7 +19,7 @@ from mbocp.problem import Problem
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.robot import Payload, Robot, describe, load_parts, load_robot, robot_from_spec
-from mbocp.view.figures.path import frame_paths
+from mbocp.view.figures.frame_paths import frame_paths
 from mbocp.view.replay import write_replay
 from tests.mechanics import mimics
 from tests.robot import urdfs

@@ -1,6 +1,6 @@
 r"""A programme counted in units of its own, solved there, and its result counted as the user does.
 
-`mbocp.programme.units` says which units there are and why they lose nothing. Units of a programme that is
+`mbocp.programme.stagewise` says which units there are and why they lose nothing. Units of a programme that is
 counted in others already are relative to those.
 
 Tiny costs are weighed in a unit of their own. Tolerances are absolute. A machine of a gram and a millimetre
@@ -23,7 +23,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.programme import BoundMultipliers, Iterate, StagewiseProgramme
-from mbocp.programme.units import Units
+from mbocp.programme.stagewise import Units
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.iterating import SolverResult

@@ -71,7 +71,7 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
     """
 
     @functools.wraps(command)
-    def wrapped(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+    def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         try:
             with shown_warnings(quiet=bool(kwargs.get("quiet"))), _flush_output():
                 return command(*args, **kwargs)
@@ -91,7 +91,7 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
                 forget_output()  # if that is what cannot be written
             raise typer.Exit(meaning.status) from None
 
-    return wrapped
+    return run
 
 
 def tell(error: MbocpError) -> int:

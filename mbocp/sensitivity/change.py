@@ -56,7 +56,7 @@ class Change:
         )
 
     @classmethod
-    def joined(cls, changes: list[Change]) -> Change:
+    def join(cls, changes: list[Change]) -> Change:
         """Those of several parameters, one after the other."""
         return cls(*(np.concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
 
@@ -104,7 +104,7 @@ def _numbers(moved: Formulation, base: Formulation) -> dict[str, Array]:
         "start": away.dense(programme.kind.ndx),
         "theta": programme.theta,
         "rho": programme.rho,
-        "rho_terminal": _aligned(moved, base),
+        "rho_terminal": _align(moved, base),
         "lower": _finite(bounds.lower),
         "upper": _finite(bounds.upper),
     }
@@ -114,7 +114,7 @@ def _finite(side: Array) -> Array:
     return np.where(np.isfinite(side), side, 0.0)
 
 
-def _aligned(moved: Formulation, base: Formulation) -> Array:
+def _align(moved: Formulation, base: Formulation) -> Array:
     """Numbers of the end with projections turned as near to those of the base as they can be.
 
     Rows of a projection span a space, and which rows they are is a matter of round-off.

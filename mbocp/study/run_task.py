@@ -19,7 +19,7 @@ from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solving import solve
-from mbocp.study.rows import ERROR, TIMEOUT, failure_row, solution_row, solver_seconds
+from mbocp.study.result_rows import ERROR, TIMEOUT, failure_row, solution_row, solver_seconds
 
 Solve = Callable[[Problem], Solution]
 

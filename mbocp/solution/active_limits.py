@@ -9,10 +9,10 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem.timeline.times import least_time
-from mbocp.solution.data import SolutionData
-from mbocp.solution.facts import Facts, PathRow
 from mbocp.solution.loads import rms_of
+from mbocp.solution.problem_facts import Facts, PathRow
 from mbocp.solution.records import Column
+from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import PLACES, RATE_TERMS, name_at
 
 _TOUCHES = 1e-5  # relative: interior-point methods stay inside by about the square root of their tolerance

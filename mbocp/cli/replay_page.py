@@ -115,9 +115,9 @@ def live_page(
     if output is not None:
         check_output(output, "-o", RESULT_SUFFIXES)
     import mbocp
-    from mbocp.cli.progress import Progress
+    from mbocp.cli.progress_table import Progress
     from mbocp.interactive import Live
-    from mbocp.view.live.scene import viser_module
+    from mbocp.view.live.live_scene import viser_module
 
     viser_module()  # before anything takes time
     signals.leave_in_order()

@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.programme.native import nlp_helpers
+from mbocp.programme.native_modules import nlp_helpers
 from mbocp.solvers.records import IterationRecord
 
 _NUMBER = r"[-+]?(?:\d+\.\d+e[-+]\d+|\d+\.\d+|nan|inf)"

@@ -11,7 +11,7 @@ import typer
 from mbocp._files import is_folder
 from mbocp.cli import signals
 from mbocp.cli.console import count, output, plain_table
-from mbocp.cli.progress import Progress
+from mbocp.cli.progress_table import Progress
 from mbocp.cli.results import tell
 from mbocp.cli.solve import PAGES, check_output, problem_of
 from mbocp.exceptions import ResultFileError

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mbocp._arrays import Array
 from mbocp.programme import StagewiseProgramme
-from mbocp.solvers.nlp.layout import Index, NlpLayout
+from mbocp.solvers.nlp.nlp_layout import Index, NlpLayout
 
 _INPUTS = ["x", "p", "lam_f", "lam_g"]  # of functions of the Lagrangian
 

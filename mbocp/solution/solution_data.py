@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import checked_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
-from mbocp.solution.facts import Facts, PhasePlace
 from mbocp.solution.later import Later, complete
+from mbocp.solution.problem_facts import Facts, PhasePlace
 from mbocp.solution.records import (
     Column,
     Labels,

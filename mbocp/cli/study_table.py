@@ -28,7 +28,7 @@ from rich.text import Text
 
 from mbocp.cli import signals
 from mbocp.cli.console import output, plain_table
-from mbocp.cli.report import INTERRUPTED
+from mbocp.cli.error_report import INTERRUPTED
 from mbocp.cli.solve import IMAGES, check_output
 from mbocp.exceptions import ResultFileError, StudyError
 
@@ -120,7 +120,7 @@ def _executor(how: How) -> Iterator[tuple[Executor | None, int | None]]:
     if how.scheduler is None:
         yield None, how.workers
         return
-    from mbocp.study.cluster import dask_executor
+    from mbocp.study.pools import dask_executor
 
     with dask_executor(how.scheduler, how.workers) as (executor, workers):
         yield executor, workers

@@ -9,9 +9,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation import Formulation
 from mbocp.programme.compilation import CompiledFunctions
-from mbocp.sensitivity.functions import load_end_functions, load_stage_functions
+from mbocp.sensitivity.change import Change
+from mbocp.sensitivity.derivative_functions import load_end_functions, load_stage_functions
 from mbocp.sensitivity.kkt import Kkt, Optimum, Parts, call
-from mbocp.sensitivity.numbers import Change
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def gradient_of(change: Change, slopes: Slopes, pulls: Array, ws: Array) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class ParameterFunctions:
-    """The functions of `mbocp.sensitivity.functions` along a horizon."""
+    """The functions of `mbocp.sensitivity.derivative_functions` along a horizon."""
 
     of_stage: CompiledFunctions
     of_end: CompiledFunctions

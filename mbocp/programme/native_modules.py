@@ -38,59 +38,24 @@ if TYPE_CHECKING:
 class Kernel(Protocol):
     """What both builds of the kernel offer."""
 
-    @property
-    def __name__(self) -> str:
-        """Of the module."""
-
-    @property
-    def __file__(self) -> str | None:
-        """Where it is."""
-
-    @property
-    def TAPE_FORMAT(self) -> str:
-        """With which the bytes of tapes begin."""
+    __name__: str  # of the module
+    __file__: str | None  # where it is
+    TAPE_FORMAT: str  # with which the bytes of tapes begin
+    StageFunction: type[StageFunction]  # a compiled or interpreted function of a stage
+    Kind: type[Kind]  # functions and sizes of one kind of stage
+    Terminal: type[Terminal]  # functions of the end
+    Care: type[KernelCare]  # rules by which a shift of the Hessian changes
+    Filter: type[KernelFilter]  # what later iterates may not be worse than
+    Trial: type[Trial]  # what a line search looks at
+    Newton: type[KernelNewton]  # Newton's method with safeguards
+    RecedingHorizon: type[KernelHorizon]  # the loop over a horizon that moves on
+    Programme: type[KernelProgramme]  # the programme with its iterate
 
     def write_c(self, serialised: str) -> tuple[list[str], str] | None:
         """Functions in C that may stand in different files, and what is called from outside."""
 
-    @property
-    def StageFunction(self) -> type[StageFunction]:
-        """A compiled or interpreted function of a stage."""
-
-    @property
-    def Kind(self) -> type[Kind]:
-        """Functions and sizes of one kind of stage."""
-
-    @property
-    def Terminal(self) -> type[Terminal]:
-        """Functions of the end."""
-
-    @property
-    def Care(self) -> type[KernelCare]:
-        """Rules by which a shift of the Hessian changes."""
-
-    @property
-    def Filter(self) -> type[KernelFilter]:
-        """What later iterates may not be worse than."""
-
-    @property
-    def Trial(self) -> type[Trial]:
-        """What a line search looks at."""
-
-    @property
-    def Newton(self) -> type[KernelNewton]:
-        """Newton's method with safeguards."""
-
     def relative_residual(self, allowed: Sizes, primal: float, dual: float, tolerance: float) -> float:
         """The residual in units of what round-off allows of its parts."""
-
-    @property
-    def RecedingHorizon(self) -> type[KernelHorizon]:
-        """The loop over a horizon that moves on."""
-
-    @property
-    def Programme(self) -> type[KernelProgramme]:
-        """The programme with its iterate."""
 
 
 class NlpHelpers(Protocol):

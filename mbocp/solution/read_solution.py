@@ -33,7 +33,7 @@ from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
-from mbocp.programme.carried import Carried
+from mbocp.programme.iterate import Carried
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.its_problem import facts_of

@@ -22,7 +22,7 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.newton import first_augmentation
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelNewton, KernelNewtonState, KernelProgramme
+    from mbocp.programme.native_modules import KernelNewton, KernelNewtonState, KernelProgramme
 
 _ANY = 1.0  # barrier parameter, before it is known
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known

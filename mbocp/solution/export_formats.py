@@ -19,10 +19,10 @@ from mbocp._text import list_names, printable
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.solution.atomic import replace_file
-from mbocp.solution.data import SolutionData
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
 from mbocp.solution.sent import EFFORT_RATE, MOST, Excess, NotCheckedWarning, Sent, motion_as_sent
+from mbocp.solution.solution_data import SolutionData
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -39,7 +39,8 @@ _SUFFIXES = MappingProxyType(
         ".script": "urscript",
         ".npz": "npz",
         ".parquet": "parquet",
-        **{recording.suffix: name for name, recording in RECORDINGS.items()},
+        ".mcap": "mcap",
+        ".rrd": "rerun",
     }
 )
 
@@ -136,7 +137,7 @@ def write_recording(
         raise InvalidValue("interpolation", interpolation, f"none: {name} has the motion as it was solved")
     motion = record(solution, robot_of(solution), rate)
     try:
-        return replace_file(path, RECORDINGS[name].write(motion))
+        return replace_file(path, RECORDINGS[name](motion))
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
 

@@ -19,7 +19,7 @@ from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import WORLD, build_scene, joint_node, motion_commands
 from mbocp.view.meshcat.shapes import nice_length
 from mbocp.view.meshcat.surroundings import BACKGROUND, FLOOR, LINE
-from mbocp.view.motion import Motion
+from mbocp.view.motion_samples import Motion
 
 ACCENT = (47, 111, 171)  # of sliders and buttons, as in meshcat/page.html
 _MOVES = ("position", "quaternion", "scale")

@@ -15,10 +15,14 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.newton_method.limits import bounded_values, multipliers_in_rows, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import (
+    bounded_values,
+    multipliers_in_rows,
+    why_limits_cannot_be_kept,
+)
 
 if TYPE_CHECKING:
-    from mbocp.programme.native import KernelProgramme
+    from mbocp.programme.native_modules import KernelProgramme
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
