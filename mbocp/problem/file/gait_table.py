@@ -16,7 +16,6 @@ from mbocp._keys import Key, Kind, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_integer, whole
-from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.ground_table import GroundTable, check_foot
 from mbocp.problem.file.kinds import Duration
 from mbocp.problem.file.messages import locate
@@ -88,7 +87,7 @@ def phases_of_gait(
     gait_table: GaitTable | None,
     phase_table: list[PhaseTable],
     ground_table: GroundTable | None,
-    goal_table: GoalTable,
+    is_cycle: bool,
     robot: Robot,
     said_q_start: Array,
 ) -> list[PhaseTable]:
@@ -120,7 +119,7 @@ def phases_of_gait(
         pieces.append(_Piece(f"swing_{k}", gait.duration, [foot for foot in feet if foot not in swing]))
         if gait.flight is not None:
             pieces.append(_Piece(f"flight_{k}", gait.flight, []))
-    if goal_table.periodic or gait.repeats:
+    if is_cycle:
         middle = pieces[cut]
         halves = [middle._replace(name=name, duration=_half(middle.duration)) for name in ("begin", "end")]
         pieces = [halves[0], *pieces[cut + 1 :], *pieces[:cut], halves[1]]

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,7 +25,6 @@ from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
 from mbocp.meshes.points import read_heights
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
-from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
@@ -38,9 +37,6 @@ from mbocp.terms import ContactTerm, Height
 from mbocp.terms.span import Share
 from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
-
-if TYPE_CHECKING:
-    from mbocp.problem.file.gait_table import GaitTable
 
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
 _LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no one multiplier, and solvers stall
@@ -99,8 +95,7 @@ class GroundTable(Table):
 def on_ground(
     phases_of_gait: list[PhaseTable],
     ground_table: GroundTable | None,
-    gait_table: GaitTable | None,
-    goal_table: GoalTable,
+    is_cycle: bool,
     robot: Robot,
     said_q_start: Array,
     start_free: FreeStart | None,
@@ -124,7 +119,6 @@ def on_ground(
     ground = _Ground.of(ground_table, robot, said_q_start, folder or Path())
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
-    is_cycle = bool(goal_table.periodic) or (gait_table is not None and gait_table.repeats)
     swings = ground.swings(phase_table, stands, is_cycle=is_cycle)
     found = [ground.complete(*each) for each in zip(phase_table, stands, swings, strict=True)]
     if start_free is not None:
