@@ -28,8 +28,14 @@ class Plant:
         self.model, self.q, self.v, self.feet = robot.model, q, v, []
         self.data = robot.model.createData()
 
+    def push(self, speed):
+        """Push the base to the left."""
+        self.v[1] += speed
+
     def land(self, feet):
         """Let other feet stand: velocities leap to what the ground allows."""
+        if feet == self.feet:
+            return
         self.feet = feet
         pin.crba(self.model, self.data, self.q)
         pin.forwardKinematics(self.model, self.data, self.q, self.v, 0.0 * self.v)
@@ -64,28 +70,27 @@ class Plant:
         return forces.reshape(-1, 3)
 
 
-def trot(horizon, seconds, speed_at, push=PUSH):
+def trot(horizon, seconds, speed_at, push=PUSH, plant=None):
     """Close the loop; states at the steps, forces of feet, and what became of the steps of the horizon."""
     problem = horizon.problem
     robot, dt = problem.robot, problem.dt
-    plant = Plant(robot, np.array(problem.q_start), np.array(problem.v_start))
+    plant = plant or Plant(robot, np.array(problem.q_start), np.array(problem.v_start))
     states, forces, told = [], [], []
     for k in range(round(seconds / dt)):
         if k == round(seconds / dt) // 2:
-            plant.v[1] += push
+            plant.push(push)
         found = horizon.step(plant.q, plant.v, speed=speed_at(k * dt), dt=None if k else 0.0)
         told.append(found.status)
         stands = [f"{name}_FOOT" for name, force in horizon.contact_forces().items() if force[0].any()]
-        if stands != plant.feet:
-            plant.land(stands)
+        plant.land(stands)
         u, q, v = (np.array(of) for of in (found.u, found.q[:2], found.v[:2]))
         for n in range(count := round(dt / SIMULATED)):
             share = n / count
             wanted = q[0, 7:] + share * (q[1, 7:] - q[0, 7:]), v[0, 6:] + share * (v[1, 6:] - v[0, 6:])
             torque = u + STIFFNESS * (wanted[0] - plant.q[7:]) + DAMPING * (wanted[1] - plant.v[6:])
-            forces.extend(plant.go_on(np.clip(torque, problem.limits.u_lower, problem.limits.u_upper)))
+            forces.append(plant.go_on(np.clip(torque, problem.limits.u_lower, problem.limits.u_upper)))
         states.append((plant.q, plant.v))
-    return states, np.array(forces), told
+    return states, np.vstack(forces), told
 
 
 if __name__ == "__main__":

@@ -300,7 +300,7 @@ class RecedingHorizon:
     def _take_speed(self, q: Any, speed: Any) -> list[str]:
         """Take a speed of the base; words for what cannot be."""
         nominal, times = np.atleast_2d(self.problem.cost.target_q)[0], self.times
-        moments = times[:-1] + self._formulation.tau * np.diff(times)
+        moments = times[:-1] + self._formulation.pieces.signature.steps.tau * np.diff(times)
         try:
             at = np.asarray(q, dtype=np.float64)
             if not (at.shape == nominal.shape and np.isfinite(at).all()):

@@ -87,7 +87,8 @@ class RepeatedPhases:
         for part in (len(self.is_impact) if rounds else 0, count):
             self._move_iterate(part)
         self.is_impact = np.roll(self.is_impact, -count)
-        numbers.turn(count, self.times[:-1] + self._formulation.tau * np.diff(self.times))
+        tau = self._formulation.pieces.signature.steps.tau
+        numbers.turn(count, self.times[:-1] + tau * np.diff(self.times))
 
     def _move_iterate(self, count: int) -> None:
         """Move states, unknowns, multipliers and limits of all stages, and what is bounded in them."""
