@@ -5,7 +5,7 @@ from __future__ import annotations
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
-from mbocp.receding.repeated import check_repeats
+from mbocp.receding.moving import check_repeats
 
 _METHODS = ("auto", "monolithic")
 _WHY = "its times would have to move with the horizon"
@@ -31,10 +31,6 @@ def check_can_recede(problem: Problem) -> None:
         "hold, release, impact": (
             problem.timeline.switches is not None and not problem.phase,
             f"there are some; {_WHY}: say them in phases, which repeat",
-        ),
-        "via": (
-            bool(problem.via) and not problem.phase,
-            f"there are via points; {_WHY}: leave them out, or say them in phases, which repeat",
         ),
         "goal": (bool(problem.goals), "there are several; give one of them"),
         "goal.periodic": (problem.goal.periodic is not None, "is not for a horizon that moves; give q and v"),

@@ -21,7 +21,7 @@ from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 from mbocp.receding.checks import check_can_recede, check_functions
-from mbocp.receding.repeated import RepeatedPhases
+from mbocp.receding.moving import MovingStages
 from mbocp.receding.saved import check_can_be_saved, write_horizon
 from mbocp.receding.speed import targets_at_speed
 from mbocp.receding.status import HorizonStatus
@@ -29,7 +29,7 @@ from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Status
-from mbocp.solvers.receding import RecedingSettings, receding_horizon
+from mbocp.solvers.receding import RecedingSettings, loop_of, receding_horizon
 from mbocp.solvers.strategies.patience import Patience
 
 _MICROSECOND = 1e-6  # [s]
@@ -125,8 +125,10 @@ class RecedingHorizon:
         iterate = _solve(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)
         self._native, self._programme = receding_horizon(self._formulation.programme, iterate, self._settings)
+        self._has_limits = bool(self._programme.slack.size)
         self._numbers = ParameterUpdates(self._formulation)
-        self._phases = RepeatedPhases(self._formulation, self._programme) if self.problem.phase else None
+        differ = self.problem.phase or self.problem.via
+        self._stages = MovingStages(self._formulation, self._programme) if differ else None
         self._state = np.array(self._formulation.start_state(self.problem.q_start, self.problem.v_start))
         self._take_views()
         self.first = self._step(HorizonStatus("converged", 1, 0.0, 1.0, 0.0, 0.0, 0.0))
@@ -167,7 +169,8 @@ class RecedingHorizon:
             forward and to the left [m/s], and turns [rad/s]. Its height, its attitude but for the heading and
             all other joints are those of the problem's target.
         dt : float, optional
-            Time since the step before [s]; default: one step of the horizon. Phases move on by whole steps.
+            Time since the step before [s]; default: one step of the horizon. With phases or via points a
+            multiple of it.
         time_limit : float, optional
             Time that the step may take in the kernel [us]: no second Newton step begins that would not end in
             time, by how long those before took, and each looks at the clock between its parts.
@@ -179,9 +182,10 @@ class RecedingHorizon:
         wrong += words
         has_moved = steps > 0.0
         is_new = self._numbers.move_on(steps * self.problem.dt)
-        if self._phases is not None and steps > 0.0:
-            self._phases.move_on(round(steps), self._numbers)
+        if self._stages is not None and steps > 0.0:
+            self._stages.move_on(round(steps), self._numbers)
             steps, is_new = 0.0, True
+            self._forget_barrier()
         if speed is not None:
             wrong += self._take_speed(q, speed)
             is_new = True
@@ -213,7 +217,7 @@ class RecedingHorizon:
         """
         if not period > 0.0:
             raise InvalidValue("period", period, "a time above 0 [s]")
-        us = self._views[4] if self._phases is None else self._views[4][~self._phases.is_impact]
+        us = self._views[4] if self._stages is None else self._views[4][~self._stages.is_impact]
         early = 0.5 * (1.0 - min(period / self.problem.dt, 1.0))
         found: Array = us[0] - early * (us[min(1, len(us) - 1)] - us[0])
         limits = self.problem.limits
@@ -222,8 +226,8 @@ class RecedingHorizon:
     @property
     def times(self) -> Array:
         """Times of the nodes from now on [s], shape (N + 1,): impacts of phases take none."""
-        if self._phases is not None:
-            return self._phases.times
+        if self._stages is not None:
+            return self._stages.times
         return np.arange(self.problem.num_steps + 1.0) * self.problem.dt
 
     def contact_forces(self) -> dict[str, Array]:
@@ -232,7 +236,7 @@ class RecedingHorizon:
         Along the normal and two tangents, and torques about them; of impacts the impulse by the length of a
         step. Zero where a contact is open; empty without phases.
         """
-        return {} if self._phases is None else self._phases.forces()
+        return {} if self._stages is None else self._stages.forces()
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder from which a C++ program without Python goes on as this horizon would.
@@ -252,8 +256,11 @@ class RecedingHorizon:
         ResultFileError
             If something cannot be written.
         """
-        if self._phases is not None:
-            raise ProblemError("receding horizon: phase: phases turn round in Python alone; save none")
+        if self._stages is not None:
+            raise ProblemError(
+                "receding horizon: phase, via: phases and via points move in Python alone; save a horizon "
+                "that has none"
+            )
         check_can_be_saved(
             self._formulation, is_plain=self._is_plain, belongs_to_times=self._numbers.belong_to_times
         )
@@ -296,6 +303,13 @@ class RecedingHorizon:
         else:
             at[0] = math.nan
         return wrong
+
+    def _forget_barrier(self) -> None:
+        """Begin another loop where the last limit is over: one with a barrier waits for it to fall."""
+        if self._has_limits and not self._programme.slack.size:
+            self._has_limits = False
+            self._native = loop_of(self._formulation.programme, self._programme, self._settings)
+            self._take_views()
 
     def _take_speed(self, q: Any, speed: Any) -> list[str]:
         """Take a speed of the base; words for what cannot be."""
@@ -347,8 +361,9 @@ class RecedingHorizon:
         if not (math.isfinite(steps) and steps >= 0.0):
             wrong.append(f"dt: got {dt}, expected a time >= 0 [s]")
             steps = 1.0
-        if self._phases is not None and abs(steps - round(steps)) > _WHOLE:
-            wrong.append(f"dt: got {dt}, expected a multiple of {self.problem.dt:g} s, a step of the phases")
+        if self._stages is not None and abs(steps - round(steps)) > _WHOLE:
+            step = f"{self.problem.dt:g} s, the step by which phases and via points move"
+            wrong.append(f"dt: got {dt}, expected a multiple of {step}")
             steps = float(max(round(steps), 1))
         if not 0 <= count <= _MAX_ITERATIONS:
             wrong.append(f"iterations: got {iterations}, expected 0 to {_MAX_ITERATIONS}")

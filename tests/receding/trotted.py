@@ -18,7 +18,7 @@ import numpy as np
 import mbocp
 from mbocp._arrays import Array
 from mbocp.receding import RecedingHorizon
-from tests.receding.test_repeated import TROT, example
+from tests.receding.test_moving import TROT, example
 from tests.sent.walked import Simulator
 
 
@@ -79,7 +79,8 @@ def main() -> int:
     tilt = np.abs(qs[:, 3:5]).max()
     print(dict(Counter(status.state for status in told)))
     print(
-        f"{speed:.3f} m/s in the last cycle, y {qs[-1, 1]:.3f} m, z {qs[:, 2].min():.3f} to {qs[:, 2].max():.3f} m"
+        f"{speed:.3f} m/s in the last cycle, y {qs[-1, 1]:.3f} m, "
+        f"z {qs[:, 2].min():.3f} to {qs[:, 2].max():.3f} m"
     )
     print(f"tilt {tilt:.3f}, |f_t| at most {np.linalg.norm(forces[:, :2], axis=1).max():.1f} N")
     return 0 if qs[:, 2].min() > 0.2 and tilt < 0.1 else 1

@@ -1,9 +1,10 @@
-"""Phases that repeat for ever: the horizon is one round of them, and begins wherever it has come to.
+"""What is asked for at times, and moves with a horizon: phases, which repeat for ever, and via points.
 
 All stages of a programme have the same functions, and differ in parameters and bounds alone: which rows of
 constraints act, which stages are impacts, where path constraints hold. So a horizon that has moved on by a
-step has the same programme with these numbers turned round by a stage, and no other functions: what the first
-stage asked for is asked of the last one.
+step has the same programme with these numbers moved by a stage, and no other functions. The horizon of phases
+is one round of them, and what the first stage asked for is asked of the last one. A via point comes nearer
+until it is over.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.formulation.updates import ParameterUpdates
@@ -53,13 +54,13 @@ def check_repeats(problem: Problem) -> None:
         raise ProblemError(f'receding horizon: coordinates: "{problem.coordinates}" take no phases here')
 
 
-class RepeatedPhases:
-    """What turns round as a horizon moves on over phases.
+class MovingStages:
+    """Stages that differ, as a horizon moves on over them.
 
     Parameters
     ----------
     formulation : Formulation
-        Of one round.
+        Of the horizon at its start: of phases one round.
     native : KernelProgramme
         The programme that the horizon steps, at its iterate.
     """
@@ -68,6 +69,7 @@ class RepeatedPhases:
         self._formulation, self._native = formulation, native
         programme, problem = formulation.programme, formulation.problem
         self._bounds, self._has_limits = programme.bounds, bool(native.slack.size)
+        self._repeats = bool(problem.phase)
         self.is_impact: BoolArray = np.array(problem.timeline.is_impact)
 
     @property
@@ -79,42 +81,50 @@ class RepeatedPhases:
     def move_on(self, steps: int, numbers: ParameterUpdates) -> None:
         """Move by steps that take time, and by the impacts after each: those are over by then.
 
-        The last stages begin with what the first ones did, one round before.
+        The last stages begin with what the first ones did, one round before; without phases as the last did.
         """
+        N = len(self.is_impact)
+        if not self._repeats:
+            self._move(np.minimum(np.arange(N) + min(steps, N), N - 1), min(steps, N))
+            return
         timed = np.flatnonzero(~self.is_impact)
         rounds, rest = divmod(steps, len(timed))
         count = int(timed[rest])
-        for part in (len(self.is_impact) if rounds else 0, count):
-            self._move_iterate(part)
+        for part in (N if rounds else 0, count):
+            self._move((np.arange(N) + part) % N, part)
         self.is_impact = np.roll(self.is_impact, -count)
         tau = self._formulation.pieces.signature.steps.tau
         numbers.turn(count, self.times[:-1] + tau * np.diff(self.times))
 
-    def _move_iterate(self, count: int) -> None:
-        """Move states, unknowns, multipliers and limits of all stages, and what is bounded in them."""
-        native, N = self._native, len(self.is_impact)
+    def _move(self, sources: IntArray, count: int) -> None:
+        """Move the iterate, its slacks and what is bounded: each stage has what its source had."""
+        native, N = self._native, len(sources)
         x = native.x.reshape(N + 1, -1)
         native.x = np.vstack([x[count:], self._states_after(x, count)]).ravel()
         for name in ("y", "u", "m"):
-            rows = np.roll(getattr(native, name).reshape(N, -1), -count, axis=0)
-            if name == "m":  # costates of a first stage, at the end, make the Hessian indefinite
+            rows = getattr(native, name).reshape(N, -1)[sources]
+            if name == "m" and self._repeats:  # costates of a first stage make the Hessian indefinite
                 rows[N - count :] = 0.0
             setattr(native, name, rows.ravel())
-        if not self._has_limits or count % N == 0:
+        if not self._has_limits:
             return
         limited, moved = self._bounds.limited, {}
         for name in ("slack", "z_lower", "z_upper"):
             full = np.zeros(limited.shape)
             full[limited], guards = np.split(getattr(native, name), [np.count_nonzero(limited)])
-            moved[name] = np.roll(full, -count, axis=0), guards
-        turned = (np.roll(side, -count, axis=0) for side in (self._bounds.lower, self._bounds.upper))
-        self._bounds = self._bounds.with_sides(*turned)
+            moved[name] = full[sources], guards
+        self._bounds = self._bounds.with_sides(self._bounds.lower[sources], self._bounds.upper[sources])
         set_bounds(native, self._formulation.programme, self._bounds)
         for name, (full, guards) in moved.items():
             setattr(native, name, np.append(full[self._bounds.limited], guards))
 
     def _states_after(self, x: Array, count: int) -> Array:
-        """States after the last one, with the moves and the changes of speed that followed the first one."""
+        """States after the last one, with the moves and the changes of speed that followed the first one.
+
+        Without phases the last one stays.
+        """
+        if not self._repeats:
+            return np.repeat(x[-1:], count, axis=0)
         robot, at, space = self._formulation.problem.robot, self._formulation.layout, self._formulation.space
         found, qs = np.array(x[1 : count + 1]), space.configurations(x[: count + 1, at.z])
         found[:, at.s] += x[-1, at.s] - x[0, at.s]

@@ -122,7 +122,7 @@ def test_what_cannot_be_is_said():
         found = horizon.step([0.2, -0.1], [0.3, 0.1], **given)
         assert found.status.state == "bad_input"
         assert words in found.status.words
-    with pytest.raises(ProblemError, match="phases turn round in Python alone"):
+    with pytest.raises(ProblemError, match="phases and via points move in Python alone"):
         horizon.save("nowhere")
 
 
@@ -137,3 +137,31 @@ def test_speeds_are_three_numbers(trot, monkeypatch, speed):
 def test_phases_that_cannot_follow_themselves_are_refused():
     with pytest.raises(ProblemError, match=r"receding horizon: phase: what is held .* repeats = true"):
         RecedingHorizon(EXAMPLES / "legged" / "solo12_trot.toml")
+
+
+def by_way(*vias: tuple[str, float, list[float]], start: dict, limits: dict) -> Problem:
+    """A double pendulum by way of some configurations: names, times and angles."""
+    cost = {"effort": 0.1, "velocity": 0.5, "terminal": 1.0, "terminal_weights": {"q": 50.0, "p": 1.0}}
+    goal = {"q": [0.8, 0.2], "v": 0, "enforce": "penalty"}
+    via = [{"name": name, "time": time, "q": q} for name, time, q in vias]
+    keys = {"start": start, "goal": goal, "cost": cost, "limits": limits}
+    return Problem.create("double_pendulum", 0.5, 10, via=via, scheme="se1", **keys)
+
+
+VIAS = ("up", 0.2, [0.3, 0.4]), ("down", 0.35, [0.5, -0.2])
+
+
+@pytest.mark.usefixtures("interpreted")
+@pytest.mark.parametrize("limits", [{}, {"effort": 12.0}])
+@pytest.mark.parametrize("steps", [1, 3, 4, 7])
+def test_via_points_come_nearer_until_they_are_over(steps, limits):
+    """After some steps the optimum is that of a problem with what is left of them."""
+    start = {"q": [0.1, -0.1], "v": [0.2, 0.0]}
+    horizon = RecedingHorizon(by_way(*VIAS, start=start, limits=limits), barrier=TIGHT)
+    for _ in range(steps):
+        horizon.step(start["q"], start["v"])
+    left = [(name, time - 0.05 * steps, q) for name, time, q in VIAS if time - 0.05 * steps > 0.01]
+    then = by_way(*left, start=start, limits=limits)
+    cold = mbocp.solve(then, check=True)
+    found = settled(horizon, then)
+    np.testing.assert_allclose(found.q, cold.qs, atol=1e-5)
