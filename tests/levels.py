@@ -31,7 +31,7 @@ _PLACES = {
         problem/mesh_obstacles problem/moving_obstacles problem/compound_obstacles problem/scenes
         problem/pair_clearances problem/place_causes problem/file/gait problem/file/ground problem/via
         programme/c_files programme/keys programme/later receding/estimator receding/horizon
-        robot/large_robots robot/loops/undriven ros sensitivity menus cli/menu cli/excite
+        receding/moving robot/large_robots robot/loops/undriven ros sensitivity menus cli/menu cli/excite
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/constraint_force terms/contact terms/distances
         terms/effort_about_gravity terms/end_acceleration terms/energy identification terms/hulls terms/kept

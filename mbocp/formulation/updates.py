@@ -76,6 +76,18 @@ class ParameterUpdates:
                 self._set_target(key, begin + share[:, None] * (end - begin))
         return True
 
+    def turn(self, count: int, times: Array) -> None:
+        """Begin with what a stage had that was so many later, and end with what those before it had.
+
+        Targets, and whether a step has one before it, stay where they are; t of terms is that of `times`
+        from now on [s], shape (N,).
+        """
+        for name, place in self._stage_at.items():
+            if name not in ("target_q", "target_p", HAS_BEFORE, TIME):
+                self._rows[:, place] = np.roll(self._rows[:, place], -count, axis=0)
+        if TIME in self._stage_at:
+            self._rows[:, self._stage_at[TIME]] = (self._time + times)[:, None]
+
     @property
     def places(self) -> Mapping[str, slice]:
         """Where numbers are that a step may change, empty where there are none.

@@ -70,15 +70,20 @@ def kernel_programme(
     )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
     if has_limits:
-        bounds = programme.bounds
-        made.set_limits(
-            **sides(bounds),
-            path=function("path") if bounds.nh else None,
-            path_values=function("path_values") if bounds.nh else None,
-            num_guards=programme.num_guards,
-            guard=programme.end_functions.stage_function("guard") if programme.num_guards else None,
-        )
+        set_bounds(made, programme, programme.bounds)
     return made
+
+
+def set_bounds(native: KernelProgramme, programme: StagewiseProgramme, bounds: StateBounds) -> None:
+    """Give a kernel programme bounds, and the functions of `programme` that they are for; slacks are zero."""
+    stages, end = programme.functions, programme.end_functions
+    native.set_limits(
+        **sides(bounds),
+        path=stages.stage_function("path") if bounds.nh else None,
+        path_values=stages.stage_function("path_values") if bounds.nh else None,
+        num_guards=programme.num_guards,
+        guard=end.stage_function("guard") if programme.num_guards else None,
+    )
 
 
 def sides(bounds: StateBounds) -> dict[str, Array]:

@@ -20,17 +20,20 @@ from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
+from mbocp.receding.moving import MovingStages
 from mbocp.receding.refusals import check_can_recede, check_functions
 from mbocp.receding.saved import check_savable, write_horizon
+from mbocp.receding.speed import targets_at_speed
 from mbocp.receding.status import HorizonStatus
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Status
-from mbocp.solvers.receding import RecedingSettings, receding_horizon
+from mbocp.solvers.receding import RecedingSettings, loop_of, receding_horizon
 from mbocp.solvers.strategies.patience import Patience
 
 _MICROSECOND = 1e-6  # [s]
+_WHOLE = 1e-6  # of a step: times that are as good as whole ones
 _MAX_ITERATIONS = 1_000_000  # of one step: more are a mistake, and take minutes
 
 
@@ -122,7 +125,10 @@ class RecedingHorizon:
         iterate = _solve(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)
         self._native, self._programme = receding_horizon(self._formulation.programme, iterate, self._settings)
+        self._has_limits = bool(self._programme.slack.size)
         self._numbers = ParameterUpdates(self._formulation)
+        differ = self.problem.phase or self.problem.via
+        self._stages = MovingStages(self._formulation, self._programme) if differ else None
         self._state = np.array(self._formulation.start_state(self.problem.q_start, self.problem.v_start))
         self._take_views()
         self.first = self._step(HorizonStatus("converged", 1, 0.0, 1.0, 0.0, 0.0, 0.0))
@@ -136,6 +142,7 @@ class RecedingHorizon:
         target: Any = None,
         weights: Mapping[str, Any] | None = None,
         robot: Robot | None = None,
+        speed: Any = None,
         dt: float | None = None,
         time_limit: float | None = None,
         iterations: int | None = None,
@@ -157,8 +164,13 @@ class RecedingHorizon:
             Other weights of the cost from now on, by their keys in `[cost]`.
         robot : Robot, optional
             The robot with another payload from now on, on the same frames as in the problem.
+        speed : array_like, shape (3,), optional
+            Another target of the tracking cost in this step: the floating base goes on from where it is,
+            forward and to the left [m/s], and turns [rad/s]. Its height, its attitude but for the heading and
+            all other joints are those of the problem's target.
         dt : float, optional
-            Time since the step before [s]; default: one step of the horizon.
+            Time since the step before [s]; default: one step of the horizon. With phases or via points a
+            multiple of it.
         time_limit : float, optional
             Time that the step may take in the kernel [us]: no second Newton step begins that would not end in
             time, by how long those before took, and each looks at the clock between its parts.
@@ -168,10 +180,19 @@ class RecedingHorizon:
         wrong = self._take_numbers(goal, target, weights, robot) + self._take_state(q, v)
         steps, limit, count, words = self._times(dt, time_limit, iterations)
         wrong += words
-        if self._numbers.move_on(steps * self.problem.dt):
+        has_moved = steps > 0.0
+        is_new = self._numbers.move_on(steps * self.problem.dt)
+        if self._stages is not None and steps > 0.0:
+            self._stages.move_on(round(steps), self._numbers)
+            steps, is_new = 0.0, True
+            self._forget_barrier()
+        if speed is not None:
+            wrong += self._take_speed(q, speed)
+            is_new = True
+        if is_new:
             self._pass_numbers()
         found = self._native.step(self._state, steps, count, limit)
-        if steps > 0.0 and self._numbers.take_before():
+        if has_moved and self._numbers.take_before():
             self._pass_numbers()
         if found.outcome.name == "bad_state" and not wrong:
             wrong = ["q or v: not finite"]
@@ -196,11 +217,26 @@ class RecedingHorizon:
         """
         if not period > 0.0:
             raise InvalidValue("period", period, "a time above 0 [s]")
-        us = self._views[4]
+        us = self._views[4] if self._stages is None else self._views[4][~self._stages.is_impact]
         early = 0.5 * (1.0 - min(period / self.problem.dt, 1.0))
         found: Array = us[0] - early * (us[min(1, len(us) - 1)] - us[0])
         limits = self.problem.limits
         return np.clip(found, limits.u_lower, limits.u_upper)
+
+    @property
+    def times(self) -> Array:
+        """Times of the nodes from now on [s], shape (N + 1,): impacts of phases take none."""
+        if self._stages is not None:
+            return self._stages.times
+        return np.arange(self.problem.num_steps + 1.0) * self.problem.dt
+
+    def contact_forces(self) -> dict[str, Array]:
+        """Forces of the contacts of the last prediction, by name, shapes (N, 6) [N, N m].
+
+        Along the normal and two tangents, and torques about them; of impacts the impulse by the length of a
+        step. Zero where a contact is open; empty without phases.
+        """
+        return {} if self._stages is None else self._stages.forces()
 
     def save(self, folder: str | Path) -> Path:
         """Write a folder from which a C++ program without Python goes on as this horizon would.
@@ -220,6 +256,11 @@ class RecedingHorizon:
         ResultFileError
             If something cannot be written.
         """
+        if self._stages is not None:
+            raise ProblemError(
+                "receding horizon: phase, via: phases and via points move in Python alone; save a horizon "
+                "that has none"
+            )
         check_savable(
             self._formulation, is_plain=self._is_plain, belongs_to_times=self._numbers.belong_to_times
         )
@@ -263,6 +304,27 @@ class RecedingHorizon:
             at[0] = math.nan
         return wrong
 
+    def _forget_barrier(self) -> None:
+        """Begin another loop where the last limit is over: one with a barrier waits for it to fall."""
+        if self._has_limits and not self._programme.slack.size:
+            self._has_limits = False
+            self._native = loop_of(self._formulation.programme, self._programme, self._settings)
+            self._take_views()
+
+    def _take_speed(self, q: Any, speed: Any) -> list[str]:
+        """Take a speed of the base; words for what cannot be."""
+        nominal, times = np.atleast_2d(self.problem.cost.target_q)[0], self.times
+        moments = times[:-1] + self._formulation.pieces.signature.steps.tau * np.diff(times)
+        try:
+            at = np.asarray(q, dtype=np.float64)
+            if not (at.shape == nominal.shape and np.isfinite(at).all()):
+                return []  # told already, of q
+            targets = targets_at_speed(self.problem.robot, nominal, at, speed, moments)
+            self._numbers.set_target({"q": targets})
+        except (MbocpError, TypeError, ValueError) as error:
+            return [str(error)]
+        return []
+
     def _take_numbers(
         self, goal: Any, target: Any, weights: Mapping[str, Any] | None, robot: Robot | None
     ) -> list[str]:
@@ -299,6 +361,10 @@ class RecedingHorizon:
         if not (math.isfinite(steps) and steps >= 0.0):
             wrong.append(f"dt: got {dt}, expected a time >= 0 [s]")
             steps = 1.0
+        if self._stages is not None and abs(steps - round(steps)) > _WHOLE:
+            step = f"{self.problem.dt:g} s, the step by which phases and via points move"
+            wrong.append(f"dt: got {dt}, expected a multiple of {step}")
+            steps = float(max(round(steps), 1))
         if not 0 <= count <= _MAX_ITERATIONS:
             wrong.append(f"iterations: got {iterations}, expected 0 to {_MAX_ITERATIONS}")
             count = self._iterations

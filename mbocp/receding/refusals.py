@@ -5,6 +5,7 @@ from __future__ import annotations
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
+from mbocp.receding.moving import check_repeats
 
 _METHODS = ("auto", "monolithic")
 _WHY = "its times would have to move with the horizon"
@@ -20,7 +21,6 @@ def check_can_recede(problem: Problem) -> None:
     """
     refused = {
         "horizon.duration": (problem.timeline.has_free_lengths, "is free; give it as a number"),
-        "phase": (bool(problem.phase), f"there are phases; {_WHY}: leave them out"),
         "horizon.lengths": (
             problem.timeline.has_unequal_lengths,
             "differ; leave them out, so that steps are alike",
@@ -29,10 +29,9 @@ def check_can_recede(problem: Problem) -> None:
         "robust": (problem.robust is not None, "is of a whole motion; leave it out"),
         "goal.excite": (problem.excite is not None, "is of a whole motion; leave it out"),
         "hold, release, impact": (
-            problem.timeline.switches is not None,
-            f"there are some; {_WHY}: leave them out",
+            problem.timeline.switches is not None and not problem.phase,
+            f"there are some; {_WHY}: say them in phases, which repeat",
         ),
-        "via": (bool(problem.via), f"there are via points; {_WHY}: leave them out"),
         "goal": (bool(problem.goals), "there are several; give one of them"),
         "goal.periodic": (problem.goal.periodic is not None, "is not for a horizon that moves; give q and v"),
         "goal.a": (
@@ -57,6 +56,8 @@ def check_can_recede(problem: Problem) -> None:
     for name, (is_there, words) in refused.items():
         if is_there:
             raise ProblemError(f"receding horizon: {name}: {words}")
+    if problem.phase:
+        check_repeats(problem)
 
 
 def check_functions(formulation: Formulation) -> None:

@@ -62,19 +62,26 @@ def receding_horizon(
         If no Newton step can be taken there.
     """
     native = warm_barrier(programme, iterate, lambda cost, limits: _barrier(settings.barrier, cost, limits))
-    horizon = kernel().RecedingHorizon(
-        native,
-        tolerance=settings.tolerance,
-        barrier=settings.barrier,
-        shift_unit=programme.control_weight,
-        augmentation=first_augmentation(programme),
-    )
+    horizon = loop_of(programme, native, settings)
     status = horizon.step(np.array(programme.x_start), 0.0, _STEPS, math.inf)
     if status.iterations == 0:
         raise SolverError(
             f"receding horizon: no Newton step can be taken from the solution ({status.outcome.name})"
         )
     return horizon, native
+
+
+def loop_of(
+    programme: StagewiseProgramme, native: KernelProgramme, settings: RecedingSettings
+) -> KernelHorizon:
+    """The kernel's loop over a programme, with the barrier that this has."""
+    return kernel().RecedingHorizon(
+        native,
+        tolerance=settings.tolerance,
+        barrier=settings.barrier,
+        shift_unit=programme.control_weight,
+        augmentation=first_augmentation(programme),
+    )
 
 
 def _barrier(share: float, cost: float, num_limits: int) -> float:

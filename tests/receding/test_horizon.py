@@ -341,6 +341,7 @@ KINDS = {
     "loops/four_bar.toml": {},
     "arms/reach_pose.toml": {},
     "arms/ur5_reach.toml": {},
+    "arms/via_points.toml": {},
 }
 
 
@@ -375,7 +376,6 @@ def test_goals_of_frames_move():
 
 REFUSED = {
     "arms/minimum_time.toml": "horizon.duration",
-    "arms/via_points.toml": "via",
     "arms/follow_path.toml": "horizon.duration",
     "walking/compass_gait.toml": "horizon.duration|phase",
     "free_flyer/round_trip.toml": "goal.periodic|via|start.free",

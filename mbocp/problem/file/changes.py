@@ -38,7 +38,14 @@ _LISTS = [n for n, info in ProblemTable.model_fields.items() if info.default_fac
 _WHOLE = (*_LISTS, "guess", "self_collision")  # lists, and kinds with what belongs to them
 _OBJECTS = {"goal": Goal, "cost": Cost, "limits": Bounds, "guess": Guess, "solver": SolverOptions}
 _OPTIONAL = ("ground", "gait", "robust")  # tables that are there or not
-_INNER = ("phases_of_gait", "phases_on_ground", "forces_of_feet", "phases_unweighted", "cost_reader")
+_INNER = (
+    "is_cycle",
+    "phases_of_gait",
+    "phases_on_ground",
+    "forces_of_feet",
+    "phases_unweighted",
+    "cost_reader",
+)
 _ABOUT = ("robot", "terms", "source", "name", "coordinates")
 _RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
 

@@ -16,7 +16,6 @@ from mbocp._keys import Key, Kind, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_integer, whole
-from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.ground_table import GroundTable, check_foot
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.phase_table import PhaseTable
@@ -64,9 +63,16 @@ class GaitTable(Table):
     ] = None
     stand: Annotated[
         Duration,
-        Key("how long all feet stand at the end, unless the motion is periodic", "s", "as long as a swing"),
+        Key(
+            "how long all feet stand at the end, unless the gait goes on",
+            "s",
+            "as long as a swing",
+        ),
     ] = None
     steps: Annotated[int, whole(2), Key("of a swing")]
+    repeats: Annotated[
+        bool, Key("it goes on for ever, as [receding horizons](receding_horizon.md#legs) take it")
+    ] = False
 
 
 class _Piece(NamedTuple):
@@ -81,14 +87,14 @@ def phases_of_gait(
     gait_table: GaitTable | None,
     phase_table: list[PhaseTable],
     ground_table: GroundTable | None,
-    goal_table: GoalTable,
+    is_cycle: bool,
     robot: Robot,
     said_q_start: Array,
 ) -> list[PhaseTable]:
     """Return the phases: those of the gait, or those that are given.
 
-    A periodic gait begins and ends in the middle of its first swing, so that what acts at its end acts at its
-    start.
+    A gait that is periodic or repeats begins and ends in the middle of its first swing, so that what acts at
+    its end acts at its start.
 
     Raises
     ------
@@ -113,7 +119,7 @@ def phases_of_gait(
         pieces.append(_Piece(f"swing_{k}", gait.duration, [foot for foot in feet if foot not in swing]))
         if gait.flight is not None:
             pieces.append(_Piece(f"flight_{k}", gait.flight, []))
-    if goal_table.periodic:
+    if is_cycle:
         middle = pieces[cut]
         halves = [middle._replace(name=name, duration=_half(middle.duration)) for name in ("begin", "end")]
         pieces = [halves[0], *pieces[cut + 1 :], *pieces[:cut], halves[1]]

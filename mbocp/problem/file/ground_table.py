@@ -25,7 +25,6 @@ from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
 from mbocp.meshes.points import read_heights
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
-from mbocp.problem.file.goal_table import GoalTable
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
@@ -97,7 +96,7 @@ class GroundTable(Table):
 def on_ground(
     phases_of_gait: list[PhaseTable],
     ground_table: GroundTable | None,
-    goal_table: GoalTable,
+    is_cycle: bool,
     robot: Robot,
     said_q_start: Array,
     start_free: FreeStart | None,
@@ -121,7 +120,7 @@ def on_ground(
     ground = _Ground.of(ground_table, robot, said_q_start, folder or Path())
     stands = [ground.contacts(table) for table in phase_table]
     ground.check_start(phase_table[0], stands[0])
-    swings = ground.swings(phase_table, stands, is_cycle=bool(goal_table.periodic))
+    swings = ground.swings(phase_table, stands, is_cycle=is_cycle)
     found = [ground.complete(*each) for each in zip(phase_table, stands, swings, strict=True)]
     if start_free is not None:
         found[0] = ground.complete_start(found[0], stands[0], robot, said_q_start, start_free.q)

@@ -16,8 +16,8 @@ from pydantic import ValidationError
 from mbocp._arrays import Array
 from mbocp._memory import check_horizon
 from mbocp.problem.file.cost_table import CostReader, read_cost
-from mbocp.problem.file.gait_table import phases_of_gait
-from mbocp.problem.file.goal_table import read_excite, read_goals
+from mbocp.problem.file.gait_table import GaitTable, phases_of_gait
+from mbocp.problem.file.goal_table import GoalTable, read_excite, read_goals
 from mbocp.problem.file.ground_table import on_ground
 from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
@@ -66,6 +66,11 @@ def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
         raise schema_error(label, ProblemTable, error) from error
 
 
+def _is_cycle(goal_table: GoalTable, gait_table: GaitTable | None) -> bool:
+    """Whether the last phase goes on in the first."""
+    return bool(goal_table.periodic) or (gait_table is not None and gait_table.repeats)
+
+
 def _horizon(
     horizon_table: HorizonTable, phases_unweighted: tuple[Phase, ...], robot: Robot
 ) -> tuple[Any, ...]:
@@ -107,6 +112,7 @@ READ = (
     Step.of(parameters_from, "parameter"),
     Step.of(opened_robot, "robot"),
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "start_free"),
+    Step.of(_is_cycle, "is_cycle"),
     Step.of(phases_of_gait, "phases_of_gait"),
     Step.of(on_ground, "phases_on_ground", "forces_of_feet"),
     Step.of(phases_from, "phases_unweighted"),
