@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._threads import SideBySide, Watch
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import CompilationTimeout

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import take_end_of

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.build import control_weight_of

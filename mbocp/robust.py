@@ -11,11 +11,12 @@ costs a warm start ([Zanelli2021]_, [Feng2020]_). Rounds end where the limits do
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from mbocp._dataclass import dataclass
 from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt

@@ -27,11 +27,12 @@ error that of what it is unsure by.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 _LOWEST, _HIGHER = 0.8, 1.0  # orders that are believed: from about one to one above that of the scheme
 _ROUND_OFF = 1e-11  # of a cost: differences below it tell nothing

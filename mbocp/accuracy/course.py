@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.accuracy.flow import Flow
 from mbocp.mechanics.held_frames import Acting
 from mbocp.problem.timeline.switches import SwitchTable

@@ -25,12 +25,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.accuracy.course import Course, course_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -27,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import symbols_of

@@ -18,12 +18,13 @@ A / n^q have :math:`n \propto A^{1/(q+1)}`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 

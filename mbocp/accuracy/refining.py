@@ -19,10 +19,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
 from mbocp.accuracy.rounds import Round, asked_of, is_rough, step_errors_of

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 _ROUNDING = 1e-14  # relative: more than the rounding of a product of 20 numbers, and of what NumPy's sine has
 

@@ -9,12 +9,11 @@ joint carries, and its axis S, they are :math:`-(v \times S)\cdot h`, v the twis
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.bounds.intervals import Box, cosine, sine
 from mbocp.bounds.slope_bounds import slopes_of
 from mbocp.robot import Robot

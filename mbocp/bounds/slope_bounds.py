@@ -7,12 +7,11 @@ length, so that derivatives of the inertias of a chain are bounded by masses and
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot.joints import joint_kind
 
 

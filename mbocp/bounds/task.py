@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.bounds.momenta import why_no_momenta
 from mbocp.bounds.speeds import Forces, Speeds, speeds_after
 from mbocp.problem import Goal, Problem

@@ -9,11 +9,12 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Literal
 
 import typer
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 
 Verdict = Literal["ok", "warn", "fail"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ import numpy as np
 import typer
 
 from mbocp._arrays import plain_json
+from mbocp._dataclass import dataclass
 from mbocp._files import RESULT_SUFFIXES
 from mbocp.cli import signals
 from mbocp.cli.console import count, output, plain_table

@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import webbrowser
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import typer
 
+from mbocp._dataclass import dataclass
 from mbocp._files import RESULT_SUFFIXES
 from mbocp._numbers import finite_number
 from mbocp.cli import signals

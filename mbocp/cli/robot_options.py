@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotError
 
 if TYPE_CHECKING:

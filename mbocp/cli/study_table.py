@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +25,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
+from mbocp._dataclass import dataclass
 from mbocp.cli import signals
 from mbocp.cli.console import output, plain_table
 from mbocp.cli.error_report import INTERRUPTED

@@ -10,7 +10,6 @@ has to ask which one it is. What the tau schemes have stands in `Formulation`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, TypeVar
 
@@ -18,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.build import build_programme
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.mechanics import Mechanics
 
 

@@ -6,12 +6,13 @@ A `Passage` is a step of one as the rules of what states remember see it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.integrators import control_basis, control_powers
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
 from typing import TypeVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.layout import places
 from mbocp.formulation.signature import FunctionSignature

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation.goal import EndRows, EndTarget
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.parameter_layout import ParameterLayout, parameter_layout

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import acceleration_rows

@@ -10,13 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from mbocp import integrators, lie, mechanics, meshes, robot, symbolic, terms
+from mbocp._dataclass import dataclass
 from mbocp._environment import number_from
 from mbocp.exceptions import TooManyOperations
 from mbocp.formulation.features.control_values import ControlValues

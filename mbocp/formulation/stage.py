@@ -30,11 +30,12 @@ balance count in a unit of force that is one of the parameters, see `Units`.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Feature
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage

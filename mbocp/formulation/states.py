@@ -6,12 +6,12 @@ All formulations store coordinates and speeds in the same way; the rest is what 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple, Protocol
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis

@@ -9,11 +9,12 @@ converges in a few iterations is left as it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.screening import Screening, can_screen

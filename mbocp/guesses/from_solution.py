@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion

@@ -15,13 +15,13 @@ of the mass matrix where these do not suffice.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.guesses.ways import position_limits

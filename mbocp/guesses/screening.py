@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.straight_line import is_whole, line

@@ -11,9 +11,10 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
+from mbocp._dataclass import dataclass
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation

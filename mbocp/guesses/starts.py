@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count, islice
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import around

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
 from mbocp.identification.dynamics import InverseDynamics, Motion
 from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of

@@ -8,7 +8,6 @@ import json
 import re
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._files import read_bytes, read_text
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, LogError, Unreadable

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ import pinocchio as pin
 from scipy.linalg import solve_triangular
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.problem.excite import FRICTIONS

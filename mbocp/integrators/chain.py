@@ -21,11 +21,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import NamedTuple
 
 import casadi as ca
+
+from mbocp._dataclass import dataclass
 
 _LARGE = 500  # operations of a link's derivatives, from which on a call is worth its copies of numbers
 

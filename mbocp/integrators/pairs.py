@@ -14,9 +14,10 @@ a step, and lose energy instead of keeping it. Their last stage is the node afte
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
+
+from mbocp._dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
+from mbocp._dataclass import dataclass
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.integrators.tau import VELOCITY_TAU

@@ -8,9 +8,10 @@ Each is a table: nodes c, matrix a and weights b of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from types import MappingProxyType
+
+from mbocp._dataclass import dataclass
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import threading
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.interactive.wish import Wish, changed_problem
 from mbocp.problem import Problem

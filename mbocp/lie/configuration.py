@@ -9,7 +9,6 @@ numbers at 1, whose derivatives are infinite in the branch that is not taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -17,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.lie.groups import Circle, Group, Plane, Quaternion, RigidBody, RotationMatrix, Vector
 

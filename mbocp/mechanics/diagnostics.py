@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch
 from mbocp.mechanics.symmetries import find_symmetries, momentum_map
 from mbocp.mechanics.symmetries.fields import Symmetry

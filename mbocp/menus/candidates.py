@@ -9,12 +9,13 @@ configurations.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, count, islice
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.around import around

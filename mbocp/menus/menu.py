@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import TypeVar, overload
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.exceptions import CompilationTimeout, InvalidValue, ResultFileError

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE
 
 Indices = NDArray[np.int64]

@@ -20,11 +20,12 @@ Cox, Matthews, "Exponential time differencing for stiff systems", 2002, Eqs. (26
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.problem import Problem

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.robot import Robot

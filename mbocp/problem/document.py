@@ -6,13 +6,14 @@ It is all that `Problem.with_` changes. A problem is worked out of it, see `mboc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import frozen_array, plain
+from mbocp._dataclass import dataclass
 from mbocp._text import printable
 from mbocp.problem.file.messages import in_file, locate
 from mbocp.problem.file.read_tables import READ, read_tables

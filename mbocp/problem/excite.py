@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 FRICTIONS = ("none", "viscous", "coulomb", "both")
 

@@ -7,12 +7,13 @@ of what speeds and motors can is enough.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp._text import list_names
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import Robot

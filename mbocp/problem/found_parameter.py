@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem.goals.free_start import FreeStart

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem._checks import check_choice, check_finite

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
+
+from mbocp._dataclass import dataclass
 
 _PLAIN = (int, float, str, bool, tuple, type(None), PurePath)  # compared by value; all else by identity
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mbocp._dataclass import dataclass
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
 from mbocp.problem.file.messages import in_file

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.cost import Cost

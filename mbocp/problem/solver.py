@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any
 
+from mbocp._dataclass import dataclass
 from mbocp._environment import available_threads
 from mbocp._keys import Check, Key, Table, checks_of
 from mbocp.exceptions import InvalidValue

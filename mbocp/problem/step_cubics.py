@@ -11,11 +11,10 @@ of schemes of first order are not that of the flow with their velocities: of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 
 FEEDBACKS = ("gains", "none")
 

@@ -8,12 +8,12 @@ table that is interpolated, CasADi writes itself.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.tapes import as_operations
 

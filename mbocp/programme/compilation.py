@@ -14,7 +14,7 @@ import atexit
 import contextlib
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
 from threading import Lock
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme.background import BackgroundCompiler

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch
 
 if TYPE_CHECKING:

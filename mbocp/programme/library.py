@@ -17,7 +17,6 @@ import os
 import platform
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp._environment import available_threads
 from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import (

@@ -20,11 +20,12 @@ powers of two, so that nothing is lost on the way there and back.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_mask
+from mbocp._dataclass import dataclass
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.state_bounds import StateBounds
 

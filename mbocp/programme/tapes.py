@@ -13,13 +13,14 @@ import os
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
 from mbocp.programme.native_modules import kernel

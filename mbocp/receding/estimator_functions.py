@@ -20,12 +20,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends, with_compiled_functions

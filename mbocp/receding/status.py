@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
+
+from mbocp._dataclass import dataclass
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import HorizonStatus as KernelStatus

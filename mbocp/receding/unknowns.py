@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot

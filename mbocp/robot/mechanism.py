@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -13,6 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.large import working_data

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray, freeze, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource

@@ -5,12 +5,13 @@ All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the u
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
 
 from mbocp._arrays import Array, freeze
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 
 

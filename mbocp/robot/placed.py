@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from mbocp._dataclass import dataclass
 
 SEPARATOR = "/"  # between the name of a part and those of its joints and frames
 

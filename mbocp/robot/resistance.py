@@ -11,12 +11,12 @@ would stick.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 
 FRICTION_SPEED = 0.1  # [rad/s, m/s]

@@ -10,13 +10,14 @@ import tempfile
 import weakref
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
+from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.formulate import implied_end_rows
 from mbocp.formulation.layout import places

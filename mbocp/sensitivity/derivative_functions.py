@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_end_functions, build_functions

@@ -13,13 +13,13 @@ recursion factorises it once, and solves it for any right-hand side, in time lin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.sensitivity.change import Change

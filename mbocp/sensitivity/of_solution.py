@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation

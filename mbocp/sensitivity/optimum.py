@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.switches import repeat_steps

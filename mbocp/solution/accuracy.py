@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from mbocp._dataclass import dataclass
 
 _SMALL = 0.02  # of a joint's way: the sum of its local errors
 

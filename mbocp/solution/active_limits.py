@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.problem.timeline.times import least_time
 from mbocp.solution.loads import rms_of
 from mbocp.solution.problem_facts import Facts, PathRow

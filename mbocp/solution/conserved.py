@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 _ZERO_RATIO = 1e-9  # of the largest adjoint; a quantity below it is round-off of terms that cancel
 

@@ -30,13 +30,14 @@ v_0^2 / 2A - h v_0 / 2, and every other motion needs v_0^2 / 2A.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 

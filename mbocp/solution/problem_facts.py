@@ -7,13 +7,14 @@ problem: nobody has to make the problem again to say which limits a motion touch
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.terms.rates import RATE_TERMS
 
 _Numbers = tuple[float, ...]

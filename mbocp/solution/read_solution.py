@@ -6,7 +6,7 @@ import math
 import platform
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from mbocp import __version__
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch
 from mbocp.solvers.records import Status
 

@@ -7,13 +7,13 @@ Path constraints hold at nodes alone, and are looked at between these, too.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import nearest_approach

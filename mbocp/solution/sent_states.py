@@ -9,13 +9,13 @@ has them at the start: with E the links of elastic joints, which no motor acts o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.robot.large import working_data
 from mbocp.solution.curves import Curves

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import mbocp
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ResultFileError
 from mbocp.solution._values import same

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
+
+from mbocp._dataclass import dataclass
 
 SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
 

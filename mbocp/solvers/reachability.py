@@ -12,13 +12,14 @@ weaker ones, and the last of them, have to show the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import OverdeterminedGoal
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme

@@ -6,9 +6,10 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from enum import Enum
 from typing import TypeAlias
+
+from mbocp._dataclass import dataclass
 
 
 class Status(str, Enum):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.options import Options, Switch
 

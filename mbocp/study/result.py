@@ -6,13 +6,13 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import StudyError, suggest
 from mbocp.solution.atomic import atomic_path
 from mbocp.study.result_rows import FIELDS

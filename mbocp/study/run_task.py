@@ -8,10 +8,11 @@ import time
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.problem.file.overrides import apply_overrides

@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from mbocp._arrays import plain
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import plain_json
+from mbocp._dataclass import dataclass
 
 MISSED = "off the goal"  # converged, but further from the goal than a success may be
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp._memory import check_memory
 from mbocp._numbers import as_float, is_number
 from mbocp._quantities import Quantity

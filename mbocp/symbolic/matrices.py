@@ -9,11 +9,11 @@ square root and no case is taken, and a matrix that is no rotation goes in as it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import UnsupportedRobot
 
 

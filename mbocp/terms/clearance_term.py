@@ -11,13 +11,13 @@ table of hulls.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot.collision.obstacle_motion import PIECE, placement_of_piece
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure

@@ -20,11 +20,11 @@ coincide, :math:`J(q_n)\,v_n = 0` without an impact.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.bounded import Structure

@@ -41,7 +41,6 @@ corner of a cube is 0.58 of the true one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import ClassVar, NamedTuple
@@ -50,6 +49,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 
 CORE = 5  # numbers of a core
 _BROAD = 1e3  # [m]: what has no side; cancellation takes 1e-13 m

@@ -13,7 +13,6 @@ may keep an angle to the direction c'(s) of the path, as a torch that is dragged
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import casadi as ca
@@ -22,6 +21,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp._tolerances import BOUND_TOLERANCE

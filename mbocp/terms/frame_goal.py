@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot import FrameTarget
 

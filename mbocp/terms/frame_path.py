@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import casadi as ca
@@ -11,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of

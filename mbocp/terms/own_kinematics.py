@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.lie.groups import RigidBody, RotationMatrix
 from mbocp.mechanics import JointMechanics

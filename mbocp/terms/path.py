@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
@@ -19,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._keys import Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

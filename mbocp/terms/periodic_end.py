@@ -7,13 +7,14 @@ They are functions of the last state, which remembers the move of the start:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, field
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point, Sizes
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import NamedTuple
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import TranscriptionError
 from mbocp.mechanics import Mechanics
 

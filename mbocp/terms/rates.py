@@ -10,8 +10,9 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
+
+from mbocp._dataclass import dataclass
 
 if TYPE_CHECKING:
     import casadi as ca

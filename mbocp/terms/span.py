@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import create_model
 
 from mbocp._arrays import BoolArray
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Kind, Table
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import show

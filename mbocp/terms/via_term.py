@@ -16,10 +16,10 @@ cosine excludes.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.lie.configuration import Part
 from mbocp.lie.groups import vee
 from mbocp.terms.bounded import Structure

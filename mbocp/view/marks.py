@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.robot import Constraint, Robot
 from mbocp.robot.collision.obstacle import Obstacle

@@ -10,9 +10,9 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.browser import browse

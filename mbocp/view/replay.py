@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mbocp._dataclass import dataclass
 from mbocp._processes import signal_handler
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.view.live_robot import LiveReplay

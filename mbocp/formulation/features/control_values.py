@@ -14,13 +14,14 @@ its square is added to the cost, which is zero at the optimum.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion

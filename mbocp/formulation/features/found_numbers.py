@@ -14,7 +14,7 @@ zero at the optimum. The cost of p itself is that of the first step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage

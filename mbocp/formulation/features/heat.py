@@ -12,12 +12,12 @@ time.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage

@@ -19,11 +19,11 @@ the size of their limits, so that the numbers that solvers see are of ordinary s
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage

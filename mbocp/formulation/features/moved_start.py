@@ -17,7 +17,7 @@ condition is a function of the last state alone. On groups r is in the tangent s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -25,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout

@@ -14,13 +14,13 @@ where a path is closed or crosses itself, its progress leaping over a loop in on
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion, Passage

@@ -21,13 +21,14 @@ given. Where all lengths are given and differ, they are parameters of the stages
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.clock import STEP_SHARE
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.features.switches import filled_lengths

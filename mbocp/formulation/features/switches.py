@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import Switched

@@ -18,13 +18,13 @@ at the end, give or take what the jerk makes of them in a hundredth of a step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature, unbounded
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage

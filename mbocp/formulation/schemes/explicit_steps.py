@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.accelerations import rate_of_speeds
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import casadi as ca
 
+from mbocp._dataclass import dataclass
 from mbocp.formulation.features.accelerations import mean_acceleration
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows

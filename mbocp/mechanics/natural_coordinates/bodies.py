@@ -13,13 +13,14 @@ in which nothing is redundant and the mass matrix is constant already: a point m
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind

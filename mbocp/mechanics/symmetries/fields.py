@@ -8,13 +8,13 @@ See `mbocp.mechanics.symmetries.finding` for why these and no others.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.robot import Robot
 
 _LIE_JOINTS = {"JointModelFreeFlyer": 6, "JointModelSpherical": 3, "JointModelPlanar": 3}

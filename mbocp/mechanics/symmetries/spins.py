@@ -13,12 +13,12 @@ A symmetry moves all bodies that are joined as one, about an axis that stays. A 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.mechanics.symmetries.separate_parts import part_name
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data

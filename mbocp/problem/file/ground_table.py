@@ -8,7 +8,6 @@ the problem.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -17,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
 from mbocp._text import shorten

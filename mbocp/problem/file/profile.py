@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
@@ -15,6 +14,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from pydantic import Field, ValidationError
 
+from mbocp._dataclass import dataclass
 from mbocp._files import is_file, path_of, read_toml
 from mbocp._keys import Kind, Table
 from mbocp._measured import Measured, plain_number

@@ -10,11 +10,12 @@ for how w becomes a control of the first step.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
+from mbocp._dataclass import dataclass
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem.coordinates import COORDINATES

@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite

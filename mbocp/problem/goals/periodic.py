@@ -20,13 +20,14 @@ the standing one, and the legs have changed their roles.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE

@@ -7,11 +7,12 @@ the link's own shapes. At other poses these are not nearer by more than their po
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.collision.obstacle import Obstacle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle

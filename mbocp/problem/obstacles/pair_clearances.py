@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import NativeMismatch
 from mbocp.robot import joints
 from mbocp.robot.joints import joint_kind

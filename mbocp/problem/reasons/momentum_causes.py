@@ -11,12 +11,12 @@ of mass, too, where nothing turns them, see `mbocp.mechanics.symmetries.spins`.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.mechanics.symmetries.spins import Spin, spins_of

@@ -21,9 +21,9 @@ which they do not act are a `Release`.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics.held_frames import HeldFrame

@@ -7,10 +7,11 @@ via points divide the motion into phases whose lengths are found.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, Literal
 
 from mbocp._arrays import frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_choice, check_integer
 from mbocp.problem.cost import weights_by_key

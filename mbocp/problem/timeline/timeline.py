@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem.timeline.free_times import phases_between, timed_nodes
 from mbocp.problem.timeline.hold import Schedule

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+from mbocp._dataclass import dataclass
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -6,12 +6,12 @@ As a path constraint a via point holds at one node.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._linear import independent_rows
 from mbocp._numbers import is_number
 from mbocp._text import show

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import subprocess
 from collections import Counter
-from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, freeze
+from mbocp._dataclass import dataclass
 from mbocp._processes import python_command
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -12,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import mesh_of

@@ -12,11 +12,10 @@ Badoiu, Clarkson, "Smaller core-sets for balls", 2003: the ball of a cluster.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot.collision.samples import directions, sequence
 from mbocp.robot.collision.solid import Solid
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import coal
@@ -11,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.triangles import triangles_of
 from mbocp.robot.collision.samples import surface_points

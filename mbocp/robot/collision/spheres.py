@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import coal
@@ -11,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, freeze
+from mbocp._dataclass import dataclass
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics

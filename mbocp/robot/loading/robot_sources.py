@@ -16,11 +16,11 @@ import importlib
 import importlib.util
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mbocp
+from mbocp._dataclass import dataclass
 from mbocp._files import is_file, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading.addresses import find_row, unpacked_root

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import pinocchio as pin
 from pydantic import BaseModel
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, RobotError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description

@@ -8,13 +8,13 @@ flipped), it begins again at random configurations within the limits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import assemble, components, violations

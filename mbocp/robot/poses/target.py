@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.kinematics import WORLD

@@ -7,10 +7,10 @@ limits by a barrier. It is the kernel's, whose `newton.hpp` says what its rules 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.native_modules import kernel

@@ -7,13 +7,13 @@ stages, by one permutation each. Nothing is differentiated here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.nlp_layout import Index, NlpLayout
 

@@ -11,13 +11,13 @@ x_{n+1}, and the step's own rows are constraints of the node.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
 

@@ -11,12 +11,12 @@ equation are left, eq. (31). The step :math:`c = -K^{-1} r_u`, :math:`K = \nabla
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import SolverError
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate

@@ -22,12 +22,12 @@ reach the goal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
+from mbocp._dataclass import dataclass
 from mbocp._processes import python_command
 
 if TYPE_CHECKING:

@@ -6,9 +6,10 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from mbocp._dataclass import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.solvers.deadline import deadline_after, time_until

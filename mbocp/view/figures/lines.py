@@ -6,13 +6,13 @@ Undamped adjoints of index 3 jump to one side and the other of a smooth mean, wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.solution import Column, Solution
 from mbocp.view.figures.style import (
     GREY,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import FrameTarget, Robot

@@ -7,13 +7,13 @@ holds it: they are drawn last, without comparing depths, with their front faces 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot import Connector
 from mbocp.view.marks import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object

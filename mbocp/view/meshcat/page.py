@@ -14,12 +14,12 @@ import html
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.meshcat.scene import FORCES, Scene

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import captured_stderr, describe_urdf, read_urdf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.readers.urdf_xml import LARGEST, finite_number, read_xml

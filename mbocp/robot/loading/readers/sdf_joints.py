@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.kinematics import WORLD

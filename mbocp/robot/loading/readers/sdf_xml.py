@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._text import list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot, suggest
 from mbocp.robot.kinematics import WORLD

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, XML_LIMIT, is_file, read_text
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers.expat import ExpatError
 
+from mbocp._dataclass import dataclass
 from mbocp._files import is_file
 from mbocp._text import list_names, shorten, show
 from mbocp.exceptions import RobotFileError, suggest

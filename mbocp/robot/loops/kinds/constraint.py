@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import casadi as ca
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table
 from mbocp.robot.loops.kinds.axes import Axis

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
@@ -11,6 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._measured import Measured, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Metres

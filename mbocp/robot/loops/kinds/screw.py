@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 from pydantic import field_validator
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._measured import Measured
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader

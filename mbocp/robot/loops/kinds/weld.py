@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
