@@ -30,7 +30,7 @@ class Plant:
 
     def push(self, speed):
         """Push the base to the left."""
-        self.v[1] += speed
+        self.v = self.v + speed * np.eye(len(self.v))[1]
 
     def land(self, feet):
         """Let other feet stand: velocities leap to what the ground allows."""

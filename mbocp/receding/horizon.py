@@ -81,7 +81,8 @@ class RecedingHorizon:
     Parameters
     ----------
     problem : Problem, str or Path
-        The horizon is its own: it always ends `duration` from now, where the goal is.
+        The horizon is its own: it always ends `duration` from now, where the goal is. Phases repeat for ever;
+        via points come nearer until they are over.
     warm_start : Solution, optional
         Where the first solve begins.
     iterations : int
@@ -101,8 +102,8 @@ class RecedingHorizon:
     Raises
     ------
     ProblemError
-        If the problem belongs to given times (via points, phases, holds), or finds its own; or
-        if `iterations` is out of range.
+        If the problem belongs to given times that cannot move, or finds its own; its phases cannot follow
+        themselves; or `iterations` is out of range.
     SolverError
         If the problem cannot be solved from its start.
     """
