@@ -24,7 +24,13 @@ else:
         eq, show = options.pop("eq", True), options.pop("repr", True)
 
         def define(cls: type) -> type:
+            # For the standard library a class and those it inherits from are all frozen, or none is.
+            bases = [b.__dataclass_params__ for b in cls.__mro__[1:] if "__dataclass_params__" in b.__dict__]
+            for params in bases:
+                params.frozen = False
             dataclasses.dataclass(eq=False, repr=False, **options)(cls)
+            for params in (*bases, cls.__dataclass_params__):
+                params.frozen = True
             own = cls.__dict__
             cls.__setattr__, cls.__delattr__ = _set_once, _refuse_to_delete
             if show and "__repr__" not in own:

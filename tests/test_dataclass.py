@@ -118,3 +118,17 @@ def test_other_dataclasses_are_those_of_the_standard_library():
     counter.n += 1
     assert counter == Counter(1)
     assert Small.__slots__ == ("n",)
+
+
+def test_a_frozen_class_of_the_standard_library_inherits_from_ours():
+    @dataclasses.dataclass(frozen=True)
+    class More(Stored):
+        y: int = 2
+
+    more = More(1)
+    assert repr(more).endswith("More(x=1, y=2)")
+    for name in ("x", "y"):
+        with pytest.raises(FrozenInstanceError):
+            setattr(more, name, 3)
+    with pytest.raises(TypeError, match="non-frozen"):
+        dataclasses.dataclass(type("Loose", (Stored,), {}))

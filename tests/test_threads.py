@@ -243,7 +243,7 @@ def programmes(monkeypatch: pytest.MonkeyPatch) -> list[KernelProgramme]:
         made.append(kernel_programme(*arguments, **options))
         return made[-1]
 
-    for module in ("newton", "limits"):
+    for module in ("newton", "limit_multipliers"):
         monkeypatch.setattr(f"mbocp.solvers.newton_method.{module}.kernel_programme", kept)
     return made
 
