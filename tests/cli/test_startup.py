@@ -79,10 +79,10 @@ def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
     there = modules("import mbocp.solving, mbocp.cli.solution_summary")
     assert "mbocp.formulation.build" in there  # else the test would see nothing
     for name in (
-        *(f"formulation.schemes.{scheme}" for scheme in ("natural", "explicit", "implicit", "partitioned")),
+        *(f"formulation.schemes.{scheme}" for scheme in ("natural", "explicit", "implicit", "symplectic")),
         *("solvers.nlp.interior_point", "solvers.staggered.fbsm_newton", "solvers.staggered.fbsm_gradient"),
         *("solvers.strategies.within_limits", "programme.c_files", "accuracy.refining"),
-        *("guesses.from_joints", "guesses.several", "solution.file_content", "solution.files"),
+        *("guesses.several", "solution.file_content", "solution.files"),
         "robot.loading.readers.robot_yaml",
     ):
         assert find_spec(f"mbocp.{name}") is not None, f"there is no {name}, so that none could be imported"
