@@ -99,11 +99,6 @@ class FunctionSignature:
         return couples_steps or any(feature.asks_for_first for feature in self.features)
 
     @property
-    def uses_time(self) -> bool:
-        """Whether the cost depends on the time itself."""
-        return any(term.uses_time for term in self.cost)
-
-    @property
     def end_rows(self) -> int:
         """Number of end conditions."""
         return self.goal.rows + sum(term.rows for term in self.ends)
