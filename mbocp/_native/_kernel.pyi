@@ -22,6 +22,30 @@ class StageFunction:
     @property
     def num_inputs(self) -> int: ...
 
+class Flow:
+    def __init__(
+        self,
+        *,
+        rate: StageFunction,
+        numbers: Array,
+        slopes: Sequence[Sequence[float]],
+        weights: Sequence[float],
+        nodes: Sequence[float],
+    ) -> None: ...
+    def ends(self, states: Array, controls: Array, lengths: Array, parts: int) -> Array: ...
+    def chain(self, state: Array, controls: Array, lengths: Array, parts: int) -> Array: ...
+    def track(
+        self,
+        state: Array,
+        controls: Array,
+        lengths: Array,
+        parts: int,
+        difference: StageFunction,
+        planned: Array,
+        gains: Array,
+        away: Array,
+    ) -> tuple[Array, Array]: ...
+
 def write_c(serialised: str) -> tuple[list[str], str] | None: ...
 
 class Kind:

@@ -46,6 +46,7 @@ from mbocp.solution.later import retold
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
 _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
+_EXACT = 1e-16  # [rad, m]: what a step is wrong by then
 _TOLD = 0.005  # of what a replay misses: what the flow may be wrong by, for two digits
 _STANDS = 0.1  # of the longest way in its unit: joints that hardly move
 
@@ -92,8 +93,9 @@ def accuracy_of(
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     replay = partial(course.replay, qs[0], speeds[0], motion.us_in_powers, dts)
-    left = _miss(course, replay, motion, parts)
-    tracked = _track(course, motion, starts, parts, gains)
+    halvings = _useful_halvings(own)
+    left = _miss(course, replay, motion, parts, halvings)
+    tracked = _track(course, motion, starts, parts, halvings, gains)
     vs = np.vstack([starts[:1], reached])
     energies = flow.energies(qs, vs)
     made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
@@ -186,13 +188,23 @@ def _follow(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array
     return None
 
 
-def _track(course: Course, motion: Motion, starts: Array, parts: int, gains: Array | None) -> Array:
+def _useful_halvings(own: float) -> int:
+    """How often parts are halved until the flow is wrong by round-off alone: its method is of order eight.
+
+    `own`: what the flow of a step is wrong by with parts of twice the length.
+    """
+    return max(1, math.ceil(math.log(max(own, _EXACT) / _EXACT, 2**8)))
+
+
+def _track(
+    course: Course, motion: Motion, starts: Array, parts: int, halvings: int, gains: Array | None
+) -> Array:
     """Errors at the end of the replay with feedback, shape (nv,); NaN without one."""
     if gains is None or not gains.size:
         return np.full(motion.vs.shape[1], np.nan)
     planned, us = (motion.qs[:-1], starts), motion.us_in_powers
     follow = partial(course.track, planned, us, motion.dts, gains=_in_powers(motion, gains))
-    return _miss(course, follow, motion, parts)
+    return _miss(course, follow, motion, parts, halvings)
 
 
 def _in_powers(motion: Motion, gains: Array) -> Array:
@@ -204,14 +216,14 @@ def _in_powers(motion: Motion, gains: Array) -> Array:
     return found.reshape(gains.shape)
 
 
-def _miss(course: Course, end_of: Callable[[int], Array], motion: Motion, parts: int) -> Array:
+def _miss(course: Course, end_of: Callable[[int], Array], motion: Motion, parts: int, halvings: int) -> Array:
     """What a replay misses the end of the motion by, to two digits, shape (nv,).
 
     Errors grow along a replay, and so does what the flow itself is wrong by: parts of a step are halved until
-    the end stays. Infinite where it leaves all bounds, or does not stay with the shortest parts.
+    the end stays. Infinite where it leaves all bounds, or does not stay.
     """
     end, size = end_of(parts), motion.vs.shape[1]
-    while parts <= _MOST_PARTS // 2:
+    for _ in range(halvings):
         parts *= 2
         finer = end_of(parts)
         if not np.isfinite(finer).all():

@@ -10,7 +10,7 @@ error asks for. Holonomic constraints act through projected accelerations, from 
 them. Where constraints begin and end along the way, there is a flow for each set of them, see
 `mbocp.accuracy.course`.
 
-The right-hand side is compiled once for a robot. Flows from all nodes are one call.
+The kernel evaluates the right-hand side, for the flows from several nodes at a time.
 
 .. [Hairer1993] Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, section II.5.
 """
@@ -19,8 +19,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -33,7 +34,11 @@ from mbocp.mechanics import symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.mechanics.held_frames import Acting
 from mbocp.programme.compilation import CompiledFunctions, load_functions
+from mbocp.programme.native_modules import kernel
 from mbocp.robot import Robot
+
+if TYPE_CHECKING:
+    from mbocp.programme.native_modules import KernelFlow
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +61,18 @@ class Flow:
 
     @classmethod
     def of(cls, robot: Robot, acting: Acting | None = None, *, deadline: float = math.inf) -> Flow:
-        """Compile the right-hand side, or take it from the cache.
+        """Build the right-hand side, or take it from the cache.
 
         Raises
         ------
         UnsupportedRobot
             If the robot has both drives and holonomic constraints.
         CompilationError
-            If it cannot be compiled, or not before the deadline.
+            If it is not built before the deadline.
         """
         ties = "" if acting is None else f"{acting.signature} "
         key = f"flow {robot.shape_fingerprint} {ties}{sources_digest()} {_own_digest()}"
-        functions = load_functions(
-            key, lambda: _functions(robot, acting), deadline=deadline, at_once=True
-        )  # CasADi calls them
-        return cls(robot, acting, functions)
+        return cls(robot, acting, load_functions(key, lambda: _functions(robot, acting), deadline=deadline))
 
     def ends(self, qs: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States after flows over every step, each from its own node.
@@ -92,11 +94,9 @@ class Flow:
         qs : ndarray, shape (N, nq)
         speeds : ndarray, shape (N, ns)
         """
-        step = _step(self._function("rate"), us.shape[1]).map(len(us))
-        x, lengths = np.hstack([qs, speeds]).T, dts[None] / parts
-        for part in range(parts):
-            x = step(x, us.T, lengths, np.full(lengths.shape, part / parts), 1.0 / parts).full()
-        return x[: qs.shape[1]].T, x[qs.shape[1] :].T
+        found = self._native.ends(np.hstack([qs, speeds]).ravel(), us.ravel(), dts, parts)
+        rows = found.reshape(len(dts), -1)
+        return rows[:, : qs.shape[1]], rows[:, qs.shape[1] :]
 
     def track(
         self, start: Array, planned: tuple[Array, Array], us: Array, dts: Array, parts: int, gains: Array
@@ -123,12 +123,11 @@ class Flow:
         -------
         end : ndarray, shape (nq + nv + nu,)
         """
-        rate, difference = self._function("rate"), self._function("difference")
-        chain = _answering_step(rate, difference, parts, us.shape[1], gains.shape[2]).mapaccum(len(us))
-        rows = np.transpose(gains, (0, 2, 1)).reshape(len(us), -1)  # CasADi's order of entries is by columns
-        found = chain(start, np.hstack(planned).T, us.T, dts[None] / parts, rows.T).full().T
-        end: Array = found[-1]
-        return end
+        size = planned[0].shape[1] + planned[1].shape[1]
+        x, away = np.ascontiguousarray(start[:size]), np.ascontiguousarray(start[size:])
+        difference, plan = self.functions.stage_function("difference"), np.hstack(planned).ravel()
+        states, left = self._native.track(x, us.ravel(), dts, parts, difference, plan, gains.ravel(), away)
+        return np.append(states[-size:], left)
 
     def replay(self, q: Array, speeds: Array, us: Array, dts: Array, parts: int) -> tuple[Array, Array]:
         """States of the nodes of one flow from (q, speeds) under the controls of all steps.
@@ -138,43 +137,41 @@ class Flow:
         qs : ndarray, shape (N + 1, nq)
         speeds : ndarray, shape (N + 1, ns)
         """
-        chain = _step(self._function("rate"), us.shape[1]).mapaccum(parts * len(us))
-        passed = np.tile(np.arange(parts) / parts, len(us))[None]
-        lengths = np.repeat(dts, parts)[None] / parts
-        shares = np.full(lengths.shape, 1.0 / parts)
-        found = chain(np.append(q, speeds), np.repeat(us, parts, axis=0).T, lengths, passed, shares)
-        xs = np.vstack([np.append(q, speeds), found.full().T[parts - 1 :: parts]])
-        return xs[:, : q.size], xs[:, q.size :]
+        start = np.append(q, speeds)
+        rows = np.append(start, self._native.chain(start, us.ravel(), dts, parts)).reshape(len(dts) + 1, -1)
+        return rows[:, : q.size], rows[:, q.size :]
 
     def differences(self, befores: Array, afters: Array) -> Array:
         """Tangents that lead from configurations to others, shape (k, nv)."""
-        found: Array = self._function("difference").map(len(befores))(befores.T, afters.T).full().T
-        return found
+        return self._evaluate("difference", befores, afters)
 
     def energies(self, qs: Array, vs: Array) -> Array:
         """Kinetic and potential energy, springs included [J], shape (k,)."""
-        found: Array = self._function("energy").map(len(qs))(qs.T, vs.T).full().ravel()
-        return found
+        return self._evaluate("energy", qs, vs).ravel()
 
     def consistent(self, qs: Array, vs: Array) -> Array:
         """Velocities nearest in kinetic energy that keep the constraints, shape (k, nv)."""
         ties = self.robot.nc if self.acting is None else len(self.acting.own) + len(self.acting.rows)
-        if not ties:
-            return vs
-        found: Array = self._function("consistent").map(len(qs))(qs.T, vs.T).full().T
-        return found
+        return self._evaluate("consistent", qs, vs) if ties else vs
 
-    def _function(self, name: str) -> ca.Function:
-        """One of the functions for the numbers of this robot; the same object each time."""
-        function, numbers = self.functions.function(name), self.robot.varying_values
-        return _with_numbers(function, tuple(numbers.tolist())) if numbers.size else function
+    @cached_property
+    def _native(self) -> KernelFlow:
+        return kernel().Flow(
+            rate=self.functions.stage_function("rate"),
+            numbers=self.robot.varying_values,
+            slopes=SLOPES.tolist(),
+            weights=WEIGHTS.tolist(),
+            nodes=NODES.tolist(),
+        )
 
-
-@lru_cache(maxsize=64)
-def _with_numbers(function: ca.Function, numbers: tuple[float, ...]) -> ca.Function:
-    """A function without its last argument, the numbers of a robot, which it is given."""
-    own = [ca.MX.sym(f"i{i}", function.numel_in(i)) for i in range(function.n_in() - 1)]
-    return ca.Function(function.name(), own, function.call([*own, ca.DM(numbers)]))
+    def _evaluate(self, name: str, *inputs: Array) -> Array:
+        """Values of a function of two arguments for each pair of rows, and for the numbers of this robot."""
+        count, numbers = len(inputs[0]), self.robot.varying_values
+        given = [np.ascontiguousarray(rows).ravel() for rows in inputs]
+        if numbers.size:
+            given.append(np.tile(numbers, count))
+        (found,) = self.functions.stage_function(name).evaluate(given, count, True)
+        return found.reshape(count, -1)
 
 
 def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mbocp._native._kernel import (
         Care,
         Filter,
+        Flow,
         Kind,
         Newton,
         NewtonState,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     KernelCare = Care
     KernelFilter = Filter
+    KernelFlow = Flow
     KernelNewton = Newton
     KernelNewtonState = NewtonState
     KernelHorizon = RecedingHorizon
@@ -42,6 +44,7 @@ class Kernel(Protocol):
     __file__: str | None  # where it is
     TAPE_FORMAT: str  # with which the bytes of tapes begin
     StageFunction: type[StageFunction]  # a compiled or interpreted function of a stage
+    Flow: type[KernelFlow]  # of a robot under the controls of steps
     Kind: type[Kind]  # functions and sizes of one kind of stage
     Terminal: type[Terminal]  # functions of the end
     Care: type[KernelCare]  # rules by which a shift of the Hessian changes

@@ -197,5 +197,11 @@ def test_replays_are_followed_until_two_digits_stay(left_over: float, expected: 
     """What one part of a step leaves over falls with the parts; where it stays too large, nothing is told."""
     course = SimpleNamespace(flow=SimpleNamespace(differences=np.subtract))
     motion = SimpleNamespace(qs=np.zeros((2, 1)), vs=np.zeros((2, 1)))
-    missed = errors._miss(course, lambda parts: np.array([0.5 + left_over / parts**2]), motion, 1)  # type: ignore[arg-type]
+    missed = errors._miss(course, lambda parts: np.array([0.5 + left_over / parts**2]), motion, 1, 6)  # type: ignore[arg-type]
     assert missed == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize(("own", "expected"), [(0.0, 1), (1e-16, 1), (2.5e-14, 1), (2.6e-14, 2), (1e-6, 5)])
+def test_parts_are_halved_until_the_flow_is_exact(own: float, expected: int) -> None:
+    """Each halving makes the flow 2^8 times as exact."""
+    assert errors._useful_halvings(own) == expected

@@ -12,6 +12,7 @@
 #include <stdexcept>
 
 #include "c_source.hpp"
+#include "flow.hpp"
 #include "newton.hpp"
 #include "receding.hpp"
 #include "stopping.hpp"
@@ -78,6 +79,21 @@ std::vector<Output> evaluate(StageFunction& f, const std::vector<Input>& inputs,
     return out;
 }
 
+void check_length(const char* name, const Input& values, int wanted) {
+    if (static_cast<int>(values.size()) != wanted)
+        throw std::invalid_argument(std::string(name) + ": got " + std::to_string(values.size()) +
+                                    " numbers, expected " + std::to_string(wanted));
+}
+
+FlowSteps steps_of(const Flow& flow, const Input& controls, const Input& lengths) {
+    const int count = static_cast<int>(lengths.size());
+    const int size = count ? static_cast<int>(controls.size()) / count : 0;
+    check_length("controls", controls, count * size);
+    if (flow.num_controls() ? size % flow.num_controls() : size)
+        throw std::invalid_argument("controls: wrong number of coefficients");
+    return {controls.data(), lengths.data(), count, size};
+}
+
 // A property that reads a copy and writes in place after a check of the length; `field` finds the vector.
 template <class Field>
 void vector_property(nb::class_<Programme>& c, const char* name, Field field, const char* doc) {
@@ -85,9 +101,7 @@ void vector_property(nb::class_<Programme>& c, const char* name, Field field, co
         name, [field](Programme& p) { return to_array(field(p)); },
         [name, field](Programme& p, const Input& value) {
             Numbers& numbers = field(p);
-            if (value.size() != numbers.size())
-                throw std::invalid_argument(std::string(name) + ": got " + std::to_string(value.size()) +
-                                            " numbers, expected " + std::to_string(numbers.size()));
+            check_length(name, value, static_cast<int>(numbers.size()));
             std::copy(value.data(), value.data() + value.size(), numbers.begin());
         },
         nb::for_getter(nb::rv_policy::move), doc);
@@ -136,6 +150,56 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def_prop_ro("num_executed", &StageFunction::num_executed)
         .def_ro("num_lanes", &StageFunction::num_lanes)
         .def_ro("num_inputs", &StageFunction::num_inputs);
+
+    nb::class_<Flow>(module, "Flow")
+        .def(
+            "__init__",
+            [](Flow* self, Function rate, const Input& numbers, std::vector<Numbers> slopes, Numbers weights,
+               Numbers nodes) {
+                new (self) Flow(std::move(rate), to_numbers(numbers),
+                                {std::move(slopes), std::move(weights), std::move(nodes)});
+            },
+            nb::kw_only(), nb::arg("rate"), nb::arg("numbers"), nb::arg("slopes"), nb::arg("weights"), nb::arg("nodes"))
+        .def(
+            "ends",
+            [](Flow& f, const Input& states, const Input& controls, const Input& lengths, int parts) {
+                const FlowSteps steps = steps_of(f, controls, lengths);
+                check_length("states", states, steps.count * f.state_size());
+                return computed([&] { return f.ends(states.data(), steps, parts); });
+            },
+            nb::arg("states"), nb::arg("controls"), nb::arg("lengths"), nb::arg("parts"),
+            "States after each step from its own, one after another.")
+        .def(
+            "chain",
+            [](Flow& f, const Input& state, const Input& controls, const Input& lengths, int parts) {
+                const FlowSteps steps = steps_of(f, controls, lengths);
+                check_length("state", state, f.state_size());
+                Numbers carried;
+                return computed([&] { return f.chain(state.data(), steps, parts, nullptr, carried); });
+            },
+            nb::arg("state"), nb::arg("controls"), nb::arg("lengths"), nb::arg("parts"),
+            "States after the steps of one flow, one after another.")
+        .def(
+            "track",
+            [](Flow& f, const Input& state, const Input& controls, const Input& lengths, int parts,
+               StageFunction& difference, const Input& planned, const Input& gains, const Input& away) {
+                const FlowSteps steps = steps_of(f, controls, lengths);
+                const int nv = difference.outputs.at(0).nnz(), nq = difference.input_sizes.at(0);
+                const int rows = steps.count * steps.size;
+                const int width = rows ? static_cast<int>(gains.size()) / rows : 0;
+                check_length("state", state, f.state_size()), check_length("state", state, nq + nv);
+                check_length("planned", planned, steps.count * (nq + nv)), check_length("gains", gains, rows * width);
+                check_length("away", away, f.num_controls());
+                if (rows && width != 2 * nv && width != 2 * nv + f.num_controls())
+                    throw std::invalid_argument("gains: wrong number of columns");
+                const FlowFeedback feedback{&difference, planned.data(), gains.data(), width};
+                Numbers carried = to_numbers(away);
+                Output states = computed([&] { return f.chain(state.data(), steps, parts, &feedback, carried); });
+                return std::pair{states, to_array(carried)};
+            },
+            nb::arg("state"), nb::arg("controls"), nb::arg("lengths"), nb::arg("parts"), nb::arg("difference"),
+            nb::arg("planned"), nb::arg("gains"), nb::arg("away"),
+            "The same with feedback, and what the control at its end is away from its plan.");
 
     module.def(
         "write_c",
