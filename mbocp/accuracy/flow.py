@@ -184,15 +184,15 @@ def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
     rates = [ca.densify(along), ca.densify(mechanics.speed_rate(q, s, u, ca.SX(0)))]
     energy = ca.dot(v, mechanics.momentum(q, v)) / 2 + mechanics.potential_energy(q)
     functions = {
-        "rate": ca.Function("rate", [q, s, u, *numbers], ca.cse(rates)),
-        "energy": ca.Function("energy", [q, v, *numbers], ca.cse([energy])),
+        "rate": ca.Function("rate", [q, s, u, *numbers], rates),
+        "energy": ca.Function("energy", [q, v, *numbers], [energy]),
         "difference": ca.Function(
             "difference", [q, other, *numbers], [ca.densify(mechanics.difference(q, other))]
         ),
     }
     if mechanics.num_tied:
         consistent = [ca.densify(mechanics.projected_velocity(q, v))]
-        functions["consistent"] = ca.Function("consistent", [q, v, *numbers], ca.cse(consistent))
+        functions["consistent"] = ca.Function("consistent", [q, v, *numbers], consistent)
     return functions
 
 

@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import field
 from fractions import Fraction
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import casadi as ca
@@ -61,7 +62,12 @@ class Affine:
     def __rmul__(self, factor: ca.SX | float) -> Affine:
         return Affine(factor * self.value, {k: factor * matrix for k, matrix in self.parts.items()})
 
-    def __getitem__(self, rows: slice) -> Affine:
+    def split(self, *sizes: int) -> list[Affine]:
+        """Runs of so many rows, one after another."""
+        return [self.take(slice(*ends)) for ends in pairwise(accumulate(sizes, initial=0))]
+
+    def take(self, rows: slice) -> Affine:
+        """Some of its rows. By indices it would be a sequence, which CasADi tries to multiply by itself."""
         return Affine(self.value[rows], {k: matrix[rows, :] for k, matrix in self.parts.items()})
 
     @staticmethod
@@ -230,12 +236,7 @@ class Chain:
         self._slopes.append(jacobian @ self._slope(joined))
         size, source = out.numel(), len(self._slopes) - 1
         whole = Affine(out, {source: ca.SX.eye(size)})
-        pieces, start = [], 0
-        for i in range(function.n_out()):
-            rows = function.numel_out(i)
-            pieces.append(whole[start : start + rows])
-            start += rows
-        return pieces
+        return whole.split(*(function.numel_out(i) for i in range(function.n_out())))
 
     def jacobian(self, result: Affine) -> ca.SX:
         """Derivative of a result in the unknowns."""

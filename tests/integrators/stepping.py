@@ -121,16 +121,14 @@ def _functions(mechanics: JointMechanics, scheme: str) -> tuple[ca.Function, ca.
 
     chain = Chain(ca.vertcat(ca.SX.zeros(2 * nv), y, ca.SX.zeros(2 * nv)))
     root = chain.root()
-    own = [root[: 2 * nv], root[2 * nv : 2 * nv + y.numel()], root[2 * nv + y.numel() :]]
+    own = root.split(2 * nv, y.numel(), 2 * nv)
+    pieces = own[1].split(*[nv] * s, *[nc] * s)
 
     def node(x: ca.SX, d: ca.SX, at: Affine) -> Node:
         function = ca.Function("node", [d, x], list(moved(x, d)))
         return Node(*chain.apply(function, [at], [x]))
 
-    stages = [
-        Stage(own[1][i * nv : (i + 1) * nv], own[1][s * nv + i * nc : s * nv + (i + 1) * nc])
-        for i in range(s)
-    ]
+    stages = [Stage(*pair) for pair in zip(pieces[:s], pieces[s:], strict=True)]
     step = PartitionedStep(mechanics, scheme, compares_coordinates=False)
     rows = step(chain, node(x0, d0, own[2]), node(x1, d1, own[0]), stages, [Affine(u, {})] * s, h)
     c = Affine.join([rows.kinematic, rows.momentum, *rows.stages, *rows.constraints])

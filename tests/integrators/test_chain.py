@@ -35,8 +35,9 @@ def test_affine_vectors_add_scale_join_and_split() -> None:
     x = ca.SX.sym("x", 4)
     chain = Chain(x)
     root = chain.root()
-    sum_of_halves = 2.0 * root[:2] + root[2:] - 0.5 * root[:2]
-    joined = Affine.join([sum_of_halves, root[1:3] + 7.0])
+    first, second = root.split(2, 2)
+    sum_of_halves = 2.0 * first + second - 0.5 * first
+    joined = Affine.join([sum_of_halves, root.take(slice(1, 3)) + 7.0])
     function = ca.Function("f", [x], [joined.value, chain.jacobian(joined)])
     value, slope = (np.asarray(o) for o in function([1.0, 2.0, 3.0, 4.0]))
     assert np.array_equal(value.ravel(), [1.5 + 3, 3.0 + 4, 9, 10])
@@ -50,8 +51,8 @@ def test_links_that_feed_several_others() -> None:
     x, p, m = ca.SX.sym("x", 3), ca.SX.sym("p"), ca.SX.sym("m", 2)
     chain = Chain(x)
     root = chain.root()
-    first, second = chain.apply(f, [root[:2], root[2:]], [p])
-    (third,) = chain.apply(g, [first + root[1:], 3.0 * root[:2]])
+    first, second = chain.apply(f, [root.take(slice(2)), root.take(slice(2, None))], [p])
+    (third,) = chain.apply(g, [first + root.take(slice(1, None)), 3.0 * root.take(slice(2))])
     (fourth,) = chain.apply(f, [third, 2.0 * second], [p * p])[:1]
     result = fourth + third - first
     inlined = direct(f, g, x, p)
@@ -94,8 +95,10 @@ def test_large_links_are_called_where_one_call_gives_all(feeds_itself: bool) -> 
     for may_call in (False, True):
         chain = Chain(x, may_call=may_call)
         root = chain.root()
-        first = Affine.join(chain.apply(f, [root[:2]], [p]))
-        of_second = root[2:] + first[:2] if feeds_itself else root[2:]
+        first = Affine.join(chain.apply(f, [root.take(slice(2))], [p]))
+        of_second = (
+            root.take(slice(2, None)) + first.take(slice(2)) if feeds_itself else root.take(slice(2, None))
+        )
         second = Affine.join(chain.apply(f, [of_second], [p * p]))
         result = first - 2.0 * second
         parts = [result.value, chain.jacobian(result), chain.hessian(result, m)]

@@ -101,8 +101,8 @@ def _explicit_derivatives(
     unknowns = ca.vertcat(at.d1, at.d0, at.inputs)
     chain = Chain(unknowns if layout.is_flat else ca.vertcat(ca.SX.zeros(2 * layout.ndx), at.inputs))
     root = chain.root()
-    d1, d0, inputs = root[: layout.ndx], root[layout.ndx : 2 * layout.ndx], root[2 * layout.ndx :]
-    controls = {name: inputs[where] for name, where in layout.controls.items()}
+    d1, d0, inputs = root.split(layout.ndx, layout.ndx, at.inputs.numel())
+    controls = {name: inputs.take(where) for name, where in layout.controls.items()}
     u = controls["own"]
     before = _state(chain, mechanics, layout, _from_start(chain, at, d0, controls), at.x0)
     after = _state(chain, mechanics, layout, d1, at.x1)
@@ -121,8 +121,8 @@ def _explicit_derivatives(
         (kinematic,) = chain.apply(_differences(mechanics), [after.z, reached.z])
     pieces = [kinematic, reached.s - after.s]
     if layout.nr:
-        kept = d1[layout.dr]
-        moving = (before.s, reached.s, d0[layout.dr])
+        kept = d1.take(layout.dr)
+        moving = (before.s, reached.s, d0.take(layout.dr))
         following = _memory_after(chain, at, moving, controls, (dt, between))
         pieces.append(following - (kept if layout.is_flat else kept + at.x1[layout.r]))
     if at.own_rows.numel():
@@ -143,9 +143,9 @@ def _explicit_derivatives(
 def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca.SX) -> State:
     """State moved along the tangent d."""
     if at.is_flat:
-        return State(d[at.z], d[at.s])
-    (z,) = chain.apply(_retraction(mechanics), [d[: at.nw]], [x[at.z]])
-    return State(z, d[at.ds] + x[at.s])
+        return State(d.take(at.z), d.take(at.s))
+    (z,) = chain.apply(_retraction(mechanics), [d.take(slice(at.nw))], [x[at.z]])
+    return State(z, d.take(at.ds) + x[at.s])
 
 
 def _from_start(chain: Chain, at: StepSymbols, d: Affine, controls: Mapping[str, Affine]) -> Affine:

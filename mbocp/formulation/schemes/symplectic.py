@@ -82,8 +82,8 @@ class _Derivation:
         values = self._symbols if is_flat else [still, at.y, still, at.inputs]
         self._chain = Chain(ca.vertcat(*values), may_call=True)
         root = self._chain.root()
-        self._y, self._u = root[ndx : ndx + ny], root[2 * ndx + ny : 2 * ndx + ny + nu]
-        self._root = [root[:ndx], self._y, root[ndx + ny : 2 * ndx + ny], root[2 * ndx + ny :]]
+        self._root = root.split(ndx, ny, ndx, at.inputs.numel())
+        self._y, self._u = self._root[1], self._root[3].take(slice(nu))
 
     def derivatives(self) -> StepDerivatives:
         """Rows in the order kinematics, momentum, memory, length, stages, constraints."""
@@ -125,10 +125,9 @@ class _Derivation:
 
     def _stages(self) -> list[Stage]:
         nv, nc, s = self._mechanics.nv, self._mechanics.nc, self._step.pair.num_stages
-        rates = [self._y[i * nv : (i + 1) * nv] for i in range(s)]
-        impulses = [self._y[s * nv + i * nc : s * nv + (i + 1) * nc] for i in range(s)]
+        pieces = self._y.split(*[nv] * s, *[nc] * s)
         force = self._at.given["force"]
-        return [Stage(rate, force * impulse) for rate, impulse in zip(rates, impulses, strict=True)]
+        return [Stage(rate, force * impulse) for rate, impulse in zip(pieces[:s], pieces[s:], strict=True)]
 
     def _node(self, state: ca.SX) -> Node:
         layout = self._at.space.layout

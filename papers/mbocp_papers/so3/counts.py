@@ -59,7 +59,8 @@ def step_function(robot: Robot, formulation: Formulation, scheme: str = "rk4") -
     x, h, gains = ca.SX.sym("x", nz + ns + nu), ca.SX.sym("h"), ca.SX.sym("gains", 3)
     chain = Chain(x)
     root = chain.root()
-    before, u = State(root[:nz], root[nz : nz + ns]), root[nz + ns :]
+    z, s, u = root.split(nz, ns, nu)
+    before = State(z, s)
     step = ExplicitStep(mechanics, scheme, formulation.lie, 1)
     after = step(chain, before, u, h, Gains(gains[0], gains[1], gains[2]))
     return ca.Function("step", [x, h, gains], [after.z.value, after.s.value])

@@ -118,7 +118,8 @@ def _build(robot: Robot, method: Method) -> dict[str, ca.Function]:
     h, gains = ca.SX.sym("h"), ca.SX.sym("gains", 3)
     chain = Chain(x)
     root = chain.root()
-    before, u = State(root[:nz], root[nz : nz + ns]), root[nz + ns :]
+    z, s, u = root.split(nz, ns, nu)
+    before = State(z, s)
     one = ExplicitStep(mechanics, method.scheme, method.lie, 1)
     after = Affine.join(one(chain, before, u, h, Gains(gains[0], gains[1], gains[2])))
     value, jacobian, hessian = after.value, chain.jacobian(after), chain.hessian(after, m)
