@@ -70,6 +70,18 @@ def test_tests_and_wheels_are_for_the_same_pythons() -> None:
     assert (ROOT / ".ci" / "run").stat().st_mode & 0o100
 
 
+def test_nothing_needs_what_the_oldest_python_lacks() -> None:
+    """Its standard library has no `tomllib`: `mbocp._files` reads TOML."""
+    whole = re.compile(r"^import tomllib", re.MULTILINE)
+    files = [
+        file
+        for folder in ("mbocp", "tests", "papers", "examples", "benchmarks")
+        for file in (ROOT / folder).rglob("*.py")
+    ]
+    assert len(files) > 500
+    assert [str(file) for file in files if whole.search(file.read_text(encoding="utf-8"))] == []
+
+
 def test_wheels_leave_out_what_the_makefile_leaves_out() -> None:
     (others,) = re.findall(r"^OTHERS := (.*)$", text("Makefile"), re.MULTILINE)
     for system in ("linux", "macos"):

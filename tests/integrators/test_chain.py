@@ -31,6 +31,13 @@ def link(name: str, sizes: tuple[int, ...], body: Callable[..., list[ca.SX]]) ->
     return ca.Function(name, symbols, [ca.densify(o) for o in body(*symbols)])
 
 
+def test_an_expression_scales_an_affine_vector_without_rows() -> None:
+    """CasADi must not take it for a sequence: Python 3.13 tells of the row that is not there."""
+    product = ca.SX.sym("h") * Chain(ca.SX.zeros(0)).root()
+    assert isinstance(product, Affine)
+    assert product.value.shape == (0, 1)
+
+
 def test_affine_vectors_add_scale_join_and_split() -> None:
     x = ca.SX.sym("x", 4)
     chain = Chain(x)

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tomllib
 from pydantic import ValidationError
 
+from mbocp._files import read_toml
 from mbocp.problem.file.schema import ProblemTable, checked_tables
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
-DOCUMENTS = {
-    path: tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(EXAMPLES.rglob("*.toml"))
-}
+DOCUMENTS = {path: read_toml(path) for path in sorted(EXAMPLES.rglob("*.toml"))}
 PROBLEMS = [path for path, document in DOCUMENTS.items() if set(document) <= set(ProblemTable.model_fields)]
 WRONG: tuple[dict[str, Any], ...] = (
     {},

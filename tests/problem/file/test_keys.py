@@ -9,19 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tomllib
 from jsonschema import Draft202012Validator
 
+from mbocp._files import read_toml
 from mbocp._keys import default_of, key_of, keys_of, row_of, tables_in, takes_of
 from mbocp.problem.file.keys_page import all_keys
 from mbocp.problem.file.schema import ProblemTable, problem_schema
 from mbocp.problem.solver import SolverOptions, SolverTable
 
 ROOT = Path(__file__).parents[3]
-DOCUMENTS = {
-    path: tomllib.loads(path.read_text(encoding="utf-8"))
-    for path in sorted((ROOT / "examples").rglob("*.toml"))
-}
+DOCUMENTS = {path: read_toml(path) for path in sorted((ROOT / "examples").rglob("*.toml"))}
 PROBLEMS = {
     path: tables for path, tables in DOCUMENTS.items() if set(tables) <= set(ProblemTable.model_fields)
 }
