@@ -260,7 +260,7 @@ def _worst_share(sums: Array, ways: Array, units: list[str]) -> int:
     return int(np.where(moves, sums / np.where(moves, ways, 1.0), -1.0).argmax())
 
 
-_MOST_LOOPS = 24  # constraints, of which more take seconds to write down
+_MOST_LOOPS = 16  # constraints, of which more take seconds to write down
 _MOST_JOINTS = 30  # velocity components, the same
 _MOST_STEPS = 20_000
 

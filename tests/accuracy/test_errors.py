@@ -136,6 +136,7 @@ def test_small_robots_are_followed_without_being_asked() -> None:
     problem = swing()
     assert follows_fast(problem)
     assert mbocp.solve(problem, accuracy=None).accuracy.is_known
+    assert follows_fast(mbocp.load_problem(EXAMPLES / "legged" / "solo12_trot.toml"))
     large = mbocp.load_problem(EXAMPLES / "loops" / "stewart.toml")
     assert not follows_fast(large)
 
