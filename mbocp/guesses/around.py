@@ -10,6 +10,7 @@ Kuffner, LaValle, "RRT-Connect: an efficient approach to single-query path plann
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
@@ -72,6 +73,15 @@ def around(problem: Problem, seed: int = 0) -> Way | None:
     if key not in known:
         known[key] = _around(problem, clearance, seed)
     return known[key]
+
+
+def ways_around(problem: Problem, count: int) -> Iterator[tuple[str, Way]]:
+    """Ways around obstacles that the first `count` other random numbers lead to, each with its words."""
+    for seed in range(1, 1 + count):
+        way = around(problem, seed)
+        if way is None:
+            return
+        yield f"way {1 + seed} around obstacles", way
 
 
 def may_have_ways(problem: Problem) -> bool:

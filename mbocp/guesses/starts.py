@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
-from mbocp.guesses.around import around
+from mbocp.guesses.around import ways_around
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates, kinds_in_turn, none_made
 from mbocp.guesses.make import make_guess
@@ -108,7 +108,7 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
     if formulation.problem.guess.kind == "auto":
         for words, way in islice(branch_ways(formulation.problem), _MAX_BRANCHES):
             yield words, partial(_along, formulation, words, way)
-        for words, way in _ways_around(formulation, _MAX_AROUND):
+        for words, way in ways_around(formulation.problem, _MAX_AROUND):
             yield words, partial(_along, formulation, words, way)
     for kind in _kinds(formulation)[1:] if own == "solution" else candidates:
         yield kind, partial(make_guess, kind, formulation)
@@ -128,7 +128,7 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
     yield own, partial(make_guess, own, formulation)
     for words, way in branch_ways(formulation.problem):
         yield "", partial(_along, formulation, words, way)
-    for words, way in _ways_around(formulation, formulation.problem.solver.num_starts):
+    for words, way in ways_around(formulation.problem, formulation.problem.solver.num_starts):
         yield "", partial(_along, formulation, words, way)
     for kind in others:
         yield kind, partial(make_guess, kind, formulation)
@@ -149,15 +149,6 @@ def _kinds(formulation: Formulation) -> tuple[str, ...]:
     own = guess_candidates(problem)
     suited = guess_candidates(problem.with_(guess=Guess())) if problem.guess.kind != "auto" else ()
     return (*own, *(kind for kind in suited if kind not in own))
-
-
-def _ways_around(formulation: Formulation, count: int) -> Iterator[tuple[str, Way]]:
-    """Ways around obstacles that other random numbers lead to."""
-    for seed in range(1, 1 + count):
-        way = around(formulation.problem, seed)
-        if way is None:
-            return
-        yield f"way {1 + seed} around obstacles", way
 
 
 def _random_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:

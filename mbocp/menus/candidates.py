@@ -18,7 +18,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
-from mbocp.guesses.around import around
+from mbocp.guesses.around import ways_around
 from mbocp.guesses.kinds import kinds_in_turn
 from mbocp.guesses.make import make_guess
 from mbocp.guesses.starts import start_guesses
@@ -83,7 +83,7 @@ def candidates(formulation: Formulation, place: int | None, most: int) -> list[C
     if problem.clearance is None:
         others = (_swings(problem), _random_ways(problem))
     else:  # random ways lead through obstacles
-        others = (_sides(problem), _ways_around(problem))
+        others = (_sides(problem), ways_around(problem, _AROUND))
     ways = chain(branch_ways(problem, _RESTARTS), _alternate([turned_ways(formulation), *others]))
     found = (Candidate(words, problem, way, place) for words, way in ways)
     kinds = _other_kinds(formulation, place) if formulation.programme.easing is not None else ()
@@ -154,14 +154,6 @@ def _sides(problem: Problem) -> Iterator[tuple[str, Way]]:
             if found.reached:
                 corner = through(robot, [np.asarray(found.q), np.asarray(problem.goal.q)])
                 yield f"line {words} {obstacle.name}", corner
-
-
-def _ways_around(problem: Problem) -> Iterator[tuple[str, Way]]:
-    for seed in range(1, 1 + _AROUND):
-        way = around(problem, seed)
-        if way is None:
-            return
-        yield f"way {1 + seed} around obstacles", way
 
 
 def _swings(problem: Problem) -> Iterator[tuple[str, Way]]:
