@@ -3,7 +3,8 @@ r"""What a motion does to limits between its nodes, where nothing keeps them.
 Positions, speeds and accelerations are those of the cubics through the nodes, see `StepCubics`; for open
 chains and schemes of order two accelerations at the nodes take part. Limits of
 accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
-and those of powers at the end of a step: what a step does elsewhere is looked at, too. Jerks and rates of
+and those of powers at the end of a step: what a step does elsewhere is looked at, too. So are path
+constraints of motors, whose torques hold with the speed at the end of a step. Jerks and rates of
 controls are differences of steps by their definition, and have no value between nodes.
 
 Where cubics leave a limit of speed by more than they are exact, or are kept within it, steps are followed
@@ -21,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -28,9 +30,11 @@ from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
+from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot
+from mbocp.terms.kinds import Motor
 from mbocp.terms.rates import RATE_TERMS
 
 GROSS_EXCESS = (
@@ -54,9 +58,9 @@ class LimitExcess:
 
     Attributes
     ----------
-    kind : {"speed", "position", "acceleration", "effort", "power"}
+    kind : {"speed", "position", "acceleration", "effort", "power", "torque"}
     name : str
-        Of the joint's direction, or of the control.
+        Of the joint's direction, the control, or the row of a motor.
     value, bound : float
         There, and the limit that is left [unit].
     time : float
@@ -142,13 +146,15 @@ def largest_excess(
     """
     limits = {letter: sides for letter, sides in problem.limits_along().items() if np.isfinite(sides).any()}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
-    if not (limits and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
+    motors = tuple(path for path in problem.frame_constraints if path.kind == Motor.kind)
+    if not ((limits or motors) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
     motion = _Steps(
         problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
     )
-    looks = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
+    of_limits = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
+    looks = chain(of_limits, *(motion.look_at_motor(motor, steps) for motor in motors))
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
 
@@ -283,6 +289,33 @@ class _Steps:
         rates = RATE_TERMS["power"]
         labels = tuple(Label(label.name, rates.unit(label.unit)) for label in robot.u_labels)
         yield _Look("power", values, self.cubics.times(np.zeros(values.shape)), sides, labels)
+
+    def look_at_motor(self, motor: PathConstraint, steps: IntArray) -> Iterator[_Look]:
+        """At its rows, in the steps of some numbers at both of whose ends these hold.
+
+        Where the robot does not follow cubics, at the begins alone.
+        """
+        problem = self.problem
+        at_nodes = motor.span.nodes(problem.num_steps, problem.dt)
+        held = np.append(motor.span.has_start, at_nodes)
+        held = held[steps] & held[steps + 1]
+        if not held.any():
+            return
+        shares = np.linspace(0.0, 1.0, _PLACES) if is_followed(problem) else np.zeros(1)
+        qs = np.vstack([self._configurations(s)[held] for s in shares])
+        vs = np.vstack([self.cubics.speeds(s)[held] for s in shares])
+        us = np.vstack([self._controls(s)[held] for s in shares])
+        times = np.vstack([self.cubics.times(s)[held] for s in shares])
+        values = motor.values_along(problem.robot, qs, vs, us)
+        lower, upper, times = (np.broadcast_to(x, values.shape) for x in (motor.lower, motor.upper, times))
+        yield _Look("torque", values, times, (lower, upper), motor.labels)
+
+    def _configurations(self, s: Array) -> Array:
+        """At a share of each step, shape (n, nq)."""
+        robot, ways = self.problem.robot, self.cubics.ways(s)
+        if robot.is_vector_space:
+            return self.begins + ways
+        return np.array([robot.integrate(q, way) for q, way in zip(self.begins, ways, strict=True)])
 
     def _controls(self, s: float) -> Array:
         """At a share of each step, shape (n, nu)."""

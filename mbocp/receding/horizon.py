@@ -271,6 +271,8 @@ class RecedingHorizon:
             "rho_terminal": self._numbers.rho_terminal,
             "state": self._state,
             "iterations": np.array([self._iterations]),
+            "effort_lower": self.problem.limits.u_lower,
+            "effort_upper": self.problem.limits.u_upper,
         }
         return write_horizon(
             folder,

@@ -33,7 +33,9 @@ class MessageClasses:
     time: Any
 
 
-def trajectory_message(motion: Motion, start: int, classes: MessageClasses) -> Any:
+def trajectory_message(
+    motion: Motion, start: int, classes: MessageClasses, *, has_efforts: bool = False
+) -> Any:
     """Make the JointTrajectory of a motion; points have no accelerations where cubics are meant.
 
     Parameters
@@ -42,8 +44,21 @@ def trajectory_message(motion: Motion, start: int, classes: MessageClasses) -> A
     start : int
         When it begins, by the clock of ROS [ns].
     classes : MessageClasses
+    has_efforts : bool
+        Whether points have the efforts of the motion as it is sent [N m, N], which controllers refuse that
+        have no command interface of efforts.
+
+    Raises
+    ------
+    ProblemError
+        If efforts are asked for, and a joint has no motor of its name.
     """
-    points = sample(motion.sent)
+    points = sample(motion.sent, (lambda: motion.solution.problem.robot) if has_efforts else None)
+    free = [
+        name for name, there in zip(points.joints, np.isfinite(points.efforts[0]), strict=True) if not there
+    ]
+    if has_efforts and free:
+        raise ProblemError(f"efforts: joint {free[0]!r} has no motor of its name; leave efforts out")
     velocities = points.velocities.copy()
     velocities[-1] = np.where(np.abs(velocities[-1]) < _AT_REST, 0.0, velocities[-1])
     message = classes.trajectory()
@@ -55,6 +70,8 @@ def trajectory_message(motion: Motion, start: int, classes: MessageClasses) -> A
         point.velocities = velocities[k].tolist()
         if points.interpolation == "quintic":
             point.accelerations = points.accelerations[k].tolist()
+        if has_efforts:
+            point.effort = points.efforts[k].tolist()
         point.time_from_start = _of_nanoseconds(classes.duration, round(float(t) * 1e9))
         message.points.append(point)
     return message

@@ -19,6 +19,7 @@ _PARAMETERS = {
     "controller": "/joint_trajectory_controller/follow_joint_trajectory",
     "time_limit": 10.0,  # [s] of a solve
     "rest": 0.01,  # [rad/s, m/s] below which a joint is at rest
+    "efforts": False,  # whether motions have efforts, for controllers of that command interface
     "reaction": 0.5,  # [s] that the solve of a stop may take; doubled where that is too short
 }
 _SUCCEEDED = 4  # action_msgs/msg/GoalStatus
@@ -43,7 +44,7 @@ class Mover:
         if not values["problem"]:
             raise ProblemError("problem: the parameter is missing; give it the path of a problem file")
         self._node, self._action, self._classes, self._client = node, action, classes, client
-        self._reaction = float(values["reaction"])
+        self._reaction, self._has_efforts = float(values["reaction"]), bool(values["efforts"])
         self._planner = load_planner(values["problem"], float(values["time_limit"]), float(values["rest"]))
         self._state: tuple[int, Any] | None = None
         self._is_busy = threading.Lock()
@@ -111,7 +112,7 @@ class Mover:
 
     def _send(self, motion: Motion, start: int) -> _Following:
         goal = self._action.Goal()
-        goal.trajectory = trajectory_message(motion, start, self._classes)
+        goal.trajectory = trajectory_message(motion, start, self._classes, has_efforts=self._has_efforts)
         following = _Following()
         self._client.send_goal_async(goal).add_done_callback(following.take_handle)
         if not following.is_answered.wait(_ANSWER):

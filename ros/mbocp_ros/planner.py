@@ -14,9 +14,11 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnknownJoint
 from mbocp.problem import Problem
+from mbocp.solution.export_formats import sent_within
 from mbocp.solution.joined import join_motions
 from mbocp.solution.sent import Sent, motion_as_sent
-from mbocp.solution.sent_checks import check_sent
+from mbocp.solution.sent_checks import joint_excesses
+from mbocp.solution.sent_states import Follower
 
 _STOP_STEPS = 20
 _STOP_TOLERANCE = 1e-6  # of the solver
@@ -107,9 +109,9 @@ class Planner:
             replace(document, tables={**document.tables, **ends}, values={}), before=self.problem
         )
         solution = mbocp.solve(problem, check=True, time_limit=self.time_limit)
-        sent = motion_as_sent(solution, is_joined=True, fit=True)
+        sent, excesses = sent_within("ros2", solution, None, None, fit=True, load_robot=lambda: problem.robot)
         here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]
-        sent = replace(sent, excesses=(*sent.excesses, *check_sent(sent, problem)[0]))
+        sent = replace(sent, excesses=excesses)
         motion = Motion(solution, sent, 2.0 * np.pi * np.round(here / (2.0 * np.pi)))
         if motion.words:
             raise ProblemError(f"the motion leaves limits as it is sent: {motion.words}; give it more steps")
@@ -154,7 +156,10 @@ class Planner:
                 if not found:
                     raise
                 break
-            found.append(motion_as_sent(join_motions(plan, node, stop), is_joined=True, like=sent))
+            joined = motion_as_sent(join_motions(plan, node, stop), is_joined=True, like=sent)
+            follower = Follower.of(joined, plan.problem.robot)
+            of_efforts = joint_excesses(follower) if follower.has_controls else ()
+            found.append(replace(joined, excesses=(*joined.excesses, *of_efforts)))
             if _worst(found[-1]) <= _TOLERANCE or found[-1].excesses[0].kind != "jerk":
                 break
             # Slower stops have longer steps, whose jerks the moving mean leaves larger: so the square.

@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <exception>
 #include <mbocp/receding_horizon.hpp>
+#include <stdexcept>
 #include <vector>
 
 namespace {
@@ -35,11 +36,20 @@ int main(int, char** arguments) {
                 for (int i = 0; i < nq; ++i) print(controller.q(n, i));
                 for (int i = 0; i < nv; ++i) print(controller.v(n, i));
             }
+            for (const double share : {0.2, 1.0, 9.0}) {
+                const double* held = controller.control_for(share * controller.dt());
+                for (int i = 0; i < nu; ++i) print(held[i]);
+            }
             std::printf("\n");
         }
         const std::vector<double> short_one(1, 0.0);
         controller.step(short_one, v);
         std::printf("%s: %s\n", mbocp::name_of(controller.status().state), controller.status().detail);
+        try {
+            controller.control_for(0.0);
+        } catch (const std::invalid_argument& error) {
+            std::printf("%s\n", error.what());
+        }
     } catch (const std::exception& error) {
         std::printf("refused: %s\n", error.what());
     }

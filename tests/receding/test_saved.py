@@ -57,10 +57,11 @@ def run(program: Path, folder: Path, rows: list[np.ndarray]) -> list[str]:
     return done.stdout.splitlines()
 
 
-def numbers(found: HorizonStep) -> np.ndarray:
+def numbers(horizon: RecedingHorizon, found: HorizonStep) -> np.ndarray:
     states = np.hstack([found.q, found.v])
     status = [found.status.iterations, found.status.increment]
-    return np.concatenate([status, found.u, found.K.ravel(), states.ravel()])
+    held = [horizon.control_for(share * horizon.problem.dt) for share in (0.2, 1.0, 9.0)]
+    return np.concatenate([status, found.u, found.K.ravel(), states.ravel(), *held])
 
 
 def is_loaded_with(program: Path, word: str) -> bool:
@@ -84,16 +85,17 @@ def test_fifty_steps_are_those_of_python(program, problem, tmp_path, has_limits)
         found = horizon.step(q, v, goal=goal, target=goal, dt=dt)
         told = np.full(robot.nq, np.nan) if goal is None else goal
         rows.append(np.concatenate([[dt], q, v, told]))
-        expected.append((found.status.state, numbers(found)))
+        expected.append((found.status.state, numbers(horizon, found)))
         q = found.q[1] + 1e-3 * rng.standard_normal(robot.nq)
         v = found.v[1] + 1e-2 * rng.standard_normal(robot.nv)
     lines = run(program, folder, rows)
-    assert len(lines) == STEPS + 1
+    assert len(lines) == STEPS + 2
     for line, (state, values) in zip(lines, expected, strict=False):
         word, *found_values = line.split()
         assert word == state
         np.testing.assert_array_equal([float.fromhex(x) for x in found_values], values)
-    assert lines[-1] == "bad_input: q: none given, or of a wrong size"
+    assert lines[-2] == "bad_input: q: none given, or of a wrong size"
+    assert lines[-1] == "mbocp: period: expected a time above 0 [s]"
 
 
 def test_the_example_arrives(problem, tmp_path):
@@ -122,7 +124,7 @@ def test_a_horizon_that_remembers_controls_goes_on(program, problem, tmp_path):
         q, v = problem.q_start + 0.01 * k, problem.v_start
         found = horizon.step(q, v, dt=0.004)
         rows.append(np.concatenate([[0.004], q, v, np.full(6, np.nan)]))
-        expected.append(numbers(found))
+        expected.append(numbers(horizon, found))
     for line, values in zip(run(program, folder, rows), expected, strict=False):
         np.testing.assert_array_equal([float.fromhex(x) for x in line.split()[1:]], values)
 
@@ -145,6 +147,8 @@ def test_what_is_no_horizon_is_refused_with_words(program, problem, tmp_path):
     assert "of another version" in run(program, folder, [])[0]
     (folder / "controller.txt").write_text(text.replace("\nturning ", "\nturned "))
     assert "no turning" in run(program, folder, [])[0]
+    (folder / "controller.txt").write_text(text.replace("\neffort_upper ", "\nupper "))
+    assert "no limits of efforts; save the horizon again" in run(program, folder, [])[0]
     (folder / "controller.txt").unlink()
     assert "there is no controller.txt in it" in run(program, folder, [])[0]
 

@@ -30,6 +30,7 @@ class JointTrajectoryPoint:
         self.positions: list[float] = []
         self.velocities: list[float] = []
         self.accelerations: list[float] = []
+        self.effort: list[float] = []
         self.time_from_start: Any = Duration()
 
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from mbocp_ros.messages import goal_positions, joint_state, trajectory_message
 from mbocp_ros.node import main
-from mbocp_ros.planner import Planner
+from mbocp_ros.planner import Planner, load_planner
 
 from mbocp.exceptions import DimensionMismatch, ProblemError
 
 from . import stubs
+from .conftest import write_problem
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -124,6 +127,34 @@ def test_messages_have_what_is_sent(planner: Planner) -> None:
     has_accelerations = motion.sent.curves.interpolation == "quintic"
     assert stubs.rows(message, "accelerations").shape == (a.shape if has_accelerations else (len(t), 0))
     assert message.points[0].time_from_start.seconds == 0.0
+
+
+@pytest.mark.parametrize("limits", ["", "jerk = 60.0"])
+def test_messages_have_efforts_where_these_are_asked_for(tmp_path: Path, limits: str) -> None:
+    """Of quintics those of inverse dynamics; of cubics those of the solution's steps."""
+    planner = load_planner(write_problem(tmp_path, limits))
+    motion = planner.plan(*joint_state(STATE), {"elbow": 0.9})
+    plain = trajectory_message(motion, 0, stubs.CLASSES)
+    assert all(point.effort == [] for point in plain.points)
+    message = trajectory_message(motion, 0, stubs.CLASSES, has_efforts=True)
+    efforts, model = stubs.rows(message, "effort"), planner.problem.robot.model
+    if not limits:
+        np.testing.assert_array_equal(efforts, motion.sent.controls(motion.sent.times))
+        return
+    states = (stubs.rows(message, key) for key in ("positions", "velocities", "accelerations"))
+    expected = [pin.rnea(model, model.createData(), *state) for state in zip(*states, strict=True)]
+    np.testing.assert_allclose(efforts, expected, atol=1e-6)
+    assert np.abs(efforts).max() > 0.01
+
+
+def test_joints_without_motors_have_no_efforts(planner: Planner) -> None:
+    motion = planner.plan(*joint_state(STATE), {"elbow": 0.9})
+    solution = motion.sent.solution
+    one, other = solution.labels.u
+    labels = replace(solution.labels, u=(one, type(other)("belt", other.unit)))
+    sent = replace(motion.sent, solution=replace(solution, labels=labels))
+    with pytest.raises(ProblemError, match="efforts: joint 'elbow' has no motor of its name"):
+        trajectory_message(replace(motion, sent=sent), 0, stubs.CLASSES, has_efforts=True)
 
 
 def test_goals_are_one_point_at_rest() -> None:

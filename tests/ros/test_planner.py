@@ -10,6 +10,9 @@ import pytest
 from mbocp_ros.planner import Motion, Planner, load_planner
 
 from mbocp.exceptions import InvalidValue, MbocpError, NotConverged, ProblemError, UnknownJoint
+from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent_checks import check_sent, joint_excesses
+from mbocp.solution.sent_states import Follower
 
 from .conftest import write_problem
 
@@ -33,6 +36,37 @@ def test_a_motion_leads_from_here_to_the_goal(planner: Planner) -> None:
     np.testing.assert_allclose(curves.v[[0, -1]], 0.0, atol=1e-8)
     check_limits(motion)
     assert motion.duration == pytest.approx(1.0 / 1.0 + 1.0 / 4.0, rel=0.02)  # a trapezium of speeds
+
+
+def write_weak(folder: Path) -> Path:
+    """The problem of an arm whose motors are busy all the time, in few steps."""
+    file, text = (
+        write_problem(folder),
+        {"effort = true": "effort = 0.5", "= 4.0": "= 30.0", "= 30\n": "= 16\n"},
+    )
+    for old, new in text.items():
+        assert old in file.read_text()
+        file.write_text(file.read_text().replace(old, new))
+    return file
+
+
+def test_a_motion_is_slower_where_its_efforts_ask_for_it(tmp_path: Path) -> None:
+    """Cubics between nodes take more than the motors have."""
+    planner = load_planner(write_weak(tmp_path))
+    motion = planner.plan(HERE, {}, {"shoulder": 1.2, "elbow": 0.3})
+    plain = motion_as_sent(motion.solution, is_joined=True, fit=True)
+    (worst, *_), _ = check_sent(plain, motion.solution.problem)
+    assert worst.kind == "effort"
+    assert worst.ratio > 0.01
+    assert not motion.words
+    assert 1.0 < motion.sent.slower < 1.1
+    assert not joint_excesses(Follower.of(motion.sent, planner.problem.robot))
+    stop = planner.stop(motion, 0.3 * motion.duration)
+    assert stop.sent.slower == motion.sent.slower
+    left = joint_excesses(Follower.of(stop.sent, planner.problem.robot))
+    assert [one.words for one in left if one.ratio > 1e-3] == [
+        one.words for one in stop.sent.excesses if one.kind == "effort" and one.ratio > 1e-3
+    ]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])

@@ -138,3 +138,42 @@ def test_what_is_no_motor_is_refused(rotor: mbocp.Robot, words: dict[str, Any], 
     table = {key: value for key, value in {**MOTOR, **words}.items() if value is not None}
     with pytest.raises(ProblemError, match=says):
         spin(rotor, 1.0, path=[table])
+
+
+@pytest.fixture
+def lifting(tmp_path: Any) -> mbocp.Robot:
+    """A weight on a lever, which its motor cannot hold."""
+    file = tmp_path / "lever.urdf"
+    weight = '<inertial><origin xyz="0.5 0 0"/><mass'
+    file.write_text(ROTOR.replace("<inertial><mass", weight).replace('xyz="0 0 1"', 'xyz="0 -1 0"'))
+    return mbocp.load_robot(file)
+
+
+@pytest.mark.parametrize("scheme", ["se1", "gauss2"])
+@pytest.mark.parametrize("path", [MOTOR, {"kind": "motor", "frame": "axle", "curve": CURVE}])
+def test_a_motor_that_slows_down_is_looked_at_between_nodes(
+    lifting: mbocp.Robot, scheme: str, path: dict[str, Any]
+) -> None:
+    """A torque that is right for the speed at the end of a step is too large for that at its begin."""
+    for steps, is_gross in ((3, True), (40, False)):
+        s = mbocp.solve(
+            Problem.create(
+                lifting,
+                {"min": 0.05, "max": 2.0},
+                steps,
+                start={"v": [4.5]},
+                goal={"q": [1.0]},
+                cost={"time": 1.0, "effort": 1e-6},
+                path=[path],
+                scheme=scheme,
+            )
+        )
+        (motor,) = s.problem.path
+        at_begins = motor.values_along(lifting, s.qs[:-1], s.vs[:-1], s.us)
+        at_ends = motor.values_along(lifting, s.qs[1:], s.vs[1:], s.us)
+        assert (at_ends <= motor.upper * (1.0 + 1e-5)).all()
+        expected = ((at_begins - motor.upper) / motor.upper).max()
+        assert s.limit_excess >= expected - 1e-9
+        assert s.limit_excess_of.startswith("torque of motor of axle")
+        assert (s.limit_excess > 0.05) is is_gross
+        assert (str(s.status) == "under_resolved") is is_gross, s.advice

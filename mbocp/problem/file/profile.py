@@ -34,24 +34,34 @@ _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
 _WRITTEN = "number, list with an entry for each joint, or table of `payload` and `values`"
-_OVER_SPEED = f"{_WRITTEN}, or of `speed` and `values`"
+_OVER_SPEED = f"{_WRITTEN}, `speed` and `values`, or all three"
 
 
 def _numbers(value: Any, over: tuple[str, ...] = ("payload",)) -> _Numbers | dict[str, Any]:
     if not isinstance(value, Mapping):
         return _one(value)
-    column = next((key for key in over if set(value) == {key, "values"}), "")
-    if not column:
+    columns = tuple(key for key in over if key in value)
+    if not columns or set(value) != {*columns, "values"}:
         expected = " or ".join(f"{key} and values" for key in over)
+        expected += f", or {', '.join(over)} and values" if len(over) > 1 else ""
         raise ValueError(f"got keys {', '.join(map(show, value))}, expected {expected}")
     if not all(isinstance(part, list) for part in value.values()):
-        raise ValueError(f"expected lists in {column} and values")
-    rows = [_one(entry, f" in values[{i}]") for i, entry in enumerate(value["values"])]
-    places = [read_side(place, f" in {column}") for place in value[column]]
-    if len(rows) != len(places) or not places or any(np.diff(places) <= 0.0):
+        raise ValueError(f"expected lists in {', '.join(columns)} and values")
+    places = {column: [read_side(place, f" in {column}") for place in value[column]] for column in columns}
+    return {**places, "values": _table(value["values"], places, "values")}
+
+
+def _table(values: Any, places: Mapping[str, Sequence[Any]], where: str) -> list[Any]:
+    """A number or list at each place of the last column, in a list for each place of those before."""
+    (column, own), *further = places.items()
+    if not isinstance(values, list) or len(values) != len(own) or not own or any(np.diff(own) <= 0.0):
         what = {"payload": "masses", "speed": "speeds"}[column]
-        raise ValueError(f"expected {what} that rise in {column}, and a number or list for each in values")
-    return {column: places, "values": rows}
+        each = f"list over {further[0][0]}" if further else "number or list"
+        raise ValueError(f"expected {what} that rise in {column}, and a {each} for each in {where}")
+    entries = [(entry, f"{where}[{i}]") for i, entry in enumerate(values)]
+    return [
+        _table(entry, dict(further), at) if further else _one(entry, f" in {at}") for entry, at in entries
+    ]
 
 
 def _one(value: Any, where: str = "") -> _Numbers:
@@ -151,7 +161,7 @@ class Profile:
         if not (isinstance(written, Mapping) and "speed" in written):
             return []
         speeds = [self._number(speed, "rad/s", "effort.speed") for speed in written["speed"]]
-        torques = np.array([self._for_all(row, "effort", robot) for row in written["values"]])
+        torques = np.array(self._rows("effort", robot))
         moved = {joint.name: joint.motor for joint in robot.elastic}
         controls, found = {label.name for label in robot.u_labels}, []
         for name, i in self._joints(robot).items():
@@ -222,24 +232,34 @@ class Profile:
 
     def _values(self, key: str, robot: Robot) -> Any:
         """Values for each joint, in radians; None where there are none."""
-        written = getattr(self.table, key)
-        if written is None:
+        if getattr(self.table, key) is None:
             return None
-        if isinstance(written, Mapping) and "speed" in written:
-            written = written["values"][0]  # at rest; `paths` has what is left of it at a speed
-        if isinstance(written, Mapping):
-            return self._at_payload(key, written, robot)
-        return self._for_all(written, key, robot)
+        return self._rows(key, robot)[0]  # at rest; `paths` has what is left of it at a speed
 
-    def _at_payload(self, key: str, written: Mapping[str, Any], robot: Robot) -> list[float]:
+    def _rows(self, key: str, robot: Robot) -> list[list[Any]]:
+        """Values for each joint [SI], at each speed of a table of speeds."""
+        written = getattr(self.table, key)
+        if not isinstance(written, Mapping):
+            return [self._for_all(written, key, robot)]
+        tables = written["values"] if "payload" in written else [written["values"]]
+        tables = tables if "speed" in written else [[row] for row in tables]
+        tables = [[self._for_all(row, key, robot) for row in rows] for rows in tables]
+        return self._at_payload(key, written["payload"], tables, robot) if "payload" in written else tables[0]
+
+    def _at_payload(
+        self, key: str, masses: list[float], tables: list[list[list[float]]], robot: Robot
+    ) -> list[list[float]]:
+        """Between the tables of two masses."""
         mass = sum(payload.mass for payload in robot.payloads)
-        masses, rows = written["payload"], [self._for_all(row, key, robot) for row in written["values"]]
         if not masses[0] <= mass <= masses[-1]:
             raise ProblemError(
                 f"limits.profile: {show(self.name)} says {key} for payloads of {masses[0]:g} to "
                 f"{masses[-1]:g} kg, and the robot carries {mass:g} kg"
             )
-        return [float(np.interp(mass, masses, column)) for column in zip(*rows, strict=True)]
+        return [
+            [float(np.interp(mass, masses, column)) for column in zip(*rows, strict=True)]
+            for rows in zip(*tables, strict=True)
+        ]
 
     def _for_all(self, written: Any, key: str, robot: Robot) -> list[Any]:
         """An entry for each joint [SI]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -143,6 +144,45 @@ def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path
         problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3], [6, 1], [1, 0.5]]")})
     with pytest.raises(ProblemError, match="expected speeds that rise in speed, and a number or list"):
         problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3]]")})
+
+
+def test_torques_over_payload_and_speed_are_those_between_two_loads(tmp_path: Path) -> None:
+    """A table of each load by itself gives the same at that load; halfway, torques are the means."""
+    file, robot = tmp_path / "both.toml", mbocp.load_robot("double_pendulum")
+    light, heavy = [[6, 3], [6, 2.5], [1, 0]], [["4 N m", 2], [3.5, 2], [0.5, 0.25]]
+
+    def carrying(
+        mass: float, values: object, words: str = "payload = [1, 3], speed = [0, 90, 360]"
+    ) -> Problem:
+        text = 'source = ["x"]\njoints = ["joint1", "joint2"]\ndegrees = true\n'
+        file.write_text(f"{text}effort = {{ {words}, values = {json.dumps(values)} }}")
+        loaded = robot.with_payload(Payload(frame=robot.frame_names[-1], mass=mass))
+        return problem(loaded, {"profile": str(file)})
+
+    for mass, values in ((1.0, light), (3.0, heavy)):
+        both, alone = carrying(mass, [light, heavy]), carrying(mass, values, "speed = [0, 90, 360]")
+        np.testing.assert_array_equal(both.limits.u_upper, alone.limits.u_upper)
+        for one, other in zip(both.path, alone.path, strict=True):
+            np.testing.assert_array_equal(one.number("speeds"), other.number("speeds"))
+            np.testing.assert_array_equal(one.number("torques"), other.number("torques"))
+    half = carrying(2.0, [light, heavy])
+    assert half.limits.u_upper.tolist() == [5.0, 2.5]
+    np.testing.assert_allclose(half.path[0].number("torques"), [5.0, 4.75, 0.75])
+    with pytest.raises(
+        ProblemError, match="says effort for payloads of 1 to 3 kg, and the robot carries 4 kg"
+    ):
+        carrying(4.0, [light, heavy])
+    for wrong, says in (
+        ([light], "expected masses that rise in payload, and a list over speed for each in values"),
+        (
+            [light, heavy[:2]],
+            r"expected speeds that rise in speed, and a number or list for each in values\[1\]",
+        ),
+        ([light, 2.0], r"expected speeds that rise in speed, and a number or list for each in values\[1\]"),
+        ([light, [[4, 2], [3], [0.5, 0.25]]], "has 1 entries in effort for 2 joints"),
+    ):
+        with pytest.raises(ProblemError, match=says):
+            carrying(2.0, wrong)
 
 
 def test_tables_of_torques_take_units(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 //     mbocp::Controller controller("folder");
 //     while (true) {
 //         controller.step(q, v, goal);
-//         if (controller.is_good()) command(controller.u());
+//         if (controller.is_good()) command(controller.control_for(0.004));
 //     }
 //
 // Everything that runs is in the folder: compiled functions of the stages, the solver, and numbers. This header opens
@@ -18,8 +18,12 @@
 
 #include <dlfcn.h>
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdlib>
+#include <fstream>
 #include <limits>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -99,7 +103,8 @@ struct Status {
 class Controller {
 public:
     // Throws std::runtime_error if the folder holds no horizon that this machine can run.
-    explicit Controller(const std::string& folder) {
+    explicit Controller(const std::string& folder)
+        : lower_(numbers(folder, "effort_lower")), upper_(numbers(folder, "effort_upper")) {
         // Functions with the names of another folder's are its own: RTLD_LOCAL.
         library_ = dlopen((folder + "/libmbocp_receding.so").c_str(), RTLD_NOW | RTLD_LOCAL);
         if (!library_) throw std::runtime_error("mbocp: " + std::string(dlerror()));
@@ -118,6 +123,12 @@ public:
             x_ = symbol<View>("mbocp_controller_x")(handle_);
             u_ = symbol<View>("mbocp_controller_u")(handle_);
             gains_ = symbol<View>("mbocp_controller_gains")(handle_);
+            held_.resize(static_cast<std::size_t>(nu()));
+            if (lower_.size() != held_.size() || upper_.size() != held_.size()) {
+                close_(handle_);
+                throw std::runtime_error("mbocp: " + folder +
+                                         ": controller.txt has no limits of efforts; save the horizon again");
+            }
         } catch (...) {
             dlclose(library_);
             throw;
@@ -181,6 +192,17 @@ public:
     // The prediction, which the next step overwrites. Control for the time from now on (nu):
     const double* u() const { return u_; }
     double u(int i) const { return u_[i]; }
+    // Control to hold for a period [s] that is less than a step (nu), until the next call: u() is that of the middle of
+    // the first step. On the line through those of the first two steps, amid the period, within limits of effort; from
+    // a step on it is u(). Throws std::invalid_argument unless the period is above 0.
+    const double* control_for(double period) {
+        if (!(period > 0.0)) throw std::invalid_argument("mbocp: period: expected a time above 0 [s]");
+        const double early = 0.5 * (1.0 - std::min(period / dt(), 1.0));
+        const double* next = us(std::min(1, num_steps() - 1));
+        for (std::size_t i = 0; i < held_.size(); ++i)
+            held_[i] = std::min(std::max(u_[i] - early * (next[i] - u_[i]), lower_[i]), upper_[i]);
+        return held_.data();
+    }
     // What it answers to a deviation of the state, u + K dx: moves of q along its tangent, then of v (2 nv).
     double K(int i, int j) const { return gain(0, i, j); }
     // Configurations and velocities of the nodes 0 (now) to num_steps, controls and gains of the steps.
@@ -194,6 +216,21 @@ public:
     }
 
 private:
+    // Of a line of the folder's text file; none where it has no such line.
+    static std::vector<double> numbers(const std::string& folder, const std::string& name) {
+        std::ifstream file(folder + "/controller.txt");
+        std::vector<double> found;
+        std::string line, word;
+        while (std::getline(file, line)) {
+            std::istringstream words(line);
+            if (!(words >> word) || word != name) continue;
+            words >> word;  // how many
+            while (words >> word) found.push_back(std::strtod(word.c_str(), nullptr));
+            break;
+        }
+        return found;
+    }
+
     template <class F>
     F symbol(const char* name) const {
         void* found = dlsym(library_, name);
@@ -205,6 +242,7 @@ private:
     mbocp_controller* handle_ = nullptr;
     mbocp_sizes sizes_{};
     Status status_;
+    std::vector<double> lower_, upper_, held_;  // limits of controls, and that of control_for
     const double *x_ = nullptr, *u_ = nullptr, *gains_ = nullptr;
     mbocp_status (*step_)(mbocp_controller*, const mbocp_request*) = nullptr;
     void (*close_)(mbocp_controller*) = nullptr;
