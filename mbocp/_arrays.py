@@ -37,11 +37,10 @@ def frozen_array(
         If the shape is not the expected one.
     """
     array = np.array(value, dtype=np.float64, order="C")
-    fits = shape is None or (
-        array.ndim == len(shape) and all(s is None or s == n for s, n in zip(shape, array.shape, strict=True))
-    )
-    if not fits:
-        raise DimensionMismatch(name, got=array.shape, expected=shape or ())
+    if shape is not None and array.shape != shape:
+        lengths = zip(shape, array.shape, strict=False)
+        if array.ndim != len(shape) or any(asked is not None and asked != n for asked, n in lengths):
+            raise DimensionMismatch(name, got=array.shape, expected=shape)
     array.setflags(write=False)
     return array
 

@@ -44,6 +44,12 @@ else:
         return define
 
 
+def is_frozen_value(value: Any) -> bool:
+    """Whether a value is of a class that `dataclass` made here, and all of it is in its fields."""
+    cls: Any = type(value)
+    return cls.__setattr__ is _set_once and "__dataclass_fields__" in cls.__dict__
+
+
 def _set_once(self: Any, name: str, value: Any) -> None:
     if name in self.__dict__ or name not in self.__dataclass_fields__:
         raise dataclasses.FrozenInstanceError(f"cannot assign to field {name!r}")

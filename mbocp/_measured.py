@@ -68,6 +68,8 @@ class Measured:
                 for n, row in enumerate(value)
             ]
         if isinstance(value, list | tuple):
+            if all(type(entry) is float for entry in value):
+                return value
             return type(value)(self.check(entry, f" at index {i}{where}") for i, entry in enumerate(value))
         if isinstance(value, Mapping):
             parts = dict(self.parts)
@@ -87,6 +89,8 @@ class Measured:
                 expected = f"a number in {expected}, or a text such as {EXAMPLES}; units: {KNOWN}"
                 raise ValueError(f"got {show(text)}, expected {expected}") from error
             raise
+        if type(checked) is float or (type(checked) is list and all(type(one) is float for one in checked)):
+            return read  # no quantity
         if len(self.units) == 1:
             return _floats(read)
         return _quantities_in(read, checked)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -88,9 +89,9 @@ class Cost:
         check_non_negative("cost.terminal", self.terminal)
         if self.velocity.size == 0:
             object.__setattr__(self, "velocity", np.zeros(self.tracking_weights.size // 2))
-        for key in _ARRAYS:
-            value = frozen_array(getattr(self, key), name=_file_key(key))
-            check_finite(_file_key(key), value)
+        for key, name in _ARRAYS.items():
+            value = frozen_array(getattr(self, key), name=name)
+            check_finite(name, value)
             object.__setattr__(self, key, value)
         check_non_negative("cost.tracking_weights", self.tracking_weights)
         check_non_negative("cost.terminal_weights", self.terminal_weights)
@@ -172,10 +173,18 @@ class Cost:
         )
 
 
+def _file_key(name: str) -> str:
+    return "cost." + name.replace("target_", "target.")
+
+
 _ON_CONTROLS = ("effort", "control_rate")
-_ARRAYS = ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity", *_ON_CONTROLS)
+_ARRAYS = {  # with their keys
+    key: _file_key(key)
+    for key in ("tracking_weights", "target_q", "target_p", "terminal_weights", "velocity", *_ON_CONTROLS)
+}
 
 
+@cache
 def further_terms() -> dict[str, type[RunningCost]]:
     """Terms by name whose weights are no field of `Cost`."""
     return {
@@ -185,6 +194,7 @@ def further_terms() -> dict[str, type[RunningCost]]:
     }
 
 
+@cache
 def weights_by_key() -> dict[str, type[Weighted]]:
     """All terms that have nothing but weights, by their key in `[cost]`."""
     return {term.key: term for term in COST_TERMS if issubclass(term, Weighted)}
@@ -203,10 +213,6 @@ def _check_weights(further: Mapping[str, Any]) -> dict[str, Array]:
         if weights.any():
             found[key] = weights
     return found
-
-
-def _file_key(name: str) -> str:
-    return "cost." + name.replace("target_", "target.")
 
 
 def typical_force(

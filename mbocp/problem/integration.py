@@ -30,7 +30,6 @@ Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 AUTO_SCHEME = "auto"
 _SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
 _STIFF = 20.0  # times in a step that a velocity falls to 1/e: midpoint leaves 0.8 of it, with the other sign
-_SLOW = 1e-3  # [rad/s, m/s], at which friction still grows with velocity
 _LARGE = 50  # velocities, beyond which stages of "radau2" have too many operations
 _LONG_CHAIN = 24  # velocities, with which the functions of two stages have 350,000 operations
 
@@ -229,19 +228,9 @@ def choose_scheme(
 
 
 def stiffest_joint(robot: Robot, dt: float) -> tuple[str, float]:
-    """Return the joint that damping slows fastest, and how many times in a step it falls to 1/e.
-
-    The rates are eigenvalues of D v = rate M v at the initial pose, D the derivative of damping and friction.
-    """
-    if not (robot.resistances or robot.forces or robot.elastic):
-        return "", 0.0
-    at_rest = robot.force_elements(robot.q0, np.zeros(robot.nv))
-    moved = [robot.force_elements(robot.q0, _SLOW * one) for one in np.eye(robot.nv)]
-    damping = (at_rest - np.array(moved).T) / _SLOW
-    root = np.linalg.inv(np.linalg.cholesky(robot.mass_matrix(robot.q0)))
-    rates, ways = np.linalg.eigh(root @ (damping + damping.T) / 2.0 @ root.T)
-    fastest = root.T @ ways[:, -1]
-    return robot.v_labels[int(np.argmax(fastest * (damping @ fastest)))].name, float(rates[-1]) * dt
+    """Return the joint that damping slows fastest, and how many times in a step it falls to 1/e."""
+    name, rate = robot.fastest_damping
+    return name, rate * dt
 
 
 def _alternates(goal: Goal, path: Sequence[object], ends: tuple[int, float]) -> bool:

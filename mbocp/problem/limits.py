@@ -33,8 +33,11 @@ _FAR = 3.0  # [m]: as many millimetres are within the base of most robots
 _BEYOND = 0.9  # of the way to a position: the robot reaches less than a tenth of it
 
 
+_NOTHING = frozen_array(np.zeros(0))
+
+
 def _no_bounds() -> Array:
-    return frozen_array(np.zeros(0))
+    return _NOTHING
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,10 +89,10 @@ class Bounds:
 
     def __post_init__(self) -> None:
         for letter, key in LIMITS.items():
-            lower, upper = (
-                frozen_array(getattr(self, f"{letter}_{side}"), shape=(None,), name=key)
-                for side in ("lower", "upper")
-            )
+            lower, upper = self.sides(letter)
+            if lower is upper is _NOTHING:
+                continue
+            lower, upper = (frozen_array(side, shape=(None,), name=key) for side in (lower, upper))
             if lower.shape != upper.shape:
                 raise DimensionMismatch(key, lower.shape, upper.shape, "as many lower as upper bounds")
             for i, (lo, hi) in enumerate(zip(lower, upper, strict=True)):

@@ -1,7 +1,7 @@
 """Values that follow from each other, step by step; what has not changed is not worked out again.
 
 A step is a function whose parameters are names of values. It returns the values that it gives. A check gives
-none.
+none. Where a step gives what it gave before, the value of before stays, and so does all that follows from it.
 """
 
 from __future__ import annotations
@@ -11,9 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from mbocp._dataclass import dataclass
+import numpy as np
+
+from mbocp._dataclass import dataclass, is_frozen_value
 
 _PLAIN = (int, float, str, bool, tuple, type(None), PurePath)  # compared by value; all else by identity
+_NOTHING = object()  # in the place of a value that is not there
 
 
 @dataclass(frozen=True)
@@ -36,21 +39,10 @@ class Step:
         """Make a step of a function whose parameters have the names of what it takes."""
         return cls(work, tuple(inspect.signature(work).parameters), gives)
 
-    def run(self, values: Mapping[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what it gives for these values: what it gave before, if it took the same then."""
-        if before and self._takes_same(values, before):
-            return {name: before[name] for name in self.gives}
-        result = self.work(*(values[name] for name in self.takes))
-        made = (result,) if len(self.gives) == 1 else result if self.gives else ()
-        return dict(zip(self.gives, made, strict=True))
-
-    def _takes_same(self, values: Mapping[str, Any], before: Mapping[str, Any]) -> bool:
-        """Whether it gave something before, and took the same; asked of each step of each change."""
-        for name in self.takes:
-            now, then = values[name], before.get(name, self)
-            if now is not then and not _equals(now, then):
-                return False
-        return all(name in before for name in self.gives)
+    def run(self, values: Mapping[str, Any]) -> Sequence[Any]:
+        """Return what it gives for these values, in the order of its names."""
+        result = self.work(*[values[name] for name in self.takes])
+        return (result,) if len(self.gives) == 1 else result if self.gives else ()
 
 
 def run_steps(
@@ -67,19 +59,51 @@ def run_steps(
     before : mapping of str, optional
         What an earlier run returned. A step that takes the same as then gives the same.
     """
-    values = dict(given)
+    values, then = dict(given), before or {}
+    changed = {name for name, value in given.items() if not _equals(value, then.get(name, _NOTHING))}
     for step in steps:
-        if not step.gives or any(name not in given for name in step.gives):
-            made = step.run(values, before or {})
-            values.update((name, value) for name, value in made.items() if name not in given)
+        gives = step.gives
+        if gives and given.keys() >= set(gives):
+            continue
+        if then and changed.isdisjoint(step.takes) and then.keys() >= set(gives):
+            for name in gives:
+                values.setdefault(name, then[name])
+            continue
+        for name, value in zip(gives, step.run(values), strict=True):
+            if name in given:
+                continue
+            old = then.get(name, _NOTHING)
+            values[name] = old if (is_same := _is_same(value, old)) else value
+            if not is_same:
+                changed.add(name)
     return values
 
 
 def _equals(now: Any, then: Any) -> bool:
     """Whether plain values are equal; tuples by their entries, since arrays have no truth value."""
+    if now is then:
+        return True
     if type(now) is not type(then) or not isinstance(now, _PLAIN):
         return False
     if isinstance(now, tuple):
-        pairs = zip(now, then, strict=False)
-        return len(now) == len(then) and all(a is b or _equals(a, b) for a, b in pairs)
+        return len(now) == len(then) and all(map(_equals, now, then))
     return bool(now == then)
+
+
+def _is_same(now: Any, then: Any) -> bool:
+    """Whether results are equal bit by bit, within arrays, mappings and frozen values, too."""
+    if now is then:
+        return True
+    if type(now) is not type(then):
+        return False
+    if isinstance(now, np.ndarray):
+        alike = now.shape == then.shape and now.dtype == then.dtype and not now.dtype.hasobject
+        return alike and bool(now.tobytes() == then.tobytes())
+    if isinstance(now, dict):
+        return list(now) == list(then) and all(_is_same(value, then[name]) for name, value in now.items())
+    if isinstance(now, tuple):
+        return len(now) == len(then) and all(map(_is_same, now, then))
+    if is_frozen_value(now):
+        names = now.__dataclass_fields__
+        return all(_is_same(getattr(now, name), getattr(then, name)) for name in names)
+    return now.hex() == then.hex() if isinstance(now, float) else _equals(now, then)

@@ -28,6 +28,7 @@ from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
 
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
+_SLOW = 1e-3  # [rad/s, m/s], at which friction still grows with velocity
 _ROUND_OFF = 1e-9  # a norm this close to 1 is normalised without a warning
 
 
@@ -326,6 +327,22 @@ class Robot(Mechanism):
         bent = efforts / [joint.stiffness for joint in self.elastic]
         found[motor[turned]] = (found[link] + bent)[turned]
         return frozen_array(found)
+
+    @cached_property
+    def fastest_damping(self) -> tuple[str, float]:
+        """The joint that damping slows fastest, and that rate [1/s]; "" and 0 where there is none.
+
+        Rates are eigenvalues of D v = rate M v at the initial pose, D the derivative of damping and friction.
+        """
+        if not (self.resistances or self.forces or self.elastic):
+            return "", 0.0
+        at_rest = self.force_elements(self.q0, np.zeros(self.nv))
+        moved = [self.force_elements(self.q0, _SLOW * one) for one in np.eye(self.nv)]
+        damping = (at_rest - np.array(moved).T) / _SLOW
+        root = np.linalg.inv(np.linalg.cholesky(self.mass_matrix(self.q0)))
+        rates, ways = np.linalg.eigh(root @ (damping + damping.T) / 2.0 @ root.T)
+        fastest = root.T @ ways[:, -1]
+        return self.v_labels[int(np.argmax(fastest * (damping @ fastest)))].name, float(rates[-1])
 
     # Drives
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from mbocp.cli.app import app
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.robot import Robot
 
 from .conftest import EXAMPLES
 
@@ -125,6 +127,20 @@ def test_another_may_suit_when_the_problem_changes() -> None:
     for named in (open_.with_(scheme="se2"), open_.with_(integrator={"scheme": "se2"})):
         assert (named.scheme, named.chooses_scheme, named.scheme_reason) == ("se2", False, "")
         assert named.with_(cost={"effort": 2.0}).scheme == "se2"
+
+
+def test_damping_of_a_robot_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many problems there are; another robot has its own."""
+    first = problem("panda", goal={"q": {"panda_joint1": 0.1}})
+    asked: list[Any] = []
+    monkeypatch.setattr(Robot, "force_elements", lambda self, *state: asked.append(self))
+    again = first.with_(goal={"q": {"panda_joint1": 0.2}})
+    assert again.scheme == first.scheme
+    assert first.robot.fastest_damping[1] > 0.0
+    assert not asked
+    with pytest.raises(TypeError):
+        replace(first.robot).fastest_damping  # noqa: B018
+    assert asked
 
 
 def test_files_say_what_was_chosen() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem import problem_to_toml
 from mbocp.problem.document import make_document
@@ -48,6 +49,46 @@ def test_what_has_not_changed_is_not_worked_out_again() -> None:
     np.testing.assert_array_equal(other["d"], 4.0 * b)
     with pytest.raises(ProblemError, match="below zero"):
         run_steps(steps, {"a": 1, "b": -b}, first)
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """As costs and goals: arrays in a frozen value."""
+
+    values: np.ndarray
+    further: dict[str, np.ndarray]
+
+
+@pytest.mark.parametrize(("given", "is_same"), [([1.0, np.nan], True), ([1.0, 2.0], False), ([1.0], False)])
+def test_what_comes_out_the_same_changes_nothing_after_it(given: list[float], is_same: bool) -> None:
+    """To the last bit: NaN equals itself."""
+    calls: list[Weights] = []
+
+    def weigh(a: list[float]) -> Weights:
+        return Weights(np.array(a[:1]), {"x": np.array(a)})
+
+    steps = (Step.of(weigh, "weights"), Step.of(lambda weights: calls.append(weights)))
+    first = run_steps(steps, {"a": [1.0, np.nan]})
+    other = run_steps(steps, {"a": given}, first)
+    assert (other["weights"] is first["weights"]) == is_same
+    assert len(calls) == (1 if is_same else 2)
+
+
+def test_zeros_of_two_signs_are_not_the_same() -> None:
+    steps = (Step.of(lambda a: a, "b"),)
+    first = run_steps(steps, {"a": np.zeros(1)})
+    for value in (-np.zeros(1), np.zeros(2), 0.0):
+        assert run_steps(steps, {"a": value}, first)["b"] is value
+    assert run_steps(steps, {"a": np.zeros(1)}, first)["b"] is first["b"]
+
+
+def test_another_goal_makes_no_other_phases() -> None:
+    problem = mbocp.load_problem("examples/arms/ur5_reach.toml")
+    q = np.array(problem.goal.q) + 0.01
+    other = problem.with_(goal={"q": q})
+    np.testing.assert_array_equal(other.goal.q, q)
+    assert other.draft["phase"] is problem.draft["phase"]
+    assert other.draft["guess"] is problem.draft["guess"]
 
 
 def test_a_value_that_is_given_stays() -> None:

@@ -76,21 +76,15 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
     """
     if not goal.is_exact:
         return 0
-    P = tangent_space(robot, goal.q)
-    rates = _rate_matrix(robot, goal) @ allowed_velocities(robot, goal.q)
-    velocities = rate_jacobian(robot, goal) @ allowed_velocities(robot, goal.q)
-    counts = (
-        _rank(np.vstack([P[goal.q_active], pose_jacobian(robot, goal) @ P])),
-        _rank(np.vstack([rates[goal.rate_active], velocities])),
-    )
-    mobility = robot.nv - robot.nc
-    if max(counts) > mobility:
+    counts = _independent_conditions(robot, goal)
+    mobility, most = robot.nv - robot.nc, max(counts[:2])
+    if most > mobility:
         raise OverdeterminedGoal(
-            f"goal: {max(counts)} independent exact end conditions on {mobility} "
+            f"goal: {most} independent exact end conditions on {mobility} "
             f"degree{'s' * (mobility != 1)} of freedom: {singular_pose(robot, goal.q)}; move goal.q away "
             'from such a singular pose, give fewer joints in the goal, or say enforce = "penalty"'
         )
-    count = sum(counts) + _rank(P[goal.a_active])
+    count = sum(counts)
     available = num_steps * robot.nu
     if count > available:
         raise OverdeterminedGoal(
@@ -99,6 +93,20 @@ def check_end_conditions(robot: Robot, goal: Goal, num_steps: int) -> int:
             'horizon.steps, give fewer joints in the goal, or say enforce = "penalty"'
         )
     return count
+
+
+def _independent_conditions(robot: Robot, goal: Goal) -> tuple[int, int, int]:
+    """Count independent conditions on configurations, on rates and on accelerations."""
+    if goal.rate == "v" and not (robot.nc or robot.drives or goal.frames):  # each is on one entry of v
+        q, v, a = (int(active.sum()) for active in (goal.q_active, goal.rate_active, goal.a_active))
+        return q, v, a
+    P, allowed = tangent_space(robot, goal.q), allowed_velocities(robot, goal.q)
+    rates = _rate_matrix(robot, goal) @ allowed
+    return (
+        _rank(np.vstack([P[goal.q_active], pose_jacobian(robot, goal) @ P])),
+        _rank(np.vstack([rates[goal.rate_active], rate_jacobian(robot, goal) @ allowed])),
+        _rank(P[goal.a_active]),
+    )
 
 
 def _rate_matrix(robot: Robot, goal: Goal) -> Array:

@@ -97,7 +97,7 @@ def settle_goal(
         If it does not fit the robot, or cannot be met.
     """
     said_goal.check_dimensions(robot.nq, robot.nv)
-    goal = replace(said_goal, q=robot.normalise(said_goal.q, name="goal.q"))
+    goal = _with_configuration(said_goal, robot.normalise(said_goal.q, name="goal.q"))
     if goal.periodic is not None:
         goal.periodic.check(robot)
     check_size("goal.q", goal.q, robot.q_labels, MAX_POSITION)
@@ -110,7 +110,7 @@ def settle_goal(
     for key, default in (("guard", True), ("redundant", "drop")):
         check_unused(f"goal.{key}", getattr(goal, key), default, scheme, suits=scheme_reason)
     if goal.is_exact:
-        goal = replace(goal, q=complete_goal(robot, goal.q, goal.q_active, q_start))
+        goal = _with_configuration(goal, complete_goal(robot, goal.q, goal.q_active, q_start))
         check_goal_rate(robot, goal)
         check_driven_rate(robot, goal)
         check_driven_acceleration(robot, goal)
@@ -125,6 +125,11 @@ def settle_goal(
     if rests.a_rule == "rest":  # more conditions than what was said
         check_end_conditions(robot, rests, num_steps)
     return rests
+
+
+def _with_configuration(goal: Goal, q: Array) -> Goal:
+    """The goal itself if it has this configuration, as most do."""
+    return goal if q.shape == goal.q.shape and q.tobytes() == goal.q.tobytes() else replace(goal, q=q)
 
 
 def check_driven_start(robot: Robot, q: Array, v: Array) -> None:

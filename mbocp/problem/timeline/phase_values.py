@@ -116,13 +116,13 @@ def limits_along(limits: Bounds, phases: Sequence[Phase]) -> Mapping[str, tuple[
     A node between two phases belongs to both; velocities before an impact to the phase before it. Shapes are
     (N, n), or (1, n) where all phases have the same.
     """
+    if not have_limits(phases):
+        same = ((letter, limits.sides(letter)) for letter in LIMITS)
+        return {letter: (lower[None], upper[None]) for letter, (lower, upper) in same}
     each, found = limits_of_phases(limits, phases), {}
-    counts = [phase.last - phase.first for phase in phases] if have_limits(phases) else None
+    counts = [phase.last - phase.first for phase in phases]
     for letter in LIMITS:
         sides = [bounds.sides(letter) for bounds in each]
-        if counts is None:
-            found[letter] = (sides[0][0][None], sides[0][1][None])
-            continue
         lower = np.repeat([low for low, _ in sides], counts, axis=0)
         upper = np.repeat([high for _, high in sides], counts, axis=0)
         for phase, (low, high) in list(zip(phases, sides, strict=True))[1:] if letter in _AT_NODES else ():
