@@ -2,7 +2,8 @@
 
 Solvers have absolute numbers: tolerances, shifts, barriers, filters. They suit forces of 0.1 to 1000 N or
 N m and weights that fit them. Such problems keep the user's units. Others get those in which gravity, or the
-motion from start to goal, takes forces of about one, and costs about one.
+motion from start to goal, takes forces of about one, and costs about one. Where tracking alone costs so much,
+it costs a thousand: such weights are of what hardly leaves its target, and what the motion costs is less.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from mbocp.programme.stagewise import Units
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]
 _ORDINARY_COST = (2.0**-10, 2.0**20)
+_LARGE_TRACKING = 2.0**10  # of a radian or a metre all the time, where that is beyond ordinary costs
 
 
 def units_of(pieces: Pieces) -> Units:
@@ -66,7 +68,8 @@ def ordinary_units(problem: Problem) -> tuple[float, float]:
     if _is_within(force, _ORDINARY_FORCE) and _is_within(cost, _ORDINARY_COST):
         return 1.0, 1.0
     unit = 1.0 if _is_within(force, _ORDINARY_FORCE) else _power_of_two(force)
-    return unit, 1.0 / _power_of_two(cost)
+    is_tracking = cost > _ORDINARY_COST[1] and cost <= problem.duration * _largest_tracking(problem)
+    return unit, (_LARGE_TRACKING if is_tracking else 1.0) / _power_of_two(cost)
 
 
 def _is_within(value: float, band: tuple[float, float]) -> bool:
@@ -85,9 +88,15 @@ def _typical_cost(problem: Problem, force: float) -> float:
         np.max(cost.on_squares, initial=0.0) * force**2,
         np.max(cost.control_rate, initial=0.0) * (force / T) ** 2,
         np.max(cost.velocity, initial=0.0) / T**2,
-        np.max(weights[:nv], initial=0.0),
+        _largest_tracking(problem),
         np.max(weights[nv:], initial=0.0) * (force * T) ** 2,
         abs(cost.potential) * force,
         float(cost.weight("time")),
     )
     return T * float(max(rates))
+
+
+def _largest_tracking(problem: Problem) -> float:
+    """Largest weight of a distance from the target's configuration."""
+    cost = problem.cost
+    return float(np.max(cost.tracking * np.asarray(cost.tracking_weights)[: problem.robot.nv], initial=0.0))

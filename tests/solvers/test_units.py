@@ -155,6 +155,21 @@ def test_problems_of_ordinary_size_keep_their_units() -> None:
         assert formulate(problem).programme.units.are_users, name
 
 
+@pytest.mark.parametrize("weight", [1e7, 1e9])
+def test_a_large_weight_on_what_hardly_moves_takes_few_iterations(weight: float) -> None:
+    problem = mbocp.Problem.create(
+        "double_pendulum",
+        1.5,
+        20,
+        goal={"q": [1.0, 0.0], "v": 0},
+        limits={"effort": 2.0},
+        cost={"effort": 0.01, "tracking": weight, "tracking_weights": [0, 1, 0, 0], "target": {"q": [0, 0]}},
+    )
+    solution = mbocp.solve(problem, check=True)
+    assert "cost weighed" in solution.advice
+    assert solution.iterations <= 12  # 17 and 22 with costs of about one
+
+
 def test_costs_are_multiplied_as_by_their_weights() -> None:
     programme = formulation_of("rates of controls").programme
     counted = counted_in(replace(programme.units, cost=COST), programme)
