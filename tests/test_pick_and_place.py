@@ -37,6 +37,10 @@ def nodes(problem: Problem, name: str) -> slice:
     return slice(int(ends[k]), int(ends[k + 1]) + 1)
 
 
+def test_newtons_method_solves_it_alone(solved: Solution) -> None:
+    assert [phase.name for phase in solved.phases if phase.iterations] == ["monolithic"]
+
+
 def test_the_box_goes_from_table_to_table(problem: Problem, solved: Solution) -> None:
     box = solved.qs[:, 6:9]
     np.testing.assert_allclose(box[nodes(problem, "approach")], np.tile(FROM, (22, 1)), atol=1e-9)

@@ -340,9 +340,23 @@ def contact_bounds(
         raise ProblemError(
             f'{contacts[0].key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}'
         )
-    sources, mass = force_sources(robot, table), float(sum(inertia.mass for inertia in robot.model.inertias))
-    scale = 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0
-    return tuple(ContactBounds(one, _source(one, robot, sources), scale) for one in contacts)
+    sources, found = force_sources(robot, table), []
+    for one in contacts:
+        source = _source(one, robot, sources)
+        found.append(ContactBounds(one, source, _scale(robot, source.constraint.frame_ids)))
+    return tuple(found)
+
+
+def _scale(robot: Robot, frame_ids: Iterable[int]) -> float:
+    """Return the weight of the lighter of the trees that are held together [N], as a power of two."""
+    model, masses = robot.model, []
+    of_joint = np.array([inertia.mass for inertia in model.inertias])
+    for frame_id in frame_ids:
+        path = model.supports[model.frames[frame_id].parentJoint].tolist()
+        if len(path) > 1:  # from the world, which bears what it is asked to
+            masses.append(float(of_joint[model.subtrees[path[1]].tolist()].sum()))
+    mass = min((mass for mass in masses if mass > 0.0), default=float(of_joint.sum()))
+    return 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0
 
 
 def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource]) -> ForceSource:

@@ -188,8 +188,8 @@ def choose_scheme(
     - controls that prescribe velocities, and rotation matrices, are for explicit schemes alone;
     - frames with equations at all nodes alternate under schemes that move by mean velocities: `se1`;
     - natural coordinates, constraints that begin or end along the way, and bounds of their forces are for the
-      tau family alone, of which `midpoint` is of order two; of legs that step, velocities of feet that stand
-      alternate under it, and a trot of solo12 takes 285 iterations in place of 25: `se1`;
+      tau family alone, of which `midpoint` is of order two; of legs that step, velocities alternate under it
+      after impacts: `se1`;
     - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones: `midpoint`;
     - joints whose damping is stiff beside a step: `radau2`, or `se1` for large robots, under which velocities
       settle within it. Under others they ring, and Newton's matrix is singular to round-off;

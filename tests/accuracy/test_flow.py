@@ -88,6 +88,44 @@ def test_a_replay_is_one_flow_after_the_other() -> None:
     assert np.allclose(end_speeds, speeds[1:], atol=1e-13)
 
 
+@pytest.mark.parametrize("remembers", [False, True])
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_feedback_changes_the_controls_of_each_step(blocks: int, remembers: bool) -> None:
+    """Step after step by `ends`, whose controls answer what the state is away from its plan."""
+    robot, N = loaded("hector"), 4
+    nv, nu = robot.nv, robot.nu
+    qs, vs, _ = states(robot, N)
+    rng = np.random.default_rng(5)
+    us, gains = (
+        rng.standard_normal((N, blocks * nu)),
+        rng.standard_normal((N, blocks * nu, 2 * nv + (nu if remembers else 0))),
+    )
+    flow, dts = Flow.of(robot), np.array([0.01, 0.02, 0.01, 0.03])
+    q, v, away = (
+        pin.integrate(robot.model, qs[0], 0.1 * rng.standard_normal(nv)),
+        vs[0] + 0.1,
+        0.2 * np.ones(nu),
+    )
+    found = flow.track(np.concatenate([q, v, away]), (qs, vs), us, dts, 2, gains)
+    for n in range(N):
+        deviation = np.concatenate([pin.difference(robot.model, qs[n], q), v - vs[n]])
+        moved = gains[n] @ (np.append(deviation, away) if remembers else deviation)
+        (q,), (v,) = flow.ends(q[None], v[None], (us[n] + moved)[None], dts[n : n + 1], 2)
+        away = moved.reshape(blocks, nu).sum(axis=0)
+    np.testing.assert_allclose(found, np.concatenate([q, v, away]), rtol=1e-9, atol=1e-9)
+
+
+def test_states_that_are_no_numbers_come_back() -> None:
+    robot = mbocp.load_robot("double_pendulum")
+    qs, vs, us = states(robot, 3)
+    qs[1] = np.nan
+    ends, speeds = Flow.of(robot).ends(qs, vs, us, np.full(3, H), 2)
+    assert np.isnan(ends[1]).all()
+    assert np.isnan(speeds[1]).all()
+    assert np.isfinite(ends[[0, 2]]).all()
+    assert np.isfinite(speeds[[0, 2]]).all()
+
+
 def test_loops_stay_closed_and_energy_stays() -> None:
     """A four-bar without motors: the flow from velocities on the constraints."""
     robot = mbocp.load_robot("four_bar")

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp import Solution, solve
+from mbocp import Solution, load_problem, solve
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.integrators import TAU, evaluation_points
@@ -22,6 +22,7 @@ from tests.terms.contacts import BODY, FEET, FOOT, GRAVITY, HOPPER, hopper, on_f
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 DOWN = [{"share": 0.5, "frame": {"name": "solo/base_link", "z": 0.165}}]
 WELDED = {
     "robot": {
@@ -171,6 +172,15 @@ def test_a_pyramid_is_within_its_cone(squat: tuple[Problem, Solution]) -> None:
         assert np.all(cone[inside] >= 0.0)
         assert np.all(inside[cone >= 0.1 * (1 - np.cos(np.pi / facets)) * np.abs(values[:, 0])])
         assert 0 < inside.sum() <= (cone >= 0.0).sum()
+
+
+def test_forces_count_by_the_weight_of_the_lighter_body() -> None:
+    """A box of one kilogram, which an arm of twenty grips beside tables of ten, weighs about 2^3 N."""
+    problem = load_problem(EXAMPLES / "arms" / "pick_and_place.toml")
+    assert [(contact.source.constraint.name, contact.scale) for contact in problem.contacts] == [
+        ("grip", 8.0),
+        ("on the table", 8.0),
+    ]
 
 
 def test_what_a_hand_carries() -> None:
