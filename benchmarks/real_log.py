@@ -4,7 +4,8 @@ FOLDER is a copy of https://github.com/shamilmamedov/dynamic_calibration (S. Mam
 Aspects of Model-Based Collision Detection, Frontiers in Robotics and AI 2020): its URDF, a log of 30 s along
 twelve harmonics, from which all is found, and one of point-to-point motions, along which torques are
 predicted. Torques are currents times the drive gains that its `main.m` takes from the literature. Beside the
-fit, a regression along the smoothed positions of the same log.
+fit, a regression along the smoothed positions of the same log. The friction speed is found from the fit's
+log, and beside that it is the default; with `--swap` the logs change places.
 """
 
 from __future__ import annotations
@@ -56,13 +57,14 @@ def left_by(found: Identification, beta: Array, log: Log) -> Array:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--friction-speed", type=float, nargs="+", default=[0.1, 0.02], help="[rad/s]")
+    parser.add_argument("--friction-speed", type=float, nargs="+", default=[0.1], help="beside that found")
+    parser.add_argument("--swap", action="store_true", help="fit the second log, predict the first")
     asked = parser.parse_args(arguments)
     one_core()
     show(header())
     robot = load_robot(asked.folder / "URe" / "urdf" / "ur10e.urdf")
-    log, other = (read(asked.folder, robot, *each) for each in LOGS)
-    for speed in asked.friction_speed:
+    log, other = (read(asked.folder, robot, *each) for each in (LOGS[::-1] if asked.swap else LOGS))
+    for speed in (None, *asked.friction_speed):
         found = identify(robot, log, held_out=other, friction_speed=speed)
         by_regression, held = left_by(found, regress(found, log), other), found.held_out
         rows = []
@@ -70,7 +72,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             size = float(np.sqrt((held.torques[:, k] ** 2).mean()))
             left = (held.rms_before[k], by_regression[k], held.rms[k])
             rows.append((joint, f"{size:.1f}", *(f"{x:.2f}" for x in left), f"{100 * left[-1] / size:.0f} %"))
-        title = f"Held out, friction speed {speed:g} rad/s; left of the fit's log "
+        numbers = (f"{x:.4f} +- {1.96 * sd:.4f}" for x, sd in zip(found.speeds, found.speed_sd, strict=True))
+        words = ", ".join(numbers) if speed is None else f"{speed:g}"
+        title = f"Held out, friction speed {words} rad/s; left of the fit's log "
         show(Table(title + ", ".join(f"{x:.2f}" for x in found.fitted.rms), COLUMNS, rows))
 
 

@@ -529,7 +529,7 @@ def identify(
     ] = "both",
     friction_speed: Annotated[
         float | None,
-        _option("--friction-speed", "SPEED", "Over which Coulomb friction is smoothed [rad/s, m/s]."),
+        _option("--friction-speed", "SPEED", "Over which friction turns [rad/s, m/s]. [default: found]"),
     ] = None,
     rotors: Annotated[bool, typer.Option("--rotors", help="Find rotor inertias, too.")] = False,
     offsets: Annotated[bool, typer.Option("--offsets", help="Find offsets of joint positions, too.")] = False,

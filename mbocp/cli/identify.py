@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from mbocp.exceptions import InvalidValue
 
 if TYPE_CHECKING:
     from mbocp.identification import Identification
+    from mbocp.robot.parts import Label
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,10 @@ def _facts(found: Identification) -> dict[str, Any]:
                 found.labels, found.values, found.sd, found.file_values, strict=True
             )
         },
+        "friction_speed": {
+            label.unit: {"value": value, "sd": sd, "file": file}
+            for label, value, sd, file in _friction_speeds(found)
+        },
         "base_parameters": {
             name: {"value": value, "sd": sd}
             for name, value, sd in zip(found.base.names, found.base_values, found.base_sd, strict=True)
@@ -129,6 +134,10 @@ def _facts(found: Identification) -> dict[str, Any]:
         },
         "messages": list(found.messages),
     }
+
+
+def _friction_speeds(found: Identification) -> Iterable[tuple[Label, float, float, float]]:
+    return zip(found.speed_labels, found.speeds, found.speed_sd, found.file_speeds, strict=True)
 
 
 def _print(found: Identification) -> None:
@@ -156,6 +165,8 @@ def _print(found: Identification) -> None:
         label = found.labels[k]
         numbers = (found.values[k], 1.96 * found.sd[k], found.file_values[k])
         table.add_row(label.name, *(f"{x:.4g}" for x in numbers), label.unit)
+    for label, value, sd, file in _friction_speeds(found):
+        table.add_row(label.name, f"{value:.4g}", f"{1.96 * sd:.2g}", f"{file:.4g}", label.unit)
     if found.offset_sd.any():
         for name, offset, sd in zip(found.joints, found.offsets, found.offset_sd, strict=True):
             table.add_row(f"{name}.offset", f"{offset:.4g}", f"{1.96 * sd:.2g}", "0", "rad, m")

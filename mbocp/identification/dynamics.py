@@ -11,6 +11,7 @@ torques of the motors themselves.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +100,12 @@ class InverseDynamics:
                 qs[:, at.start], qs[:, at.start + 1] = np.cos(column), np.sin(column)
         return qs
 
+    def with_speeds(self, speeds: Array) -> InverseDynamics:
+        """The same dynamics with other speeds of the smooth Coulomb friction, shape (nv,) [rad/s, m/s]."""
+        other = copy(self)
+        other.speeds = np.array(speeds)
+        return other
+
     def coordinates(self, q: Array) -> Array:
         """Independent coordinates of a configuration, shape (n,)."""
         return np.array([joints.displacement(self.model, self.model.getJointId(n), q) for n in self.names])
@@ -172,6 +179,12 @@ class InverseDynamics:
         full[:, at, bodies + nv + at] = motion.v
         full[:, at, bodies + 2 * nv + at] = np.tanh(motion.v / self.speeds)
         return np.asarray(np.einsum("kij,kip->kjp", motion.G, full))
+
+    def speed_slopes(self, motion: Motion, values: Array) -> Array:
+        """Derivatives of the rows in the logarithms of the friction speeds, shape (K, n, nv)."""
+        ratio = motion.v / self.speeds
+        slopes = -self._losses(values)[1] * ratio * (1.0 - np.tanh(ratio) ** 2)
+        return np.asarray(motion.G.transpose(0, 2, 1) * slopes[:, None])
 
     def applied_torques(self, motion: Motion, u: Array) -> Array:
         """Torques of motors, springs and dampers on the independent coordinates, shape (K, n)."""

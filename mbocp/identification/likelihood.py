@@ -8,8 +8,9 @@ the motion is unknown as well, a spline :math:`y(t) = B(t) c` of fifth degree. T
     \sum_k \Bigl|\frac{y_k + \delta - y(t_k)}{\sigma_y}\Bigr|^2
     + \Bigl|\frac{\tau_k - Y(y, \dot y, \ddot y)\,\beta}{\sigma_\tau}\Bigr|^2
 
-is minimised over c, the base parameters :math:`\beta` and, if asked for, the joint offsets :math:`\delta` by
-Gauss and Newton's method: its matrix is banded for c, with a border for the others. Noise levels are those of
+is minimised over c, the base parameters :math:`\beta`, the speeds :math:`w` of the Coulomb friction
+:math:`F \tanh(\dot q / w)`, by their logarithms, and, if asked for, the joint offsets :math:`\delta` by Gauss
+and Newton's method: its matrix is banded for c, with a border for the others. Noise levels are those of
 the residuals, by the numbers of measurements less the parameters that they determine (Patterson and Thompson
 1971).
 """
@@ -34,6 +35,9 @@ _ITERATIONS = 30
 _SETTLED = 1e-2  # change of base parameters by their standard deviations, and of noise levels by themselves
 _PROBES = 8  # random vectors that estimate traces
 _OFFSET = 0.1  # [rad, m] standard deviation of joint offsets before anything is measured
+_FACTOR = 2.0  # standard deviation of the logarithm of a friction speed before anything is measured
+_TOLD = 0.5  # with which a log tells it, at the file's; else it stays there
+_STRIDE = 1.0  # it changes by in one iteration, at most: the torque turns too fast for longer steps
 _WIDE = 30.0  # that of a base parameter by the largest of its unit
 
 
@@ -68,6 +72,8 @@ class Estimate(NamedTuple):
     ----------
     beta, covariance : ndarray, shapes (rank,), (rank, rank)
         Base parameters.
+    speeds, speed_sd, file_speeds : ndarray, shape (m,)
+        Friction speeds that were unknown, and what the file says [rad/s, m/s].
     offsets, offset_sd : ndarray, shape (n,)
         Joint offsets [rad, m], zero where they are known.
     torque_noise, position_noise : ndarray, shape (n,)
@@ -79,10 +85,15 @@ class Estimate(NamedTuple):
         By what the variance of a mean of torque residuals exceeds that of independent ones.
     settled : bool
         Whether parameters and noise levels stayed in the end.
+    dynamics : InverseDynamics
+        With these friction speeds.
     """
 
     beta: Array
     covariance: Array
+    speeds: Array
+    speed_sd: Array
+    file_speeds: Array
     offsets: Array
     offset_sd: Array
     torque_noise: Array
@@ -91,6 +102,7 @@ class Estimate(NamedTuple):
     motion: Motion
     correlation: Array
     settled: bool
+    dynamics: InverseDynamics
 
 
 def spline_basis(t: Array, count: int) -> tuple[csr_matrix, csr_matrix, csr_matrix]:
@@ -133,7 +145,11 @@ def knots_for(data: Measured) -> int:
 
 
 class Fit:
-    """Gauss and Newton's method for one log and one number of splines."""
+    """Gauss and Newton's method for one log and one number of splines.
+
+    The joints in a column of `turning`, shape (nv, m), have one friction speed, which is unknown. It is found
+    if it is `told`, shape (m,).
+    """
 
     def __init__(
         self,
@@ -144,12 +160,23 @@ class Fit:
         count: int,
         *,
         offsets: bool,
+        turning: Array,
+        told: Array,
     ) -> None:
-        self.dynamics, self.unknowns, self.base, self.data = dynamics, unknowns, base, data
+        self.unknowns, self.base, self.data = unknowns, base, data
         self.n, self.count, self.finds_offsets = dynamics.n, count, offsets
         self.B = [kron(basis, eye(self.n), format="csr") for basis in spline_basis(data.t, count)]
-        self.file_beta, self.beta_sd = beliefs(unknowns, base)
+        self.turning, self.found_turning = turning, turning * told
+        self.file_beta, beta_sd = beliefs(unknowns, base)
+        others = turning.shape[1], self.n * offsets
+        speeds = self._mean(np.log(dynamics.speeds))
+        self.believed = np.concatenate([self.file_beta, speeds, np.zeros(others[1])])
+        self.prior = np.concatenate([beta_sd, np.repeat([_FACTOR, _OFFSET], others)]) ** -2.0
         self.probes = np.random.default_rng(1).choice([-1.0, 1.0], (_PROBES, self._rows))
+
+    def _mean(self, values: Array) -> Array:
+        """Means over the joints of each unknown friction speed."""
+        return np.asarray(values @ self.turning / self.turning.sum(axis=0))
 
     @property
     def _orders(self) -> list[int]:
@@ -167,69 +194,98 @@ class Fit:
         change = lift @ np.linalg.solve(C @ lift, beta - self.file_beta)
         return np.asarray(unknowns.known + unknowns.shares @ (unknowns.values + change))
 
-    def _start(self, near: Array) -> tuple[Array, Array, Array]:
-        """Spline through the positions, and base parameters by weighted regression along it."""
+    def tells(self, near: Array, dynamics: InverseDynamics) -> Array:
+        """Which friction speeds the log tells, by the deviations at those of the dynamics, shape (m,)."""
+        c, p, near = self._start(near, dynamics)
+        r, A_c, A_p, _, _ = self._linearise(c, p, near, dynamics)
+        spread = self._spread(self._noise(r, np.zeros(len(r))), np.ones(self.n))
+        _, covariance = self._factorise(A_c, A_p, spread, self.prior)
+        return np.asarray(np.sqrt(np.diag(covariance))[self._speeds] < _TOLD)
+
+    @property
+    def _speeds(self) -> slice:
+        """Where the logarithms of friction speeds stand in the parameters."""
+        return slice(self.base.rank, self.base.rank + self.turning.shape[1])
+
+    def _start(self, near: Array, dynamics: InverseDynamics) -> tuple[Array, Array, Array]:
+        """Spline through the positions, and parameters by weighted regression along it."""
         y, yd, ydd, _ = smooth(self.data, self.count)
         normal = _bands((self.B[0].T @ self.B[0]).tocsr(), (DEGREE + 1) * self.n - 1)
         c = cho_solve_banded((cholesky_banded(normal, lower=True), True), self.B[0].T @ y.ravel())
-        motion = self.dynamics.motion(y, yd, ydd, near)
-        return c, regression(self.dynamics, self.unknowns, self.base, motion, self.data.u), motion.qs
+        motion = dynamics.motion(y, yd, ydd, near)
+        p = self.believed.copy()
+        p[: self.base.rank] = regression(dynamics, self.unknowns, self.base, motion, self.data.u)
+        p[self._speeds] = self._mean(np.log(dynamics.speeds))
+        return c, p, motion.qs
 
-    def run(self, near: Array) -> Estimate:
-        """Iterate until parameters and noise levels stay, from configurations near those of the log."""
-        c, beta, near = self._start(near)
-        delta = np.zeros(self.n)
-        rank, free = self.base.rank, self.n if self.finds_offsets else 0
+    def run(self, near: Array, dynamics: InverseDynamics) -> Estimate:
+        """Iterate until parameters and noise levels stay.
+
+        Parameters
+        ----------
+        near : ndarray, shape (K, nq)
+            Configurations near those of the log.
+        dynamics : InverseDynamics
+            Its friction speeds are those to begin with.
+        """
+        c, p, near = self._start(near, dynamics)
+        rank, logs = self.base.rank, self._speeds
+        known = logs.stop
         noise, correlation, settled = np.zeros(0), np.ones(self.n), False
         for _ in range(_ITERATIONS):
-            r, A_c, A_p, motion, tau = self._linearise(c, beta, delta, near)
+            r, A_c, A_p, motion, tau = self._linearise(c, p, near, dynamics)
             near = motion.qs
             if not len(noise):
                 noise = self._noise(r, np.zeros(len(r)))
             spread = self._spread(noise, correlation)
-            prior = np.concatenate([self.beta_sd**-2.0, np.full(free, _OFFSET**-2.0)])
-            solve, covariance = self._factorise(A_c, A_p, spread, prior)
+            solve, covariance = self._factorise(A_c, A_p, spread, self.prior)
             weighted = r / spread**2
-            pull = prior * np.concatenate([self.file_beta - beta, -delta[:free]])
-            dc, dp = solve(A_c.T @ weighted, A_p.T @ weighted + pull)
+            dc, dp = solve(A_c.T @ weighted, A_p.T @ weighted + self.prior * (self.believed - p))
             if not np.isfinite(dp).all():
                 raise InvalidValue("log", "motions that do not tell the parameters", "more or faster ones")
-            c, beta = c + dc, beta + dp[:rank]
-            delta = delta + (dp[rank:] if free else 0.0)
+            dp[logs] = np.clip(dp[logs], -_STRIDE, _STRIDE)
+            c, p = c + dc, p + dp
+            found = np.exp(self.turning @ p[logs])
+            dynamics = dynamics.with_speeds(np.where(self.found_turning.any(axis=1), found, dynamics.speeds))
             left = r - A_c @ dc - A_p @ dp
             before, noise = noise, self._noise(left, self._freedom(A_c, A_p, spread, solve))
             correlation = _correlation(left[-tau.size :].reshape(tau.shape))
-            moved = np.abs(dp[:rank]) / np.sqrt(np.diag(covariance)[:rank])
+            moved = np.abs(dp[:known]) / np.sqrt(np.diag(covariance)[:known])
             if moved.max() < _SETTLED and np.abs(noise / before - 1.0).max() < _SETTLED:
                 settled = True
                 break
         levels = noise.reshape(-1, self.n)
-        sd = np.zeros(self.n)
-        sd[:free] = np.sqrt(np.diag(covariance)[rank:])
+        sd = np.sqrt(np.diag(covariance))
+        delta, delta_sd = (p[known:], sd[known:]) if self.finds_offsets else np.zeros((2, self.n))
+        speeds = np.exp(p[logs])
         return Estimate(
-            beta,
+            p[:rank],
             covariance[:rank, :rank],
+            speeds,
+            speeds * sd[logs],
+            np.exp(self.believed[logs]),
             delta,
-            sd,
+            delta_sd,
             levels[-1],
             levels[0],
             left[-tau.size :].reshape(tau.shape),
             motion,
             correlation,
             settled,
+            dynamics,
         )
 
     def _linearise(
-        self, c: Array, beta: Array, delta: Array, near: Array
+        self, c: Array, p: Array, near: Array, dynamics: InverseDynamics
     ) -> tuple[Array, csr_matrix, Array, Motion, Array]:
         """Residuals, and what the model's values change by: in c (sparse) and in parameters."""
-        data, dynamics, K, n = self.data, self.dynamics, len(self.data.t), self.n
+        data, K, n, rank = self.data, len(self.data.t), self.n, self.base.rank
         y, yd, ydd = ((B @ c).reshape(K, n) for B in self.B)
         motion = dynamics.motion(y, yd, ydd, near)
         full = dynamics.regressor(motion)
         columns = (full @ self.unknowns.shares)[:, :, self.base.chosen]
         tau = dynamics.applied_torques(motion, data.u)
-        values = self.values_of(beta)
+        values = self.values_of(p[:rank])
         slopes = dynamics.slopes(motion, values, data.u)
         blocks, at = (np.arange(K), np.arange(K + 1))
         torque_c = sum(
@@ -240,17 +296,19 @@ class Fit:
         for order in self._orders:
             measured = data.motion[order]
             assert measured is not None
-            model, border = (y, yd, ydd)[order], np.zeros((K * n, self.base.rank + n * self.finds_offsets))
+            model, border = (y, yd, ydd)[order], np.zeros((K * n, len(p)))
             if order == 0 and self.finds_offsets:
-                model = model - delta
-                border[:, self.base.rank :] = -np.tile(np.eye(n), (K, 1))
+                model = model - p[-n:]
+                border[:, -n:] = -np.tile(np.eye(n), (K, 1))
             residuals.append((measured - model).ravel())
             rows.append(self.B[order])
             borders.append(border)
         residuals.append((tau - full @ values).ravel())
         rows.append(torque_c)
         last = np.zeros_like(borders[0])
-        last[:, : self.base.rank] = columns.reshape(K * n, -1)
+        last[:, :rank] = columns.reshape(K * n, -1)
+        turns = dynamics.speed_slopes(motion, values) @ self.found_turning
+        last[:, self._speeds] = turns.reshape(K * n, turns.shape[2])
         borders.append(last)
         return np.concatenate(residuals), vstack(rows, format="csr"), np.vstack(borders), motion, tau
 
@@ -356,6 +414,7 @@ def estimate(
     base: BaseParameters,
     data: Measured,
     *,
+    turning: Array,
     offsets: bool = False,
 ) -> Estimate:
     """Fit with half as many splines again as positions ask for, and more where torques ask for them."""
@@ -363,10 +422,17 @@ def estimate(
     most = max(K // 3, DEGREE + 1)
     count = min(3 * knots_for(data) // 2, most)
     near = dynamics.follow(smooth(data, count)[0])
-    best = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run(near)
+
+    def fit(count: int, told: Array) -> Fit:
+        return Fit(dynamics, unknowns, base, data, count, offsets=offsets, turning=turning, told=told)
+
+    told = np.ones(turning.shape[1], dtype=bool)
+    if len(told):
+        told = fit(count, told).tells(near, dynamics)
+    best = fit(count, told).run(near, dynamics)
     while count < most:
         count = min(3 * count // 2, most)
-        finer = Fit(dynamics, unknowns, base, data, count, offsets=offsets).run(best.motion.qs)
+        finer = fit(count, told).run(best.motion.qs, best.dynamics)
         gain = K * np.log(best.torque_noise / finer.torque_noise).sum()
         if gain < 0.05 * K * dynamics.n:
             break

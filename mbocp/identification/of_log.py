@@ -17,7 +17,14 @@ from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
 from mbocp.identification.robot_log import Log, read_log
-from mbocp.identification.unknown_parameters import BaseParameters, Body, Unknowns, base_of, unknowns_of
+from mbocp.identification.unknown_parameters import (
+    BaseParameters,
+    Body,
+    Unknowns,
+    base_of,
+    friction_speeds_of,
+    unknowns_of,
+)
 from mbocp.problem.limits import ask_degrees, with_question
 from mbocp.robot import Robot, load_robot
 from mbocp.robot.parts import Label
@@ -75,6 +82,11 @@ class Identification:
         Combinations that torques depend on.
     base_values, base_sd, base_covariance : ndarray, shapes (rank,), (rank,), (rank, rank)
         Their estimates from the log alone.
+    speed_labels : tuple of Label
+        Speeds over which Coulomb friction turns: of joints that turn, and of those that slide, if it is
+        unknown and `friction_speed` was not given.
+    speeds, speed_sd, file_speeds : ndarray, shape (len(speed_labels),)
+        [rad/s, m/s]
     offsets, offset_sd : ndarray, shape (n,)
         True less measured position of each independent joint; zero unless asked for [rad, m].
     position_noise, torque_noise : ndarray, shape (n,)
@@ -84,6 +96,7 @@ class Identification:
     messages : tuple of str
         What to know before the numbers are used.
     dynamics : InverseDynamics
+        With these friction speeds.
     unknowns : Unknowns
     """
 
@@ -98,6 +111,10 @@ class Identification:
     base_values: Array
     base_sd: Array
     base_covariance: Array
+    speed_labels: tuple[Label, ...]
+    speeds: Array
+    speed_sd: Array
+    file_speeds: Array
     offsets: Array
     offset_sd: Array
     position_noise: Array
@@ -185,7 +202,8 @@ def identify(
     torque_constants : mapping of str to float, optional
         Torque at the joint by motor current [N m/A, N/A], of joints whose current was measured.
     friction_speed : float, optional
-        w_s of the Coulomb friction F tanh(v / w_s) [rad/s, m/s]; by default the robot's.
+        w_s of the Coulomb friction F tanh(v / w_s) [rad/s, m/s]; by default it is found, too, or the robot's
+        where the log does not tell it.
 
     Returns
     -------
@@ -212,7 +230,10 @@ def identify(
         held_out = held_out if isinstance(held_out, Log) else read_log(held_out)
         other = measured_of(held_out, dynamics, constants, [])
     base = base_of(dynamics, unknowns)
-    found = estimate(dynamics, unknowns, base, data, offsets=offsets)
+    speed_labels, turning = friction_speeds_of(dynamics, unknowns)
+    if friction_speed is not None:
+        speed_labels, turning = (), turning[:, :0]
+    found = estimate(dynamics, unknowns, base, data, turning=turning, offsets=offsets)
     count = sum(label.name.endswith(".rotor") for label in unknowns.labels)
     driven = np.flatnonzero(robot.actuation.selection.any(axis=1))
     moved = np.diag(robot.mass_matrix(robot.q0))[driven][:count]
@@ -232,14 +253,18 @@ def identify(
         frozen_array(found.beta),
         frozen_array(sd),
         frozen_array(found.covariance),
+        speed_labels,
+        frozen_array(found.speeds),
+        frozen_array(found.speed_sd),
+        frozen_array(found.file_speeds),
         frozen_array(found.offsets),
         frozen_array(found.offset_sd),
         frozen_array(found.position_noise),
         frozen_array(found.torque_noise),
-        _residuals(dynamics, data, everything, found.offsets, found.motion.qs),
-        _residuals(dynamics, other, everything, found.offsets),
+        _residuals(dynamics, found, data, everything, found.motion.qs),
+        _residuals(dynamics, found, other, everything),
         tuple(messages),
-        dynamics,
+        found.dynamics,
         unknowns,
     )
 
@@ -318,14 +343,18 @@ def _unwrap(robot: Robot, name: str, column: Array, source: Path) -> Array:
 
 
 def _residuals(
-    dynamics: InverseDynamics, data: Measured, everything: Array, offsets: Array, near: Array | None = None
+    file: InverseDynamics, found: Estimate, data: Measured, everything: Array, near: Array | None = None
 ) -> Residuals:
     """Along a spline through the positions: torques have no part in it."""
     y, yd, ydd, _ = smooth(data, knots_for(data))
-    y = y + offsets
+    y, dynamics = y + found.offsets, found.dynamics
     motion = dynamics.motion(y, yd, ydd, dynamics.follow(y) if near is None else near)
-    torques, regressor = dynamics.applied_torques(motion, data.u), dynamics.regressor(motion)
-    return Residuals(data.t, torques, torques - regressor @ everything, torques - regressor @ dynamics.values)
+    torques = dynamics.applied_torques(motion, data.u)
+    left, before = (
+        torques - each.regressor(motion) @ values
+        for each, values in ((dynamics, everything), (file, file.values))
+    )
+    return Residuals(data.t, torques, left, before)
 
 
 def _messages(
@@ -348,6 +377,8 @@ def _messages(
     ]
     if poor:
         messages.append(f"the log says little of {list_names(poor, _MOST_NAMES)}: move more, or faster")
+    if (found.speed_sd > _POOR * found.speeds).any():
+        messages.append("the log says little of the speed over which friction turns: move slowly, too")
     if distance > 2.0:
         messages.append(
             f"no real bodies have the base parameters of the log: they moved by {distance:.2g} standard "

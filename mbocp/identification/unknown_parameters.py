@@ -171,6 +171,24 @@ def unknowns_of(
     return Unknowns(tuple(bodies), tuple(labels), np.concatenate(values), np.hstack(shares), known)
 
 
+def friction_speeds_of(dynamics: InverseDynamics, unknowns: Unknowns) -> tuple[tuple[Label, ...], Array]:
+    """Name the friction speeds of unknown Coulomb friction: of joints that turn, and of those that slide.
+
+    Returns
+    -------
+    labels : tuple of Label
+        As problem files have them, and units.
+    turning : ndarray, shape (nv, number of labels)
+        One where a speed is that of a joint, else zero.
+    """
+    robot = dynamics.robot
+    found = unknowns.shares[-robot.nv :].any(axis=1)
+    units = np.where(found, [label.unit for label in robot.v_labels], "")
+    kept = np.unique(units[found])
+    labels = tuple(Label(f"{OF_ROBOT}friction_speed", str(unit)) for unit in kept)
+    return labels, (units[:, None] == kept).astype(np.float64)
+
+
 def base_parameters(
     robot: Robot,
     *,

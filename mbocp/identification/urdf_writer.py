@@ -55,7 +55,7 @@ def write_urdf(dynamics: InverseDynamics, unknowns: Unknowns, everything: Array,
     Warns
     -----
     NotModelledWarning
-        For rotor inertias, which a URDF cannot say.
+        For rotor inertias, and more than one friction speed, which a URDF cannot say.
     """
     robot, source = dynamics.robot, dynamics.robot.source
     if source is None or robot.parts or root_tag(source) != "robot":
@@ -118,6 +118,13 @@ def _losses(
         dof = robot.velocity_indices(name).start
         values = f'<dynamics damping="{damping[dof]:.9g}" friction="{friction[dof]:.9g}"/>'
         yield from _with_part(named[name], "dynamics", values, text)
+    speeds = np.unique(dynamics.speeds[friction != 0.0])
+    if len(speeds) > 1:
+        warn_caller(
+            "a URDF is read with one friction_speed: its joints have "
+            + " and ".join(f"{speed:.4g}" for speed in speeds),
+            NotModelledWarning,
+        )
     turning = [name for name in dynamics.names if rotors[robot.velocity_indices(name).start]]
     if turning:
         warn_caller(

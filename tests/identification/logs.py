@@ -14,7 +14,7 @@ from mbocp.identification.unknown_parameters import pseudo_inertia
 from mbocp.robot import JointResistance, Robot
 
 
-def changed(robot: Robot, seed: int = 5, share: float = 0.2) -> Robot:
+def changed(robot: Robot, seed: int = 5, share: float = 0.2, speed: float = 0.1) -> Robot:
     """The robot with other inertias, and friction in its motors."""
     rng, model = np.random.default_rng(seed), pin.Model(robot.model)
     for joint in range(1, model.njoints):
@@ -24,7 +24,7 @@ def changed(robot: Robot, seed: int = 5, share: float = 0.2) -> Robot:
             theta += share * rng.standard_normal(10) * np.array([1.0] * 4 + [0.3 * length] * 6)
             model.inertias[joint] = pin.Inertia.FromDynamicParameters(body_of(theta))
     names = [label.name for label in robot.u_labels]
-    losses = (JointResistance(n, robot.velocity_indices(n).start, 1.0, 0.3, 0.5) for n in names)
+    losses = (JointResistance(n, robot.velocity_indices(n).start, 1.0, 0.3, 0.5, speed) for n in names)
     return replace(robot, model=model, resistances=tuple(losses))
 
 

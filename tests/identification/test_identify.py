@@ -20,9 +20,19 @@ from mbocp.identification.dynamics import InverseDynamics
 from mbocp.identification.likelihood import regression, spline_basis
 from mbocp.identification.residual_plot import plot_residuals
 from mbocp.identification.unknown_parameters import base_of, pseudo_inertia, unknowns_of
-from mbocp.robot import MissingMeshWarning, Payload
+from mbocp.robot import MissingMeshWarning, NotModelledWarning, Payload
 from tests.identification.logs import changed, true_values
 
+CRANE = """<robot name="crane"><link name="rail"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="arm"><inertial><origin xyz="0.1 0 -0.5"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-2" upper="2" effort="50" velocity="5"/><dynamics damping="0.3" friction="1.5"/></joint>
+<joint name="turn" type="revolute"><parent link="cart"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="9"/><dynamics damping="0.1" friction="0.6"/></joint></robot>
+"""
 EXAMPLE = Path(__file__).parents[2] / "examples" / "identification" / "ur5.py"
 
 
@@ -87,6 +97,56 @@ def test_errors_of_positions_do_not_bias(ur5, truth):
     assert np.sqrt(np.mean(off**2)) < 1.4
 
 
+@pytest.mark.parametrize("speed", [0.02, 0.3])
+def test_the_speed_over_which_friction_turns_is_found(ur5, speed):
+    truth = changed(ur5, speed=speed)
+    log = simulate_log(truth, duration=8.0, seed=3)
+    found, fixed = identify(ur5, log), identify(ur5, log, friction_speed=0.1)
+    assert [label.name for label in found.speed_labels] == ["robot.friction_speed"]
+    assert found.speeds[0] == pytest.approx(speed, abs=3.0 * found.speed_sd[0])
+    assert found.speed_sd[0] < 0.1 * speed
+    np.testing.assert_allclose(found.file_speeds, 0.1)
+    assert {loss.speed for loss in found.identified.resistances} == set(found.speeds)
+    off = (found.base_values - found.base.combinations @ true_values(found, truth)) / found.base_sd
+    assert np.mean(np.abs(off) < 1.96) > 0.85
+    assert (found.held_out.rms < 0.12).all()
+    assert not fixed.speed_labels
+    assert np.linalg.norm(fixed.held_out.rms) > 1.2 * np.linalg.norm(found.held_out.rms)
+
+
+def test_a_log_without_slow_motion_keeps_the_friction_speed(ur5):
+    """No joint turns slower than 0.6 rad/s; at half of that friction of 0.1 rad/s is whole."""
+    dynamics = InverseDynamics(changed(ur5, speed=0.02))
+    t, rng = np.arange(600) / 100.0, np.random.default_rng(0)
+    w, phase = rng.uniform(2.0, 6.0, (2, 6))
+    waves = w * t[:, None] + phase
+    y = -4.0 + 1.4 * t[:, None] + 0.8 / w * np.sin(waves)
+    motion = dynamics.motion(y, 1.4 + 0.8 * np.cos(waves), -0.8 * w * np.sin(waves), dynamics.follow(y))
+    torques = dynamics.regressor(motion) @ dynamics.values + 0.05 * rng.standard_normal(y.shape)
+    y = y + 1e-4 * rng.standard_normal(y.shape)
+    joints = {name: {"q": y[:, k], "tau": torques[:, k]} for k, name in enumerate(dynamics.names)}
+    found = identify(ur5, Log(t, joints))
+    assert found.speeds[0] == pytest.approx(0.1, rel=1e-12)
+    assert found.speed_sd[0] > found.speeds[0]
+    assert any("says little of the speed over which friction turns" in message for message in found.messages)
+
+
+def test_sliding_joints_have_a_friction_speed_of_their_own(tmp_path):
+    path = tmp_path / "crane.urdf"
+    path.write_text(CRANE)
+    crane = load_robot(path, friction="smooth")
+    losses = tuple(
+        replace(loss, speed=speed) for loss, speed in zip(crane.resistances, (0.3, 0.04), strict=True)
+    )
+    log = simulate_log(replace(crane, resistances=losses), duration=10.0)
+    found = identify(crane, log)
+    assert [label.unit for label in found.speed_labels] == ["m/s", "rad/s"]
+    assert (np.abs(found.speeds - [0.3, 0.04]) < 3.0 * found.speed_sd).all()
+    assert (found.speed_sd < [0.03, 0.004]).all()
+    with pytest.warns(NotModelledWarning, match="one friction_speed"):
+        found.save(tmp_path / "new.urdf")
+
+
 @pytest.mark.parametrize(("name", "mass"), [("ur5", None), ("ur5", -3.0), ("four_bar", None)])
 def test_slopes_are_those_of_differences(name, mass):
     """Also of bodies that there cannot be: estimates on the way to real ones may have negative masses."""
@@ -109,6 +169,23 @@ def test_slopes_are_those_of_differences(name, mass):
         shift[part, j] = 1e-5
         expected = (rows(shift) - rows(-shift)) / 2e-5
         np.testing.assert_allclose(found[part][:, :, j], expected, atol=1e-4)
+
+
+def test_slopes_in_friction_speeds_are_those_of_differences():
+    robot = load_robot("four_bar")
+    dynamics, rng = InverseDynamics(robot), np.random.default_rng(0)
+    values = dynamics.values + rng.standard_normal(len(dynamics.values))
+    y = dynamics.coordinates(robot.q0) + 0.1 * rng.standard_normal((3, dynamics.n))
+    motion = dynamics.motion(y, *(0.2 * rng.standard_normal((2, 3, dynamics.n))), dynamics.follow(y))
+    found = dynamics.speed_slopes(motion, values)
+    for dof in range(robot.nv):
+        shift = np.where(np.arange(robot.nv) == dof, 1e-5, 0.0)
+        ahead, behind = (
+            dynamics.with_speeds(dynamics.speeds * np.exp(s)).regressor(motion) @ values
+            for s in (shift, -shift)
+        )
+        np.testing.assert_allclose(found[:, :, dof], (ahead - behind) / 2e-5, atol=1e-6)
+    assert np.abs(found).max() > 1e-2
 
 
 def test_splines_have_their_derivatives():
@@ -231,6 +308,8 @@ def test_the_command_prints_and_writes(truth, tmp_path):
     assert done.exit_code == 0, done.output
     facts = json.loads(done.stdout)
     assert facts["parameters"]["robot.joint.elbow_joint.friction"]["value"] == pytest.approx(0.5, abs=0.1)
+    assert facts["friction_speed"]["rad/s"]["value"] == pytest.approx(0.1, abs=0.02)
+    assert 0.0 < facts["friction_speed"]["rad/s"]["sd"] < 0.02
     assert "<mass value=" in out.read_text()
     refused = CliRunner().invoke(app, ["identify", "ur5", str(log), "--torque-constant", "elbow_joint"])
     assert refused.exit_code == 2
