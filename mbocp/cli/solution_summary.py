@@ -40,21 +40,18 @@ _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold
 def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[str, Path]] = ()) -> None:
     """Print what was solved, how it went, and what was written."""
     robot = problem.robot
-    rows = solution_rows(solution, robot_words(robot.name, robot.nv, robot.nu, robot.nc))
+    rows: _Rows = [
+        *solution_rows(solution, robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
+        ("at least", _bound(solution, problem)),
+        ("kept apart", "\n".join(problem.clearance.words) if problem.clearance else ""),
+        *((kind, str(path)) for kind, path in written),
+    ]
     after: dict[str, tuple[str, str | Text]] = {
         "robot": ("redundant", _redundant(robot)),
         "status": ("cause", _cause(solution, problem)),
         "residual": ("goal", goal_error(solution, problem)),
     }
-    listed: _Rows = []
-    for name, text in rows:
-        listed.append((name, text))
-        if name in after and after[name][1]:
-            listed.append(after[name])
-    listed += _bound(solution, problem)
-    if problem.clearance is not None:
-        listed.append(("kept apart", "\n".join(problem.clearance.words)))
-    listed += [(kind, str(path)) for kind, path in written]
+    listed = [one for row in rows for one in (row, after.get(row[0], ("", ""))) if one[1]]
     print_rows(solution.problem_name or problem.name, listed)
 
 
@@ -75,14 +72,14 @@ def _cause(solution: Solution, problem: Problem) -> Text:
     return Text(why, style="bold")
 
 
-def _bound(solution: Solution, problem: Problem) -> _Rows:
+def _bound(solution: Solution, problem: Problem) -> str:
     """A lower bound of the cost, where a quick one is near enough to say something."""
     from mbocp.bounds.of_problem import quick_bound  # nobody else needs it
 
     if not solution.is_stationary:
-        return []
+        return ""
     found = quick_bound(solution, problem)
-    return [("at least", found.words)] if found.gap < _FAR else []
+    return found.words if found.gap < _FAR else ""
 
 
 def cause_rows(causes: Sequence[Cause]) -> _Rows:
@@ -110,52 +107,53 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
     verdict = Text(str(solution.status), style="bold green" if solution.converged else "bold red")
     if solution.advice:
         verdict.append(f": {solution.advice}", style="not bold default")
-    return [
-        *_coarse(solution),
+    rows: _Rows = [
+        ("coarse", _coarse(solution)),
         ("robot", robot),
-        *_masses(solution.robot_spec),
-        *_load_and_tools(solution.robot_spec),
+        ("inertias", _masses(solution.robot_spec)),
+        ("carries", _load_and_tools(solution.robot_spec)),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
-        *_named_phases(solution),
-        *_via(solution),
-        *_parameters(solution),
+        ("phases", _named_phases(solution)),
+        ("via points", _via(solution)),
+        ("found", _parameters(solution)),
         ("guess", solution.guess_used or "not recorded"),
-        *_starts(solution),
+        ("starts", _starts(solution)),
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
-        *_work(solution),
+        ("work", _work(solution)),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         ("constraints", _violation(solution)),
         *_constraint_forces(solution),
-        *_mean_squares(solution),
-        *_limits(solution),
-        *_robust(solution),
-        *_clearance(solution),
-        *_drift(solution),
-        *_accuracy(solution),
+        ("rms effort", _mean_squares(solution)),
+        ("limits", _limits(solution)),
+        ("robust", _robust(solution)),
+        ("clearance", _clearance(solution)),
+        ("drift of rotations", _drift(solution)),
+        ("accuracy", _accuracy(solution)),
         ("conserved", _quantities(solution)),
-        *_hamiltonian(solution),
+        ("Hamiltonian", _hamiltonian(solution)),
     ]
+    return [row for row in rows if row[1]]
 
 
-def _work(solution: Solution) -> _Rows:
+def _work(solution: Solution) -> str:
     if math.isnan(solution.positive_work):
-        return []
-    return [("work", f"{solution.positive_work:.4g} J by the controls, braking left out")]
+        return ""
+    return f"{solution.positive_work:.4g} J by the controls, braking left out"
 
 
-def _coarse(solution: Solution) -> _Rows:
+def _coarse(solution: Solution) -> Text:
     """What has to be known before everything else: that the steps are too long for the motion."""
     found = solution.accuracy
     if not found.is_known or found.is_small:
-        return []
+        return Text()
     words = (
         f"the errors of the steps are {_percent(found.share)} of the way of {found.way_joint}: a robot "
         "under these controls moves otherwise; take more steps, or a scheme of higher order (see accuracy)"
     )
-    return [("coarse", Text(words, style="bold yellow"))]
+    return Text(words, style="bold yellow")
 
 
 def _feedback(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
@@ -172,11 +170,11 @@ def _percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
 
-def _accuracy(solution: Solution) -> _Rows:
+def _accuracy(solution: Solution) -> str:
     """Errors of single steps, of their sum, and of a replay."""
     found = solution.accuracy
     if not found.is_known:
-        return []
+        return ""
     units = {column.name: column.unit.removesuffix("/s") for column in solution.labels.v}
 
     def size(value: float, joint: str) -> str:
@@ -194,7 +192,7 @@ def _accuracy(solution: Solution) -> _Rows:
         f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
         f"{found.energy_range:.3g} J",
     ]
-    return [("accuracy", "\n".join(lines))]
+    return "\n".join(lines)
 
 
 def _horizon_and_solver(solution: Solution) -> list[str]:
@@ -211,10 +209,10 @@ def _horizon_and_solver(solution: Solution) -> list[str]:
     ]
 
 
-def _starts(solution: Solution) -> _Rows:
+def _starts(solution: Solution) -> str:
     """Which of several guesses was taken, and what they led to, a line each, the cheapest first."""
     if not solution.starts:
-        return []
+        return ""
     guesses, same = [start.guess for start in solution.starts], dict[str, list["StartRecord"]]()
     for start in sorted(solution.starts, key=lambda start: (not start.status.is_stationary, start.cost)):
         same.setdefault(f"{start.status}, cost {start.cost:.6g}", []).append(start)
@@ -228,7 +226,7 @@ def _starts(solution: Solution) -> _Rows:
     if solution.guess_used in guesses:
         number = 1 + guesses.index(solution.guess_used)
         lines.insert(0, f"number {number} of {len(guesses)} was taken: {solution.guess_used}")
-    return [("starts", "\n".join(lines))]
+    return "\n".join(lines)
 
 
 def goal_error(solution: Solution, problem: Problem) -> str:
@@ -312,22 +310,20 @@ def _steps(solution: Solution) -> str:
     return f"{len(lengths)} steps of {words}{told}"
 
 
-def _via(solution: Solution) -> _Rows:
+def _via(solution: Solution) -> str:
     """When the motion passes via points."""
-    times = [f"{name} at {time:.6g} s" for name, time in solution.via_times.items()]
-    return [("via points", ", ".join(times))] if times else []
+    return ", ".join(f"{name} at {time:.6g} s" for name, time in solution.via_times.items())
 
 
-def _parameters(solution: Solution) -> _Rows:
+def _parameters(solution: Solution) -> str:
     """What numbers of the robot were found, a line each."""
-    lines = [
+    return "\n".join(
         f"{one.name}: {one.value:.6g} {one.unit}, between {one.lower:g} and {one.upper:g}"
         for one in solution.facts.parameters
-    ]
-    return [("found", "\n".join(lines))] if lines else []
+    )
 
 
-def _named_phases(solution: Solution) -> _Rows:
+def _named_phases(solution: Solution) -> str:
     """How long each phase takes, a line each."""
     times, lines = solution.phase_times, []
     for phase in solution.named_phases:
@@ -336,7 +332,7 @@ def _named_phases(solution: Solution) -> _Rows:
         steps = count(phase.last - phase.first - phase.has_impact - phase.has_parting, "step")
         steps = f"an impact and {steps}" if phase.has_impact else steps
         lines.append(f"{phase.name}: {ends - begins:.6g} s{free} in {steps}, until {ends:.6g} s")
-    return [("phases", "\n".join(lines))] if lines else []
+    return "\n".join(lines)
 
 
 def _controls(solution: Solution) -> str:
@@ -374,18 +370,17 @@ def inertia_words(links: Sequence[Mapping[str, Any]]) -> str:
     return ", ".join(f"{one['link']} {one['mass']:.3g} kg ({one['origin']})" for one in links)
 
 
-def _masses(robot_spec: Mapping[str, Any]) -> _Rows:
+def _masses(robot_spec: Mapping[str, Any]) -> str:
     """What a problem says of masses and inertias that no file gives."""
     tables = [robot_spec, *(part for part in robot_spec.get("part", ()) if isinstance(part, Mapping))]
     given = (table.get("inertias") for table in tables)
     links = [name for table in given if isinstance(table, Mapping) for name in table.get("links", ())]
-    return [("inertias", f"not of its file: those of {', '.join(links)}")] if links else []
+    return f"not of its file: those of {', '.join(links)}" if links else ""
 
 
-def _load_and_tools(robot_spec: Mapping[str, Any]) -> _Rows:
+def _load_and_tools(robot_spec: Mapping[str, Any]) -> str:
     written = robot_spec.get("payload")
-    payloads = [entry for entry in written if isinstance(entry, Mapping)] if isinstance(written, list) else []
-    return [("carries", payload_words(payloads))] if payloads else []
+    return payload_words([p for p in written if isinstance(p, Mapping)]) if isinstance(written, list) else ""
 
 
 def _violation(solution: Solution) -> str:
@@ -422,10 +417,10 @@ def _largest(solution: Solution, steps: BoolArray, more: str) -> str:
     return ", ".join(f"{size:.4g} {unit} at {name}" for unit, (size, name) in found.items())
 
 
-def _limits(solution: Solution) -> _Rows:
+def _limits(solution: Solution) -> str:
     """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
     if not _is_bounded(solution):
-        return []
+        return ""
     active = [_touches(limit) for limit in solution.active_limits]
     listed = "\n".join(active[:_MAX_LIMITS]) or "none is active"
     if len(active) > _MAX_LIMITS:
@@ -438,23 +433,23 @@ def _limits(solution: Solution) -> _Rows:
         more = " or more" if solution.status is Status.UNDER_RESOLVED else ""
         part, when = f"{100.0 * solution.limit_excess:.3g} %{more}", f"{solution.limit_excess_time:.4g} s"
         listed += f"\nbetween nodes the {solution.limit_excess_of} leaves its limit by {part}, at {when}"
-    return [("limits", listed)]
+    return listed
 
 
-def _robust(solution: Solution) -> _Rows:
+def _robust(solution: Solution) -> str:
     """Which limits leave most room for what is uncertain."""
     if math.isnan(solution.sigmas):
-        return []
-    return [("robust", f"limits keep off {solution.sigmas:.3g} standard deviations: {solution.tightest}")]
+        return ""
+    return f"limits keep off {solution.sigmas:.3g} standard deviations: {solution.tightest}"
 
 
-def _mean_squares(solution: Solution) -> _Rows:
+def _mean_squares(solution: Solution) -> str:
     """Root mean squares of controls, where they have limits."""
     if not solution.facts.effort_rms:
-        return []
+        return ""
     columns = zip(solution.labels.u, rms_of(solution), solution.facts.effort_rms, strict=True)
     words = [f"{c.name} {rms:.4g} of {most:.4g} {c.unit}" for c, rms, most in columns if math.isfinite(most)]
-    return [("rms effort", ", ".join(words))]
+    return ", ".join(words)
 
 
 def _is_bounded(solution: Solution) -> bool:
@@ -491,24 +486,24 @@ def _touches(limit: ActiveLimit) -> str:
     return f"{where} at its {limit.side} limit {limit.bound:.6g} {limit.unit} {times}"
 
 
-def _clearance(solution: Solution) -> _Rows:
+def _clearance(solution: Solution) -> str:
     """How near the robot comes to obstacles, or its links to each other."""
     if math.isnan(solution.clearance):
-        return []
+        return ""
     size = f"{1e3 * abs(solution.clearance):.4g} mm"
     how = size if solution.clearance >= 0.0 else f"{size} in each other"
     nearest = f"{solution.clearance_between} at {solution.clearance_time:.4g} s"
-    return [("clearance", f"{how}: {nearest}, of the pairs that are checked")]
+    return f"{how}: {nearest}, of the pairs that are checked"
 
 
-def _drift(solution: Solution) -> _Rows:
+def _drift(solution: Solution) -> str:
     """How well rotations stay rotations, where there are any."""
     if solution.is_vector_space or math.isnan(solution.manifold_drift):
-        return []
+        return ""
     words = f"{solution.manifold_drift:.2e} at most"
     if not math.isnan(solution.manifold_drift_resimulated):
         words += f"; {solution.manifold_drift_resimulated:.2e} when simulated with the controls"
-    return [("drift of rotations", words)]
+    return words
 
 
 def _quantities(solution: Solution) -> str | Text:
@@ -527,12 +522,11 @@ def _quantities(solution: Solution) -> str | Text:
     return text
 
 
-def _hamiltonian(solution: Solution) -> _Rows:
+def _hamiltonian(solution: Solution) -> str:
     values = solution.control_hamiltonian
     if math.isnan(values["mean"]):
-        return []
-    words = f"mean {values['mean']:.6g}, from {values['min']:.6g} to {values['max']:.6g}"
-    return [("Hamiltonian", words)]
+        return ""
+    return f"mean {values['mean']:.6g}, from {values['min']:.6g} to {values['max']:.6g}"
 
 
 def _phases(solution: Solution) -> str:

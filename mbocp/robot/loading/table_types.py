@@ -110,7 +110,7 @@ def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tupl
     """Key and words of the first complaint."""
     first = error.errors()[0]
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return _key(data, first["loc"], absent=first["type"] == "missing"), _reason(first, data, allowed) + more
+    return _key(data, first["loc"], absent=first["type"] == "missing"), _reason(first, allowed) + more
 
 
 def refusal(error: ValidationError, where: str, data: Any, allowed: Allowed) -> RobotError:
@@ -160,7 +160,7 @@ def _child(node: Any, step: int | str) -> Any:
     return node[step] if isinstance(node, list) and isinstance(step, int) and step < len(node) else None
 
 
-def _reason(error: Any, data: Any, allowed: Allowed) -> str:
+def _reason(error: Any, allowed: Allowed) -> str:
     kind, context, got = error["type"], error.get("ctx", {}), error["input"]
     if kind == "extra_forbidden":
         return f"unknown key; {suggest(str(error['loc'][-1]), allowed(error['loc']))}"

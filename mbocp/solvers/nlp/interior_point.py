@@ -149,7 +149,7 @@ class InteriorPoint:
         if has_left and not iteration_callback.reason:
             status = Status.DIVERGED
         violations = compiled.violations(point.w, p, bounds)
-        words = advice_of(status, stats, programme, lay, violations, taken, record.residual)
+        words = advice_of(status, programme, lay, violations, taken, record.residual)
         end = unpack(point.w, point.lam_g, lam_x, lay)
         return SolverResult(status, words, end, record, history or (record,))
 

@@ -44,7 +44,6 @@ def status_of(name: str, stats: Mapping[str, Any], stopped: str, max_iterations:
 
 def advice_of(
     status: Status,
-    stats: Mapping[str, Any],
     programme: StagewiseProgramme,
     lay: NlpLayout,
     violations: Array,
