@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command
 from typer.models import CommandInfo
 
 from mbocp.cli import signals
@@ -16,27 +19,70 @@ from mbocp.cli.command_examples import examples
 from mbocp.cli.error_report import reporting
 from mbocp.cli.robot_options import RobotOptions
 
-_P = ParamSpec("_P")
+# Commands in the order of the help: the module of `mbocp.cli` that has a function of that name, and what the
+# list of commands says, which is the first line of the function's docstring.
+COMMANDS = {
+    "new": ("app", "Write a problem file for a robot, with comments."),
+    "solve": ("app", "Solve a problem file."),
+    "menu": ("app", "List different motions that solve a problem, the cheapest first."),
+    "check": ("app", "Say what a problem file asks for, and what is odd about it."),
+    "explain": ("app", "Say why a problem cannot be solved."),
+    "bound": ("app", "Bound cost and duration of all motions from below."),
+    "excite": ("app", "Find the motion that tells most about masses and friction."),
+    "replay": ("app", "Replay results: a page, live in the browser, pictures, or a film."),
+    "live": ("app", "Drag the goal on a page, and watch it being solved again."),
+    "plot": ("app", "Plot a result: states, controls, multipliers, convergence, path."),
+    "report": ("app", "Write all about a result, or about several, as one page."),
+    "info": ("app", "Say what a result is and how good it is."),
+    "export": ("app", "Write a motion for controllers, viewers and other tools."),
+    "robots": ("app", "List the robots there are, or say what one has."),
+    "spheres": ("app", "Show the spheres that stand for links where a robot may collide."),
+    "study": ("app", "Solve many problems: a grid, a random sample, or a list."),
+    "identify": ("app", "Find masses, inertias and friction from a recorded motion."),
+    "keys": ("app", "Say what keys of problem files take and mean."),
+    "schema": ("app", "Write the JSON schema of problem files."),
+    "doctor": ("app", "Say what works on this machine, and how to mend what does not."),
+}
+
+
+class _Commands(TyperGroup):
+    """Commands that are lines of a list until one is asked for, whose module is imported then."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, reporting(load_command)(name) if name in COMMANDS else command, rest
+
+
+def load_command(name: str) -> Any:
+    """One of mbocp's own commands, as typer reads its function."""
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+    function = getattr(import_module(f"mbocp.cli.{COMMANDS[name][0]}"), name)
+    alone.command(name, epilog=examples(name))(reporting(function))
+    return get_command(alone)
+
 
 app = typer.Typer(
     name="mbocp",
     help="Optimal control of multibody systems: from a URDF to a solved, replayed motion.",
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+for _name, (_, _summary) in COMMANDS.items():
+    app.command(_name, help=_summary)(lambda: None)
 
 
 def app_for(words: Sequence[str]) -> typer.Typer:
-    """Command line for some words: the command that the first of them names, else all, which take time.
+    """Command line for some words: unless the first names a command of mbocp, with those of other packages.
 
-    All are those of mbocp and those that other packages add: apps of typer under the entry point
-    "mbocp.commands".
+    They are apps of typer under the entry point "mbocp.commands", and finding them takes time.
     """
-    named = [one for one in app.registered_commands if one.callback and one.callback.__name__ in words[:1]]
+    if COMMANDS.keys() & words[:1]:
+        return app
     wanted = copy.copy(app)
-    wanted.registered_commands = named or [*app.registered_commands, *_added_commands()]
+    wanted.registered_commands = [*app.registered_commands, *_added_commands()]
     return wanted
 
 
@@ -47,11 +93,6 @@ def _added_commands() -> Iterator[CommandInfo]:
         except ImportError as error:
             name = point.dist.name if point.dist else point.value
             typer.echo(f"warning: the commands of {name} cannot be loaded: {error}", err=True)
-
-
-def _command(function: Callable[_P, None]) -> Callable[_P, None]:
-    """A command of the function's name, with its examples."""
-    return app.command(epilog=examples(function.__name__))(reporting(function))
 
 
 def _argument(metavar: str, words: str) -> Any:
@@ -116,7 +157,6 @@ def _main(
     pass
 
 
-@_command
 def new(
     name: Robot,
     output: Annotated[Path | None, _output("FILE.toml", "File to write. [default: ROBOT.toml]")] = None,
@@ -136,7 +176,6 @@ def new(
     write_new(name, output, RobotOptions(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
 
 
-@_command
 def solve(
     file: Annotated[
         Path, _argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
@@ -179,7 +218,6 @@ def solve(
     raise typer.Exit(status)
 
 
-@_command
 def menu(
     file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
@@ -200,7 +238,6 @@ def menu(
     raise typer.Exit(print_menu(file, settings or [], tries, output, replay, as_json=as_json, quiet=quiet))
 
 
-@_command
 def check(
     file: ProblemFile,
     settings: Settings = None,
@@ -217,7 +254,6 @@ def check(
     raise typer.Exit(check_file(file, settings or [], output, as_json=as_json, quiet=quiet))
 
 
-@_command
 def explain(
     file: ProblemOrResult,
     settings: Settings = None,
@@ -236,7 +272,6 @@ def explain(
     explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
 
 
-@_command
 def bound(
     file: ProblemOrResult,
     settings: Settings = None,
@@ -251,7 +286,6 @@ def bound(
     print_bound(file, settings or [], as_json=as_json)
 
 
-@_command
 def excite(
     file: ProblemFile,
     settings: Settings = None,
@@ -273,7 +307,6 @@ def excite(
     raise typer.Exit(print_exciting(file, settings or [], output, options, as_json=as_json))
 
 
-@_command
 def replay(
     results: Annotated[
         list[Path],
@@ -324,7 +357,6 @@ def replay(
     replay_results(results, output, look, Recording(frames, movie, fps, size), live=live, quiet=quiet)
 
 
-@_command
 def live(
     file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
@@ -343,7 +375,6 @@ def live(
     live_page(file, settings or [], output, host=host, port=port, browser=browser, quiet=quiet)
 
 
-@_command
 def plot(
     result: ResultFile,
     output: Annotated[
@@ -364,7 +395,6 @@ def plot(
     plot_result(result, output, style, quiet=quiet)
 
 
-@_command
 def report(
     results: Annotated[list[Path], _argument("RESULT", "What `mbocp solve -o` wrote; several side by side.")],
     output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
@@ -380,7 +410,6 @@ def report(
     report_results(results, output, quiet=quiet)
 
 
-@_command
 def info(result: ResultFile, as_json: Json = False) -> None:
     """Say what a result is and how good it is."""
     from mbocp.cli.results import print_info
@@ -388,7 +417,6 @@ def info(result: ResultFile, as_json: Json = False) -> None:
     print_info(result, as_json=as_json)
 
 
-@_command
 def export(
     result: ResultFile,
     output: Annotated[
@@ -433,7 +461,6 @@ def export(
         raise typer.Exit(1)
 
 
-@_command
 def robots(
     name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
     package_dir: PackageDirs = None,
@@ -451,7 +478,6 @@ def robots(
         print_robot(name, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
-@_command
 def spheres(
     name: Robot,
     replay: Annotated[
@@ -470,7 +496,6 @@ def spheres(
     print_spheres(name, replay, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
 
 
-@_command
 def study(
     file: Annotated[Path | None, _argument("STUDY", "Study file (TOML).")] = None,
     output: Annotated[Path | None, _output("FILE.jsonl", "Where the rows go.")] = None,
@@ -511,7 +536,6 @@ def study(
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
 
 
-@_command
 def identify(
     name: Robot,
     log: Annotated[
@@ -555,7 +579,6 @@ def identify(
     identify_robot(name, log, options, asked, out, plot, as_json=as_json, quiet=quiet)
 
 
-@_command
 def keys(
     name: Annotated[
         str | None,
@@ -569,7 +592,6 @@ def keys(
     print_keys(name, as_json=as_json)
 
 
-@_command
 def schema(
     output: Annotated[Path | None, _output("FILE.json", "File to write. [default: the screen]")] = None,
 ) -> None:
@@ -582,7 +604,6 @@ def schema(
     write_schema(output)
 
 
-@_command
 def doctor(as_json: Json = False) -> None:
     """Say what works on this machine, and how to mend what does not.
 
