@@ -22,12 +22,12 @@ from mbocp.cli.robot_options import RobotOptions
 # Commands in the order of the help: the module of `mbocp.cli` that has a function of that name, and what the
 # list of commands says, which is the first line of the function's docstring.
 COMMANDS = {
-    "new": ("app", "Write a problem file for a robot, with comments."),
+    "new": ("new", "Write a problem file for a robot, with comments."),
     "solve": ("app", "Solve a problem file."),
     "menu": ("app", "List different motions that solve a problem, the cheapest first."),
-    "check": ("app", "Say what a problem file asks for, and what is odd about it."),
-    "explain": ("app", "Say why a problem cannot be solved."),
-    "bound": ("app", "Bound cost and duration of all motions from below."),
+    "check": ("check", "Say what a problem file asks for, and what is odd about it."),
+    "explain": ("explain", "Say why a problem cannot be solved."),
+    "bound": ("explain", "Bound cost and duration of all motions from below."),
     "excite": ("app", "Find the motion that tells most about masses and friction."),
     "replay": ("app", "Replay results: a page, live in the browser, pictures, or a film."),
     "live": ("app", "Drag the goal on a page, and watch it being solved again."),
@@ -35,13 +35,13 @@ COMMANDS = {
     "report": ("app", "Write all about a result, or about several, as one page."),
     "info": ("app", "Say what a result is and how good it is."),
     "export": ("app", "Write a motion for controllers, viewers and other tools."),
-    "robots": ("app", "List the robots there are, or say what one has."),
-    "spheres": ("app", "Show the spheres that stand for links where a robot may collide."),
+    "robots": ("robots", "List the robots there are, or say what one has."),
+    "spheres": ("robots", "Show the spheres that stand for links where a robot may collide."),
     "study": ("app", "Solve many problems: a grid, a random sample, or a list."),
     "identify": ("app", "Find masses, inertias and friction from a recorded motion."),
-    "keys": ("app", "Say what keys of problem files take and mean."),
-    "schema": ("app", "Write the JSON schema of problem files."),
-    "doctor": ("app", "Say what works on this machine, and how to mend what does not."),
+    "keys": ("keys", "Say what keys of problem files take and mean."),
+    "schema": ("keys", "Write the JSON schema of problem files."),
+    "doctor": ("doctor", "Say what works on this machine, and how to mend what does not."),
 }
 
 
@@ -95,46 +95,46 @@ def _added_commands() -> Iterator[CommandInfo]:
             typer.echo(f"warning: the commands of {name} cannot be loaded: {error}", err=True)
 
 
-def _argument(metavar: str, words: str) -> Any:
+def argument(metavar: str, words: str) -> Any:
     """A word that a command takes."""
     return typer.Argument(metavar=metavar, help=words, show_default=False)
 
 
-def _option(name: str, metavar: str, words: str) -> Any:
+def option(name: str, metavar: str, words: str) -> Any:
     """An option with a value."""
     return typer.Option(name, metavar=metavar, help=words)
 
 
-def _output(metavar: str, words: str) -> Any:
+def output_file(metavar: str, words: str) -> Any:
     """The file that a command writes."""
     return typer.Option("--output", "-o", metavar=metavar, help=words)
 
 
-def _switch(names: str, words: str) -> Any:
+def switch(names: str, words: str) -> Any:
     """An option of two names, whose help says what holds without it."""
     return typer.Option(names, help=words, show_default=False)
 
 
-ProblemFile = Annotated[Path, _argument("FILE", "Problem file (TOML).")]
-ResultFile = Annotated[Path, _argument("RESULT", "What `mbocp solve -o` wrote.")]
-ProblemOrResult = Annotated[Path, _argument("FILE|RESULT", "Problem file, or a result of a solve.")]
-Robot = Annotated[str, _argument("ROBOT", "Robot, by name or path of its URDF.")]
+ProblemFile = Annotated[Path, argument("FILE", "Problem file (TOML).")]
+ResultFile = Annotated[Path, argument("RESULT", "What `mbocp solve -o` wrote.")]
+ProblemOrResult = Annotated[Path, argument("FILE|RESULT", "Problem file, or a result of a solve.")]
+Robot = Annotated[str, argument("ROBOT", "Robot, by name or path of its URDF.")]
 PackageDirs = Annotated[
-    list[Path] | None, _option("--package-dir", "DIR", "Folder with ROS packages (meshes). Repeatable.")
+    list[Path] | None, option("--package-dir", "DIR", "Folder with ROS packages (meshes). Repeatable.")
 ]
-FreeFlyer = Annotated[bool | None, _switch("--free-flyer/--fixed", "Whether the root link floats.")]
+FreeFlyer = Annotated[bool | None, switch("--free-flyer/--fixed", "Whether the root link floats.")]
 Dynamics = Annotated[
     bool | None,
-    _switch(
+    switch(
         "--dynamics/--no-dynamics",
         "Whether forces move it; without, controls are accelerations, and links need no inertias.",
     ),
 ]
 Locks = Annotated[
-    list[str] | None, _option("--lock", "JOINT[=VALUE]", "Make a joint rigid [rad, m]. Repeatable.")
+    list[str] | None, option("--lock", "JOINT[=VALUE]", "Make a joint rigid [rad, m]. Repeatable.")
 ]
 Settings = Annotated[
-    list[str] | None, _option("--set", "KEY=VALUE", "Change a key of the file; a TOML value. Repeatable.")
+    list[str] | None, option("--set", "KEY=VALUE", "Change a key of the file; a TOML value. Repeatable.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
@@ -157,51 +157,32 @@ def _main(
     pass
 
 
-def new(
-    name: Robot,
-    output: Annotated[Path | None, _output("FILE.toml", "File to write. [default: ROBOT.toml]")] = None,
-    package_dir: PackageDirs = None,
-    free_flyer: FreeFlyer = None,
-    dynamics: Dynamics = None,
-    lock: Locks = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
-    quiet: Quiet = False,
-) -> None:
-    """Write a problem file for a robot, with comments.
-
-    It names the joints and their limits, and asks for a motion that solves at once.
-    """
-    from mbocp.cli.new import write_new
-
-    write_new(name, output, RobotOptions(package_dir, free_flyer, dynamics, lock), force=force, quiet=quiet)
-
-
 def solve(
     file: Annotated[
-        Path, _argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
+        Path, argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
     ],
     settings: Settings = None,
     solver: Annotated[
         str | None,
-        _option(
+        option(
             "--solver",
             "NAME",
             "auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic, fbsm_bb+fbsm_newton, ipopt "
             "or fatrop; short for --set solver.method=NAME.",
         ),
     ] = None,
-    output: Annotated[Path | None, _output("RESULT.h5", "Save the solution.")] = None,
-    replay: Annotated[Path | None, _option("--replay", "FILE.html", "Write a replay page.")] = None,
-    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Write plots.")] = None,
+    output: Annotated[Path | None, output_file("RESULT.h5", "Save the solution.")] = None,
+    replay: Annotated[Path | None, option("--replay", "FILE.html", "Write a replay page.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Write plots.")] = None,
     meshes: Annotated[
         bool | None,
-        _switch("--meshes/--no-meshes", "Whether -o keeps the robot's meshes, too; by default up to 64 MB."),
+        switch("--meshes/--no-meshes", "Whether -o keeps the robot's meshes, too; by default up to 64 MB."),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     accuracy: Annotated[
         bool | None,
-        _switch(
+        switch(
             "--accuracy/--no-accuracy",
             "Compare the motion with what the robot would do; by default unless that takes long.",
         ),
@@ -219,12 +200,12 @@ def solve(
 
 
 def menu(
-    file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
+    file: Annotated[Path, argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
     tries: Annotated[int, typer.Option(min=1, metavar="N", help="Ways to try, to each goal.")] = 24,
-    output: Annotated[Path | None, _output("FOLDER", "Save a result for each in this folder.")] = None,
+    output: Annotated[Path | None, output_file("FOLDER", "Save a result for each in this folder.")] = None,
     replay: Annotated[
-        Path | None, _option("--replay", "FILE.html", "Write a page with the first five at once.")
+        Path | None, option("--replay", "FILE.html", "Write a page with the first five at once.")
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -238,62 +219,14 @@ def menu(
     raise typer.Exit(print_menu(file, settings or [], tries, output, replay, as_json=as_json, quiet=quiet))
 
 
-def check(
-    file: ProblemFile,
-    settings: Settings = None,
-    output: Annotated[Path | None, _output("PAGE.html", "Write a page: start, goal, obstacles.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Say what a problem file asks for, and what is odd about it.
-
-    Its robot is looked at, too; nothing is solved.
-    """
-    from mbocp.cli.check import check_file
-
-    raise typer.Exit(check_file(file, settings or [], output, as_json=as_json, quiet=quiet))
-
-
-def explain(
-    file: ProblemOrResult,
-    settings: Settings = None,
-    search: Annotated[
-        bool, _switch("--search/--no-search", "Solve with wider limits, to see which is in the way.")
-    ] = True,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Say why a problem cannot be solved.
-
-    First what arithmetic tells; if that proves nothing, which limit has to give.
-    """
-    from mbocp.cli.explain import explain_file
-
-    explain_file(file, settings or [], search=search, as_json=as_json, quiet=quiet)
-
-
-def bound(
-    file: ProblemOrResult,
-    settings: Settings = None,
-    as_json: Json = False,
-) -> None:
-    """Bound cost and duration of all motions from below.
-
-    Nothing is solved. A result is compared with it.
-    """
-    from mbocp.cli.explain import print_bound
-
-    print_bound(file, settings or [], as_json=as_json)
-
-
 def excite(
     file: ProblemFile,
     settings: Settings = None,
-    output: Annotated[Path | None, _output("FILE.h5", "Save the motion as a result.")] = None,
+    output: Annotated[Path | None, output_file("FILE.h5", "Save the motion as a result.")] = None,
     torque_noise: Annotated[
-        float | None, _option("--torque-noise", "VALUE", "Standard deviation of measured torques [N m, N].")
+        float | None, option("--torque-noise", "VALUE", "Standard deviation of measured torques [N m, N].")
     ] = None,
-    starts: Annotated[int | None, _option("--starts", "N", "Random motions that are improved.")] = None,
+    starts: Annotated[int | None, option("--starts", "N", "Random motions that are improved.")] = None,
     as_json: Json = False,
 ) -> None:
     """Find the motion that tells most about masses and friction.
@@ -310,20 +243,20 @@ def excite(
 def replay(
     results: Annotated[
         list[Path],
-        _argument("RESULT", "What `mbocp solve -o` wrote; of several, the others move beside the first."),
+        argument("RESULT", "What `mbocp solve -o` wrote; of several, the others move beside the first."),
     ],
-    output: Annotated[Path | None, _output("FILE.html", "Page to write. [default: RESULT.html]")] = None,
+    output: Annotated[Path | None, output_file("FILE.html", "Page to write. [default: RESULT.html]")] = None,
     live: Annotated[
         bool, typer.Option("--open", help="Show it in a browser now, and write only what -o asks for.")
     ] = False,
     trace: Annotated[
-        list[str] | None, _option("--trace", "FRAME", "Frame that leaves a trace. Repeatable.")
+        list[str] | None, option("--trace", "FRAME", "Frame that leaves a trace. Repeatable.")
     ] = None,
     ghosts: Annotated[
         int, typer.Option(metavar="N", help="Draw the robot, faint, at N times from start to end.")
     ] = 0,
     ghost_at: Annotated[
-        list[float] | None, _option("--ghost-at", "TIME", "And at this time [s]. Repeatable.")
+        list[float] | None, option("--ghost-at", "TIME", "And at this time [s]. Repeatable.")
     ] = None,
     camera: Annotated[
         str | None,
@@ -335,11 +268,11 @@ def replay(
     ] = None,
     speed: Annotated[float, typer.Option(help="1 is true speed.")] = 1.0,
     frames: Annotated[
-        Path | None, _option("--frames", "DIR", "Write pictures (PNG) instead of a page; needs Chromium.")
+        Path | None, option("--frames", "DIR", "Write pictures (PNG) instead of a page; needs Chromium.")
     ] = None,
     movie: Annotated[
         Path | None,
-        _option(
+        option(
             "--movie", "FILE.gif|mp4", "Write a film instead of a page; needs Chromium, and ffmpeg for MP4."
         ),
     ] = None,
@@ -358,9 +291,9 @@ def replay(
 
 
 def live(
-    file: Annotated[Path, _argument("FILE", "Problem file (TOML), or a result of a solve.")],
+    file: Annotated[Path, argument("FILE", "Problem file (TOML), or a result of a solve.")],
     settings: Settings = None,
-    output: Annotated[Path | None, _output("RESULT.h5", "Save the last motion that converged.")] = None,
+    output: Annotated[Path | None, output_file("RESULT.h5", "Save the last motion that converged.")] = None,
     host: Annotated[str, typer.Option(help="Address to serve the page at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="The first port to try.")] = 8080,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser window.")] = True,
@@ -378,7 +311,7 @@ def live(
 def plot(
     result: ResultFile,
     output: Annotated[
-        Path | None, _output("FILE.png", "Image to write: .png, .pdf or .svg. [default: RESULT.png]")
+        Path | None, output_file("FILE.png", "Image to write: .png, .pdf or .svg. [default: RESULT.png]")
     ] = None,
     style: Annotated[
         str | None,
@@ -396,8 +329,8 @@ def plot(
 
 
 def report(
-    results: Annotated[list[Path], _argument("RESULT", "What `mbocp solve -o` wrote; several side by side.")],
-    output: Annotated[Path | None, _output("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
+    results: Annotated[list[Path], argument("RESULT", "What `mbocp solve -o` wrote; several side by side.")],
+    output: Annotated[Path | None, output_file("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write all about a result, or about several, as one page.
@@ -424,7 +357,7 @@ def export(
     ],
     kind: Annotated[
         str | None,
-        _option(
+        option(
             "--format", "NAME", "csv, ros2, urscript, npz, parquet, mcap or rerun. [default: by the suffix]"
         ),
     ] = None,
@@ -461,44 +394,9 @@ def export(
         raise typer.Exit(1)
 
 
-def robots(
-    name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
-    package_dir: PackageDirs = None,
-    free_flyer: FreeFlyer = None,
-    dynamics: Dynamics = None,
-    lock: Locks = None,
-    as_json: Json = False,
-) -> None:
-    """List the robots there are, or say what one has."""
-    from mbocp.cli.robots import print_robot, print_robots
-
-    if name is None:
-        print_robots(as_json=as_json)
-    else:
-        print_robot(name, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
-
-
-def spheres(
-    name: Robot,
-    replay: Annotated[
-        Path | None, _option("--replay", "FILE.html", "Write a page with the spheres over the robot.")
-    ] = None,
-    package_dir: PackageDirs = None,
-    free_flyer: FreeFlyer = None,
-    dynamics: Dynamics = None,
-    lock: Locks = None,
-    as_json: Json = False,
-) -> None:
-    """Show the spheres that stand for links where a robot may collide."""
-    from mbocp.cli.robots import print_spheres
-
-    signals.leave_in_order()
-    print_spheres(name, replay, RobotOptions(package_dir, free_flyer, dynamics, lock), as_json=as_json)
-
-
 def study(
-    file: Annotated[Path | None, _argument("STUDY", "Study file (TOML).")] = None,
-    output: Annotated[Path | None, _output("FILE.jsonl", "Where the rows go.")] = None,
+    file: Annotated[Path | None, argument("STUDY", "Study file (TOML).")] = None,
+    output: Annotated[Path | None, output_file("FILE.jsonl", "Where the rows go.")] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Processes. [default: one a processor]")
     ] = None,
@@ -509,13 +407,13 @@ def study(
     resume: Annotated[bool, typer.Option("--resume", help="Go on with FILE.jsonl, if it is there.")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin FILE.jsonl anew.")] = False,
     summary: Annotated[
-        Path | None, _option("--summary", "FILE.jsonl", "Run nothing, sum up what is there.")
+        Path | None, option("--summary", "FILE.jsonl", "Run nothing, sum up what is there.")
     ] = None,
     by: Annotated[
-        list[str] | None, _option("--by", "NAME", "Sum up by this varied key or axis. Repeatable.")
+        list[str] | None, option("--by", "NAME", "Sum up by this varied key or axis. Repeatable.")
     ] = None,
-    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Draw the summary as bars.")] = None,
-    csv: Annotated[Path | None, _option("--csv", "FILE.csv", "Write all rows.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Draw the summary as bars.")] = None,
+    csv: Annotated[Path | None, option("--csv", "FILE.csv", "Write all rows.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -539,32 +437,30 @@ def study(
 def identify(
     name: Robot,
     log: Annotated[
-        Path, _argument("LOG", "What was recorded: CSV, Parquet, MCAP; see docs/identification.md.")
+        Path, argument("LOG", "What was recorded: CSV, Parquet, MCAP; see docs/identification.md.")
     ],
     held_out: Annotated[
-        Path | None, _option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
+        Path | None, option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
     ] = None,
     payload: Annotated[
         str | None,
-        _option("--payload", "NAME", "Find this payload, or the body at this frame, and nothing else."),
+        option("--payload", "NAME", "Find this payload, or the body at this frame, and nothing else."),
     ] = None,
     friction: Annotated[
-        str, _option("--friction", "NAME", "What is unknown of it: both, viscous, coulomb or none.")
+        str, option("--friction", "NAME", "What is unknown of it: both, viscous, coulomb or none.")
     ] = "both",
     friction_speed: Annotated[
         float | None,
-        _option("--friction-speed", "SPEED", "Over which Coulomb friction is smoothed [rad/s, m/s]."),
+        option("--friction-speed", "SPEED", "Over which Coulomb friction is smoothed [rad/s, m/s]."),
     ] = None,
     rotors: Annotated[bool, typer.Option("--rotors", help="Find rotor inertias, too.")] = False,
     offsets: Annotated[bool, typer.Option("--offsets", help="Find offsets of joint positions, too.")] = False,
     torque_constant: Annotated[
         list[str] | None,
-        _option("--torque-constant", "JOINT=VALUE", "Torque by motor current [N m/A, N/A]. Repeatable."),
+        option("--torque-constant", "JOINT=VALUE", "Torque by motor current [N m/A, N/A]. Repeatable."),
     ] = None,
-    out: Annotated[
-        Path | None, _option("--out", "NEW.urdf", "Write the URDF with the numbers found.")
-    ] = None,
-    plot: Annotated[Path | None, _option("--plot", "FILE.png", "Draw what is left of the torques.")] = None,
+    out: Annotated[Path | None, option("--out", "NEW.urdf", "Write the URDF with the numbers found.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Draw what is left of the torques.")] = None,
     package_dir: PackageDirs = None,
     lock: Locks = None,
     as_json: Json = False,
@@ -577,39 +473,3 @@ def identify(
     signals.leave_in_order()
     options = RobotOptions(package_dir, None, None, lock)
     identify_robot(name, log, options, asked, out, plot, as_json=as_json, quiet=quiet)
-
-
-def keys(
-    name: Annotated[
-        str | None,
-        _argument("NAME", "A key, a table, or the last part of a name. [default: all]"),
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Say what keys of problem files take and mean."""
-    from mbocp.cli.keys import print_keys
-
-    print_keys(name, as_json=as_json)
-
-
-def schema(
-    output: Annotated[Path | None, _output("FILE.json", "File to write. [default: the screen]")] = None,
-) -> None:
-    """Write the JSON schema of problem files.
-
-    Editors complete, check and explain their keys by it.
-    """
-    from mbocp.cli.keys import write_schema
-
-    write_schema(output)
-
-
-def doctor(as_json: Json = False) -> None:
-    """Say what works on this machine, and how to mend what does not.
-
-    Exit status: 0 if everything needed works, 1 if not.
-    """
-    from mbocp.cli.doctor import print_report
-
-    signals.leave_in_order()  # it compiles something
-    raise typer.Exit(0 if print_report(as_json=as_json) else 1)
