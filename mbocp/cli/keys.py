@@ -13,9 +13,8 @@ from rich.text import Text
 
 from mbocp._keys import without_links
 from mbocp._text import show
-from mbocp.cli import console
 from mbocp.cli.app import Json, argument, output_file
-from mbocp.cli.console import plain_table
+from mbocp.cli.console import output, plain_table
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import InvalidValue, suggest
 
@@ -49,7 +48,7 @@ def keys(
         names = ", ".join([first, *(other.removeprefix(f"{under}.") for other in others)])
         cells = (row.takes, row.unit, row.default, row.says)
         table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
-    console.output().print(table)
+    output().print(table)
 
 
 def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mapping[str, Row]:
