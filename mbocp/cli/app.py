@@ -1,4 +1,4 @@
-"""What commands there are and what they take; the work is imported when it is asked for."""
+"""What commands there are, and what several of them take; a command is imported when it is asked for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typer.main import get_command
 from typer.models import CommandInfo
 
 from mbocp.cli.command_examples import examples
-from mbocp.cli.error_report import reporting
+from mbocp.cli.error_report import reported, reporting
 
 # Commands in the order of the help: the module of `mbocp.cli` that has a function of that name, and what the
 # list of commands says, which is the first line of the function's docstring.
@@ -48,7 +48,10 @@ class _Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         name, command, rest = super().resolve_command(ctx, args)
-        return name, reporting(load_command)(name) if name in COMMANDS else command, rest
+        if name in COMMANDS:
+            with reported(quiet="--quiet" in rest or "-q" in rest, as_json="--json" in rest):
+                command = load_command(name)
+        return name, command, rest
 
 
 def load_command(name: str) -> Any:

@@ -12,7 +12,10 @@ import pytest
 from typer.main import get_command
 
 from mbocp.cli.app import COMMANDS, app, app_for
+from mbocp.cli.error_report import BUG
 from tests.solution.fabricated import limited
+
+from .conftest import Run
 
 UR5 = Path(__file__).parents[2] / "examples" / "arms" / "ur5_reach.toml"
 MECHANICS = {"casadi", "coal", "pinocchio"}
@@ -118,6 +121,14 @@ def test_the_help_of_a_command_imports_no_other(words: list[str]) -> None:
     there = modules(SHELL.format(words=words))
     assert "mbocp.cli.replay_page" not in there
     assert not {name.partition(".")[0] for name in there} & MECHANICS
+
+
+def test_a_command_that_cannot_be_imported_is_reported(monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
+    monkeypatch.setitem(COMMANDS, "info", ("no_such_module", ""))
+    done = run("info", "a.h5", "--json")
+    assert done.exit_code == BUG
+    assert json.loads(done.stdout)["error"] == "ModuleNotFoundError"
+    assert "this is a bug in mbocp" in done.stderr
 
 
 @pytest.mark.parametrize("name", COMMANDS)
