@@ -15,8 +15,6 @@ from mbocp.cli.app import Json, ProblemFile, Quiet, Settings, output_file
 from mbocp.cli.error_report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
-from mbocp.problem.goals.end_conditions import stops_at_end
-from mbocp.problem.limits import LIMITS
 
 if TYPE_CHECKING:
     from mbocp._arrays import Array, BoolArray
@@ -150,6 +148,8 @@ def _goal(problem: Problem) -> Iterator[tuple[str, str | Text]]:
 
 
 def _limits(problem: Problem) -> _Rows:
+    from mbocp.problem.limits import LIMITS
+
     words = []
     for letter, key in LIMITS.items():
         count = int(problem.widest_limits.finite(letter).sum())
@@ -179,6 +179,8 @@ def _cost(problem: Problem) -> str:
 
 def words_of_rest(problem: Problem) -> str:
     """What a goal of rest says of accelerations where jerks are limited; "" where there is nothing to say."""
+    from mbocp.problem.goals.end_conditions import stops_at_end
+
     robot, goal = problem.robot, problem.goal
     if goal.a_rule == "rest":
         return "a = 0 since jerk is limited"

@@ -18,7 +18,6 @@ from mbocp.cli import signals
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Robot, option
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.solution_summary import inertia_words, payload_words, print_rows
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
 
@@ -66,6 +65,7 @@ def _print_list(entries: Sequence[RobotEntry]) -> None:
 
 
 def _print_robot(facts: Mapping[str, Any]) -> None:
+    from mbocp.cli.solution_summary import print_rows
 
     print_rows(facts["name"], _facts(facts))
     console = output()
@@ -81,6 +81,8 @@ def _print_robot(facts: Mapping[str, Any]) -> None:
 
 def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a robot is and has, those rows that say something."""
+    from mbocp.cli.solution_summary import inertia_words, payload_words
+
     rows = [row for constraint in facts["constraints"] for row in constraint["rows"]]
     redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
     of_them = f" (of {len(rows)} rows)" if redundant else ""
