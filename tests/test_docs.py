@@ -14,7 +14,7 @@ import pytest
 import typer
 
 import mbocp
-from mbocp.cli.app import app_for
+from mbocp.cli.app import COMMANDS, app_for, load_command
 from mbocp.problem.file.keys_page import update_page
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.schema import ProblemTable
@@ -109,9 +109,9 @@ def test_the_tables_of_keys_are_those_of_their_declarations() -> None:
 
 
 def all_commands() -> dict[str, Any]:
-    """Commands of the command line, as typer's own objects."""
+    """Commands of the command line, those of other packages, too, as typer's own objects."""
     group: Any = typer.main.get_command(app_for([]))
-    return dict(group.commands)
+    return {**group.commands, **{name: load_command(name) for name in COMMANDS}}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 from rich.text import Text
 
+from mbocp.cli.app import Json, ProblemFile, Quiet, Settings, output_file
 from mbocp.cli.error_report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
-from mbocp.problem.goals.end_conditions import stops_at_end
-from mbocp.problem.limits import LIMITS
 
 if TYPE_CHECKING:
     from mbocp._arrays import Array, BoolArray
@@ -26,24 +25,32 @@ _MAX_ENTRIES = 12
 _Rows = list[tuple[str, str | Text]]
 
 
-def check_file(file: Path, settings: Sequence[str], page: Path | None, *, as_json: bool, quiet: bool) -> int:
-    """Print what would be solved, or what is wrong with it as JSON, and draw it; return the exit status."""
-    if page is not None:
-        check_output(page, "-o", PAGES)
+def check(
+    file: ProblemFile,
+    settings: Settings = None,
+    output: Annotated[Path | None, output_file("PAGE.html", "Write a page: start, goal, obstacles.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say what a problem file asks for, and what is odd about it.
+
+    Its robot is looked at, too; nothing is solved.
+    """
+    if output is not None:
+        check_output(output, "-o", PAGES)
     from mbocp.cli.solution_summary import print_rows
     from mbocp.problem import load_problem
 
     if as_json:
-        return _print_findings(file, settings, page)
-    problem = load_problem(file, settings)
+        raise typer.Exit(_print_findings(file, settings or (), output))
+    problem = load_problem(file, settings or ())
     rows = _rows(problem)
-    if page is not None:
+    if output is not None:
         from mbocp.view.preview import write_preview
 
-        rows.append(("page", str(write_preview(problem, page))))
+        rows.append(("page", str(write_preview(problem, output))))
     if not quiet:
         print_rows(problem.name, rows)
-    return 0
 
 
 def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> int:
@@ -141,6 +148,8 @@ def _goal(problem: Problem) -> Iterator[tuple[str, str | Text]]:
 
 
 def _limits(problem: Problem) -> _Rows:
+    from mbocp.problem.limits import LIMITS
+
     words = []
     for letter, key in LIMITS.items():
         count = int(problem.widest_limits.finite(letter).sum())
@@ -170,6 +179,8 @@ def _cost(problem: Problem) -> str:
 
 def words_of_rest(problem: Problem) -> str:
     """What a goal of rest says of accelerations where jerks are limited; "" where there is nothing to say."""
+    from mbocp.problem.goals.end_conditions import stops_at_end
+
     robot, goal = problem.robot, problem.goal
     if goal.a_rule == "rest":
         return "a = 0 since jerk is limited"

@@ -8,13 +8,15 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Literal
 
 import typer
 
 from mbocp._dataclass import dataclass
+from mbocp.cli import signals
+from mbocp.cli.app import Json
 from mbocp.exceptions import MbocpError
 
 Verdict = Literal["ok", "warn", "fail"]
@@ -52,20 +54,28 @@ class Check:
     advice: str = ""
 
 
-def print_report(*, as_json: bool = False) -> bool:
-    """Print all checks; return whether everything that is needed works."""
+def doctor(as_json: Json = False) -> None:
+    """Say what works on this machine, and how to mend what does not.
+
+    Exit status: 0 if everything needed works, 1 if not.
+    """
+    signals.leave_in_order()  # it compiles something
     checks = report()
     works = all(check.verdict != "fail" for check in checks)
     if as_json:
         typer.echo(json.dumps({"works": works, "checks": [asdict(check) for check in checks]}, indent=2))
-        return works
+    else:
+        _print(checks)
+    raise typer.Exit(0 if works else 1)
+
+
+def _print(checks: Sequence[Check]) -> None:
     width = max(len(check.name) for check in checks)
     for check in checks:
         mark = typer.style(check.verdict.rjust(4), fg=_COLORS[check.verdict], bold=True)
         typer.echo(f"{mark}  {check.name.ljust(width)}  {check.found}")
         if check.advice:
             typer.echo(f"{'':4}  {'':{width}}  -> {check.advice}")
-    return works
 
 
 def report() -> list[Check]:

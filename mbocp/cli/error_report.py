@@ -65,33 +65,40 @@ class _Meaning(NamedTuple):
 
 
 def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Report the errors of a command, as its switches `--quiet` and `--json` say."""
+
+    @functools.wraps(command)
+    def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with reported(quiet=bool(kwargs.get("quiet")), as_json=bool(kwargs.get("as_json"))):
+            return command(*args, **kwargs)
+
+    return run
+
+
+@contextlib.contextmanager
+def reported(*, quiet: bool = False, as_json: bool = False) -> Iterator[None]:
     """Turn errors into a line for a person and an exit status for a script.
 
     With ``--json`` there is an object on stdout then, too: what kind of error, and the message.
     """
-
-    @functools.wraps(command)
-    def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        try:
-            with shown_warnings(quiet=bool(kwargs.get("quiet"))), _flush_output():
-                return command(*args, **kwargs)
-        except (typer.Exit, typer.Abort):
+    try:
+        with shown_warnings(quiet=quiet), _flush_output():
+            yield
+    except (typer.Exit, typer.Abort):
+        raise
+    except BrokenPipeError:  # somebody reads only the head of the output
+        forget_output()
+        raise typer.Exit(CLOSED_PIPE) from None
+    except BaseException as error:
+        meaning = _meaning(error)
+        if meaning is None:
             raise
-        except BrokenPipeError:  # somebody reads only the head of the output
-            forget_output()
-            raise typer.Exit(CLOSED_PIPE) from None
-        except BaseException as error:
-            meaning = _meaning(error)
-            if meaning is None:
-                raise
-            if kwargs.get("as_json"):
-                _print_json(error, meaning)
-            _say(meaning.word, meaning.message, meaning.color)
-            if isinstance(error, OSError):
-                forget_output()  # if that is what cannot be written
-            raise typer.Exit(meaning.status) from None
-
-    return run
+        if as_json:
+            _print_json(error, meaning)
+        _say(meaning.word, meaning.message, meaning.color)
+        if isinstance(error, OSError):
+            forget_output()  # if that is what cannot be written
+        raise typer.Exit(meaning.status) from None
 
 
 def tell(error: MbocpError) -> int:

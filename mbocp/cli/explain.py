@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.text import Text
 
 from mbocp._arrays import plain_json
 from mbocp.cli import signals
+from mbocp.cli.app import Json, ProblemOrResult, Quiet, Settings, switch
 from mbocp.cli.solve import problem_and_solution
 
 if TYPE_CHECKING:
@@ -23,21 +22,30 @@ _MAX_CAUSES = 6
 _OR = "or"
 
 
-def explain_file(
-    file: Path, settings: Sequence[str], *, search: bool, as_json: bool, quiet: bool = False
+def explain(
+    file: ProblemOrResult,
+    settings: Settings = None,
+    search: Annotated[
+        bool, switch("--search/--no-search", "Solve with wider limits, to see which is in the way.")
+    ] = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Print why a problem file, or the problem of a result, cannot be solved."""
-    from mbocp.explaining import explain
+    """Say why a problem cannot be solved.
+
+    First what arithmetic tells; if that proves nothing, which limit has to give.
+    """
+    from mbocp import explaining
 
     signals.leave_in_order()
-    problem, solution = problem_and_solution(file, settings)
+    problem, solution = problem_and_solution(file, settings or ())
     status = "" if solution is None else f"{solution.status}: {solution.advice}"
 
     def tell(words: str) -> None:
         if not (quiet or as_json):
             typer.echo(f"trying {words} ...", err=True)
 
-    found = explain(problem, search=search, tell=tell)
+    found = explaining.explain(problem, search=search, tell=tell)
     if as_json:
         typer.echo(json.dumps(_facts(found), indent=2))
     else:
@@ -80,13 +88,20 @@ def _facts(found: Explanation) -> dict[str, object]:
     }
 
 
-def print_bound(file: Path, settings: Sequence[str], *, as_json: bool) -> None:
-    """Print the bounds of a problem file, or of a result beside what it reached."""
-    from mbocp.bounds.of_problem import bound
+def bound(
+    file: ProblemOrResult,
+    settings: Settings = None,
+    as_json: Json = False,
+) -> None:
+    """Bound cost and duration of all motions from below.
+
+    Nothing is solved. A result is compared with it.
+    """
+    from mbocp.bounds import of_problem
 
     signals.leave_in_order()
-    problem, solution = problem_and_solution(file, settings)
-    found = bound(problem, solution)
+    problem, solution = problem_and_solution(file, settings or ())
+    found = of_problem.bound(problem, solution)
     if as_json:
         typer.echo(json.dumps(plain_json({**asdict(found), "gap": found.gap}), indent=2))
         return

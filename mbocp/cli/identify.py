@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 from mbocp._arrays import plain_json
-from mbocp._dataclass import dataclass
 from mbocp._files import RESULT_SUFFIXES
 from mbocp.cli import signals
+from mbocp.cli.app import (
+    Json,
+    Locks,
+    PackageDirs,
+    ProblemFile,
+    Quiet,
+    Robot,
+    Settings,
+    argument,
+    option,
+    output_file,
+)
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.results import tell
 from mbocp.cli.robot_options import RobotOptions
@@ -26,54 +37,57 @@ if TYPE_CHECKING:
     from mbocp.robot.parts import Label
 
 
-@dataclass(frozen=True)
-class Asked:
-    """What the options say, in the words of `mbocp.identify`."""
-
-    held_out: Path | None
-    payload: str | None
-    friction: str
-    rotors: bool
-    offsets: bool
-    friction_speed: float | None
-    torque_constants: Sequence[str]
-
-
-def identify_robot(
-    name: str,
-    log: Path,
-    options: RobotOptions,
-    asked: Asked,
-    out: Path | None,
-    plot: Path | None,
-    *,
-    as_json: bool,
-    quiet: bool,
+def identify(
+    name: Robot,
+    log: Annotated[
+        Path, argument("LOG", "What was recorded: CSV, Parquet, MCAP; see docs/identification.md.")
+    ],
+    held_out: Annotated[
+        Path | None, option("--held-out", "LOG", "Test the result on it. [default: the last fifth of LOG]")
+    ] = None,
+    payload: Annotated[
+        str | None,
+        option("--payload", "NAME", "Find this payload, or the body at this frame, and nothing else."),
+    ] = None,
+    friction: Annotated[
+        str, option("--friction", "NAME", "What is unknown of it: both, viscous, coulomb or none.")
+    ] = "both",
+    friction_speed: Annotated[
+        float | None,
+        option("--friction-speed", "SPEED", "Over which friction turns [rad/s, m/s]. [default: found]"),
+    ] = None,
+    rotors: Annotated[bool, typer.Option("--rotors", help="Find rotor inertias, too.")] = False,
+    offsets: Annotated[bool, typer.Option("--offsets", help="Find offsets of joint positions, too.")] = False,
+    torque_constant: Annotated[
+        list[str] | None,
+        option("--torque-constant", "JOINT=VALUE", "Torque by motor current [N m/A, N/A]. Repeatable."),
+    ] = None,
+    out: Annotated[Path | None, option("--out", "NEW.urdf", "Write the URDF with the numbers found.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Draw what is left of the torques.")] = None,
+    package_dir: PackageDirs = None,
+    lock: Locks = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Print the parameters, and write URDF and plot where they are asked for.
-
-    Raises
-    ------
-    MbocpError
-        If robot, log or options cannot be right, or a file cannot be written.
-    """
+    """Find masses, inertias and friction from a recorded motion."""
     if out is not None:
         check_output(out, "--out", (".urdf",))
     if plot is not None:
         check_output(plot, "--plot", IMAGES)
-    from mbocp.identification import identify
+    from mbocp.identification import identify as find_parameters
 
-    constants = dict(_constant(words) for words in asked.torque_constants)
-    found = identify(
-        options.load(name),
+    signals.leave_in_order()
+    constants = dict(_constant(words) for words in torque_constant or ())
+    found = find_parameters(
+        RobotOptions(package_dir, None, None, lock).load(name),
         log,
-        held_out=asked.held_out,
-        friction=asked.friction,
-        rotors=asked.rotors,
-        payload=asked.payload,
-        offsets=asked.offsets,
+        held_out=held_out,
+        friction=friction,
+        rotors=rotors,
+        payload=payload,
+        offsets=offsets,
         torque_constants=constants,
-        friction_speed=asked.friction_speed,
+        friction_speed=friction_speed,
     )
     for message in found.messages:
         warnings.warn(message, stacklevel=1)
@@ -182,23 +196,30 @@ def _print(found: Identification) -> None:
     console.print(table)
 
 
-def print_exciting(
-    file: Path,
-    settings: Sequence[str],
-    output: Path | None,
-    options: Mapping[str, Any],
-    *,
-    as_json: bool,
-) -> int:
-    """Print the information of the motion, save it, and return the exit status."""
+def excite(
+    file: ProblemFile,
+    settings: Settings = None,
+    output: Annotated[Path | None, output_file("FILE.h5", "Save the motion as a result.")] = None,
+    torque_noise: Annotated[
+        float | None, option("--torque-noise", "VALUE", "Standard deviation of measured torques [N m, N].")
+    ] = None,
+    starts: Annotated[int | None, option("--starts", "N", "Random motions that are improved.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the motion that tells most about masses and friction.
+
+    From start to goal within all limits, by [goal.excite] and the options. Exit status: 0 converged, 1 not, 2
+    bad input.
+    """
     if output is not None:
         check_output(output, "-o", RESULT_SUFFIXES)
     from mbocp.identification import information
     from mbocp.solving import solve, to_excite
 
     signals.leave_in_order()
+    options = {"torque_noise": torque_noise, "starts": starts}
     given = {key: value for key, value in options.items() if value is not None}
-    problem = to_excite(problem_of(file, settings), given)
+    problem = to_excite(problem_of(file, settings or ()), given)
     asked = problem.excite
     assert asked is not None
     solution = solve(problem)
@@ -213,4 +234,4 @@ def print_exciting(
         typer.echo(str(told))
     if not solution.converged:
         typer.echo(f"{file.name}: {solution.status}: {solution.advice}", err=True)
-    return 0 if solution.converged else 1
+    raise typer.Exit(0 if solution.converged else 1)

@@ -6,29 +6,35 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.text import Text
 
 from mbocp._keys import without_links
 from mbocp._text import show
+from mbocp.cli.app import Json, argument, output_file
 from mbocp.cli.console import output, plain_table
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import InvalidValue, suggest
-from mbocp.problem.file.keys_page import Row, rows
+
+if TYPE_CHECKING:
+    from mbocp.problem.file.keys_page import Row
 
 _INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
 SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it know it
 
 
-def print_keys(name: str | None, *, as_json: bool) -> None:
-    """Print what is said of all keys, of one and those in it, or of all that end in a name.
+def keys(
+    name: Annotated[
+        str | None,
+        argument("NAME", "A key, a table, or the last part of a name. [default: all]"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what keys of problem files take and mean."""
+    from mbocp.problem.file.keys_page import rows
 
-    Raises
-    ------
-    InvalidValue
-        If there is no such key.
-    """
     chosen = _choose(rows(), name, every=as_json)
     if as_json:
         typer.echo(json.dumps([_facts(key, row) for key, row in chosen.items()], indent=2))
@@ -38,8 +44,7 @@ def print_keys(name: str | None, *, as_json: bool) -> None:
         lines.setdefault((key.rpartition(".")[0], row), []).append(key)
     table = plain_table("key", "takes", "unit", "default", "meaning")
     table.columns[0].no_wrap = True
-    for (under, row), keys in lines.items():
-        first, *others = keys
+    for (under, row), (first, *others) in lines.items():
         names = ", ".join([first, *(other.removeprefix(f"{under}.") for other in others)])
         cells = (row.takes, row.unit, row.default, row.says)
         table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
@@ -64,13 +69,12 @@ def _facts(key: str, row: Row) -> dict[str, str]:
     return {"key": key, **{name: without_links(words) for name, words in cells.items()}}
 
 
-def write_schema(output: Path | None) -> None:
-    """Write the JSON schema of problem files, to the screen where no file is given.
+def schema(
+    output: Annotated[Path | None, output_file("FILE.json", "File to write. [default: the screen]")] = None,
+) -> None:
+    """Write the JSON schema of problem files.
 
-    Raises
-    ------
-    MbocpError
-        If the file is none that can be written.
+    Editors complete, check and explain their keys by it.
     """
     from mbocp.problem.file.schema import problem_schema
 

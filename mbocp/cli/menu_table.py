@@ -5,55 +5,63 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mbocp._files import is_folder
 from mbocp.cli import signals
+from mbocp.cli.app import Json, Quiet, Settings, argument, option, output_file
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.progress_table import Progress
 from mbocp.cli.results import tell
 from mbocp.cli.solve import PAGES, check_output, problem_of
 from mbocp.exceptions import ResultFileError
-from mbocp.menus.menu import Menu
+
+if TYPE_CHECKING:
+    from mbocp.menus.menu import Menu
 
 
-def print_menu(
-    file: Path,
-    settings: Sequence[str],
-    tries: int,
-    folder: Path | None,
-    replay: Path | None,
-    *,
-    as_json: bool,
-    quiet: bool,
-) -> int:
-    """Print a menu, write what is asked for, and return the exit status."""
+def menu(
+    file: Annotated[Path, argument("FILE", "Problem file (TOML), or a result of a solve.")],
+    settings: Settings = None,
+    tries: Annotated[int, typer.Option(min=1, metavar="N", help="Ways to try, to each goal.")] = 24,
+    output: Annotated[Path | None, output_file("FOLDER", "Save a result for each in this folder.")] = None,
+    replay: Annotated[
+        Path | None, option("--replay", "FILE.html", "Write a page with the first five at once.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """List different motions that solve a problem, the cheapest first.
+
+    Exit status: 0 converged, 1 none converged, 2 bad input, 130 interrupted before there is any.
+    """
     if replay is not None:
         check_output(replay, "--replay", PAGES)
-    if folder is not None and folder.exists() and not is_folder(folder):
-        raise ResultFileError(folder, "-o is a file, expected the name of a folder")
-    import mbocp
+    if output is not None and output.exists() and not is_folder(output):
+        raise ResultFileError(output, "-o is a file, expected the name of a folder")
+    from mbocp.menus import menu as menus
 
     signals.leave_in_order()
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
-        problem = problem_of(file, settings)
+        problem = problem_of(file, settings or ())
         progress.say(f"trying {count(tries, 'way')}")
-        found = mbocp.menu(problem, tries=tries)
-    files = found.save(folder) if folder is not None else []
+        found = menus.menu(problem, tries=tries)
+    files = found.save(output) if output is not None else []
     page = found.replay(replay) if replay is not None else None
     if as_json:
         typer.echo(json.dumps(_facts(found, files), indent=2))
     else:
         if not quiet:
             _print_table(found)
-        for name, written in (("results", folder), ("replay", page)):
+        for name, written in (("results", output), ("replay", page)):
             if written is not None:
                 tell(f"{name}: {written}", quiet)
     if not found.converged:
         typer.echo(f"{file.name}: none of {found.tried} ways leads to a motion: {found[0].advice}", err=True)
-    return 0 if found.converged else 1
+    raise typer.Exit(0 if found.converged else 1)
 
 
 def _facts(menu: Menu, files: Sequence[Path]) -> dict[str, object]:
@@ -81,6 +89,5 @@ def _print_table(menu: Menu) -> None:
         table.add_row(str(place), choice.name, *numbers)
     console = output()
     console.print(table)
-    console.print(
-        f"\n{count(len(menu), 'motion')} from {count(menu.tried, 'way')} in {menu.wall_time_s:.2g} s"
-    )
+    tried = f"{count(menu.tried, 'way')} in {menu.wall_time_s:.2g} s"
+    console.print(f"\n{count(len(menu), 'motion')} from {tried}")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from mbocp._files import is_file
+from mbocp.cli.app import Dynamics, FreeFlyer, Locks, PackageDirs, Quiet, Robot, output_file
 from mbocp.cli.keys import SCHEMA_FILE
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import check_output
@@ -21,17 +22,23 @@ _ROOT = "root_joint"
 _MANY_TURNS = 1e3  # [rad]: no limit that anybody means
 
 
-def write_new(name: str, output: Path | None, options: RobotOptions, *, force: bool, quiet: bool) -> None:
-    """Write a problem file that solves at once, and say how to go on.
+def new(
+    name: Robot,
+    output: Annotated[Path | None, output_file("FILE.toml", "File to write. [default: ROBOT.toml]")] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
+    lock: Locks = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a problem file for a robot, with comments.
 
-    Raises
-    ------
-    MbocpError
-        If the robot cannot be loaded or moved, or the file is there already.
+    It names the joints and their limits, and asks for a motion that solves at once.
     """
     from mbocp.problem.file.first import first_file
 
-    options, robot = _load(name, options)
+    options, robot = _load(name, RobotOptions(package_dir, free_flyer, dynamics, lock))
     path = output if output is not None else Path(f"{Path(name).stem or robot.name}.toml")
     check_output(path, "-o", _SUFFIXES)
     if path.exists() and not force:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -14,6 +14,7 @@ import typer
 from mbocp._files import is_folder
 from mbocp._text import show
 from mbocp.cli import signals
+from mbocp.cli.app import Json, Quiet, ResultFile, argument, option, output_file
 from mbocp.cli.console import count
 from mbocp.cli.solve import IMAGES, PAGES, check_output
 from mbocp.exceptions import InvalidValue, ReplayError, ResultFileError, RobotError
@@ -25,8 +26,21 @@ if TYPE_CHECKING:
     from mbocp.solution import Solution
 
 
-def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: bool) -> None:
-    """Write plots."""
+def plot(
+    result: ResultFile,
+    output: Annotated[
+        Path | None, output_file("FILE.png", "Image to write: .png, .pdf or .svg. [default: RESULT.png]")
+    ] = None,
+    style: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="A style of matplotlib (grayscale, seaborn-v0_8-paper, my.mplstyle): fonts, sizes, grids.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Plot a result: states, controls, multipliers, convergence, path."""
     path = output if output is not None else result.with_suffix(".png")
     check_output(path, "-o", IMAGES)
     from mbocp.view.figures.style import house_style
@@ -41,8 +55,16 @@ def plot_result(result: Path, output: Path | None, style: str | None, *, quiet: 
     tell(f"plot: {path}", quiet)
 
 
-def report_results(results: Sequence[Path], output: Path | None, *, quiet: bool) -> None:
-    """Write a report of one result, or of several side by side."""
+def report(
+    results: Annotated[list[Path], argument("RESULT", "What `mbocp solve -o` wrote; several side by side.")],
+    output: Annotated[Path | None, output_file("PAGE.html", "Page to write. [default: RESULT.html]")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write all about a result, or about several, as one page.
+
+    It works offline: replay, plots tied to its time, active limits, convergence, the problem, versions; of
+    several results what differs.
+    """
     path = output if output is not None else results[0].with_suffix(".html")
     check_output(path, "-o", PAGES)
     from mbocp.view.report import compare_results, write_report
@@ -62,8 +84,8 @@ def report_results(results: Sequence[Path], output: Path | None, *, quiet: bool)
     tell(f"report: {path}", quiet)
 
 
-def print_info(result: Path, *, as_json: bool) -> None:
-    """Print what a result is."""
+def info(result: ResultFile, as_json: Json = False) -> None:
+    """Say what a result is and how good it is."""
     from mbocp.solution import Solution
 
     solution = Solution.load(result)
@@ -140,29 +162,44 @@ def tell(line: str, quiet: bool) -> None:
         typer.echo(line)
 
 
-def export_result(
-    result: Path,
-    output: Path,
-    kind: str | None,
-    rate: float | None,
-    interpolation: str | None,
-    *,
-    fit: bool,
-    check: bool,
-    quiet: bool,
-) -> bool:
-    """Write the motion, and warn of joints and paths that leave their limits, and of joints left out.
-
-    Returns
-    -------
-    is_written : bool
-        Whether it keeps all limits as it is sent, or nobody asked: else no file is written.
-
-    Raises
-    ------
-    MbocpError
-        If the result cannot be read, or the motion not written.
-    """
+def export(
+    result: ResultFile,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="File to write.", show_default=False)
+    ],
+    kind: Annotated[
+        str | None,
+        option(
+            "--format", "NAME", "csv, ros2, urscript, npz, parquet, mcap or rerun. [default: by the suffix]"
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Samples a second. [default: the nodes]")
+    ] = None,
+    interpolation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="cubic or quintic, between the nodes. [default: cubic; for ros2 quintic]",
+        ),
+    ] = None,
+    fit: Annotated[
+        bool,
+        typer.Option(
+            "--fit/--no-fit",
+            help="Fit a motion from rest to rest into its limits as it is sent: smoother, slower by little.",
+        ),
+    ] = True,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check/--no-check",
+            help="Write nothing, and exit with 1, when a limit is exceeded as it is sent.",
+        ),
+    ] = True,
+    quiet: Quiet = False,
+) -> None:
+    """Write a motion for controllers, viewers and other tools."""
     from mbocp.solution import Solution
     from mbocp.solution.export_formats import format_of, sent_within, write_recording, write_samples
     from mbocp.solution.recordings import RECORDINGS
@@ -178,7 +215,7 @@ def export_result(
         write_recording(solution, output, name, rate, interpolation)
         if not quiet:
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
-        return True
+        return
     sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot)
     motion = sample(sent, solution.load_robot)
     if motion.left_out:
@@ -192,7 +229,7 @@ def export_result(
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if of_joints and check:
         typer.echo(f"{output}: not written; take more steps, or --no-check", err=True)
-        return False
+        raise typer.Exit(1)
     write_samples(motion, solution, output, name)
     if not quiet:
         first, last = (round(float(np.abs(motion.accelerations[n]).max()), 6) for n in (0, -1))
@@ -201,4 +238,3 @@ def export_result(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "
             f"its ends up to {first:.3g} and {last:.3g}"
         )
-    return True

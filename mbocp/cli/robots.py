@@ -4,32 +4,54 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
 from mbocp._arrays import plain_json
+from mbocp.cli import signals
+from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Robot, option
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.robot_options import RobotOptions
-from mbocp.cli.solution_summary import inertia_words, payload_words, print_rows
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot import describe, list_robots
+
+if TYPE_CHECKING:
+    from mbocp.robot import RobotEntry
 
 _FACTS = ("link", "origin", "centers", "radii", "sticks_out", "uncovered", "gap")
 
 
-def print_robots(*, as_json: bool) -> None:
-    """List the robots that can be loaded by name."""
-    entries = list_robots()
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Robot to describe, by name or path.")] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
+    lock: Locks = None,
+    as_json: Json = False,
+) -> None:
+    """List the robots there are, or say what one has."""
+    from mbocp.robot import describe, list_robots
+
+    if name is None:
+        entries = list_robots()
+        facts: Any = [asdict(entry) for entry in entries]
+    else:
+        facts = describe(RobotOptions(package_dir, free_flyer, dynamics, lock).load(name))
     if as_json:
-        typer.echo(json.dumps([asdict(entry) for entry in entries], indent=2))
-        return
+        typer.echo(json.dumps(facts, indent=2))
+    elif name is None:
+        _print_list(entries)
+    else:
+        _print_robot(facts)
+
+
+def _print_list(entries: Sequence[RobotEntry]) -> None:
     console = output()
     for source, group in groupby(entries, key=lambda entry: entry.source):
         table = plain_table(show_header=False)
@@ -42,12 +64,9 @@ def print_robots(*, as_json: bool) -> None:
     )
 
 
-def print_robot(name: str, options: RobotOptions, *, as_json: bool) -> None:
-    """Say what a robot has."""
-    facts = describe(options.load(name))
-    if as_json:
-        typer.echo(json.dumps(facts, indent=2))
-        return
+def _print_robot(facts: Mapping[str, Any]) -> None:
+    from mbocp.cli.solution_summary import print_rows
+
     print_rows(facts["name"], _facts(facts))
     console = output()
     for title, table in (
@@ -62,6 +81,8 @@ def print_robot(name: str, options: RobotOptions, *, as_json: bool) -> None:
 
 def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a robot is and has, those rows that say something."""
+    from mbocp.cli.solution_summary import inertia_words, payload_words
+
     rows = [row for constraint in facts["constraints"] for row in constraint["rows"]]
     redundant = [row for constraint in facts["constraints"] for row in constraint["redundant_rows"]]
     of_them = f" (of {len(rows)} rows)" if redundant else ""
@@ -147,17 +168,24 @@ def _numbers(values: list[float]) -> str:
     return "[" + ", ".join(f"{value:.4g}" for value in values) + "]"
 
 
-def print_spheres(name: str, replay: Path | None, options: RobotOptions, *, as_json: bool) -> None:
-    """Print a row for each link, and draw the spheres if a page is asked for.
-
-    Raises
-    ------
-    UnsupportedRobot
-        If the robot has neither collision geometry nor given spheres.
-    """
+def spheres(
+    name: Robot,
+    replay: Annotated[
+        Path | None, option("--replay", "FILE.html", "Write a page with the spheres over the robot.")
+    ] = None,
+    package_dir: PackageDirs = None,
+    free_flyer: FreeFlyer = None,
+    dynamics: Dynamics = None,
+    lock: Locks = None,
+    as_json: Json = False,
+) -> None:
+    """Show the spheres that stand for links where a robot may collide."""
     if replay is not None:
         check_output(replay, "--replay", PAGES)
-    robot = options.load(name)
+    from mbocp.robot import robot_from_spec
+
+    signals.leave_in_order()
+    robot = robot_from_spec(RobotOptions(package_dir, free_flyer, dynamics, lock).table(name))
     found = robot.collision_spheres
     if not found:
         raise UnsupportedRobot(

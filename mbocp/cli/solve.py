@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,7 @@ from mbocp._dataclass import dataclass
 from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
 from mbocp._text import printable, show
 from mbocp.cli import signals
+from mbocp.cli.app import Json, Quiet, Settings, argument, option, output_file, switch
 from mbocp.cli.error_report import INTERRUPTED
 from mbocp.exceptions import ResultFileError
 
@@ -37,11 +38,11 @@ class Outputs:
     def check(self, source: Path) -> None:
         """Refuse what could not be written, before any work is done."""
         seen = {source.resolve(): "what is solved"}
-        for option, path, suffixes in self._entries():
-            check_output(path, option, suffixes)
-            taken = seen.setdefault(path.resolve(), option)
-            if taken != option:
-                raise ResultFileError(path, f"{option} would overwrite {taken}; give it another name")
+        for name, path, suffixes in self._entries():
+            check_output(path, name, suffixes)
+            taken = seen.setdefault(path.resolve(), name)
+            if taken != name:
+                raise ResultFileError(path, f"{name} would overwrite {taken}; give it another name")
 
     def _entries(self) -> Iterator[tuple[str, Path, Sequence[str]]]:
         if self.result is not None:
@@ -71,46 +72,49 @@ def check_output(path: Path, option: str, suffixes: Sequence[str]) -> None:
         raise ResultFileError(path, f"{option}: no permission to write there")
 
 
-def run(
-    file: Path,
-    settings: Sequence[str],
-    solver: str | None,
-    outputs: Outputs,
-    *,
-    as_json: bool,
-    quiet: bool,
-    accuracy: bool | None = None,
-) -> int:
-    """Solve the problem file and write what is asked for.
+def solve(
+    file: Annotated[
+        Path, argument("FILE", "Problem file (TOML), or a result whose problem is solved again.")
+    ],
+    settings: Settings = None,
+    solver: Annotated[
+        str | None,
+        option(
+            "--solver",
+            "NAME",
+            "auto, monolithic, fbsm_newton, fbsm_bb, fbsm_bb+monolithic, fbsm_bb+fbsm_newton, ipopt "
+            "or fatrop; short for --set solver.method=NAME.",
+        ),
+    ] = None,
+    output: Annotated[Path | None, output_file("RESULT.h5", "Save the solution.")] = None,
+    replay: Annotated[Path | None, option("--replay", "FILE.html", "Write a replay page.")] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Write plots.")] = None,
+    meshes: Annotated[
+        bool | None,
+        switch("--meshes/--no-meshes", "Whether -o keeps the robot's meshes, too; by default up to 64 MB."),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    accuracy: Annotated[
+        bool | None,
+        switch(
+            "--accuracy/--no-accuracy",
+            "Compare the motion with what the robot would do; by default unless that takes long.",
+        ),
+    ] = None,
+) -> None:
+    """Solve a problem file.
 
-    Parameters
-    ----------
-    file : Path
-        Problem file, or a result, whose problem is solved again.
-    settings : sequence of str
-        Overrides ``key.path=value``.
-    solver : str, optional
-        Stands for ``solver.method``.
-    outputs : Outputs
-    as_json : bool
-        Print the JSON object, and nothing else, on stdout.
-    quiet : bool
-        Print errors only, and one line where it has not converged.
-    accuracy : bool, optional
-        See `mbocp.solve`.
-
-    Returns
-    -------
-    status : int
-        Exit status: 0 converged, 1 not converged, 130 interrupted (143 by SIGTERM), with what there is.
+    Exit status: 0 converged, 1 not converged, 2 bad input, 130 interrupted (with what there is by then).
     """
+    outputs = Outputs(result=output, replay=replay, plot=plot, meshes=meshes)
     outputs.check(file)
     _import(outputs)
     import mbocp
     from mbocp.cli.progress_table import Progress
 
     signals.leave_in_order()
-    chosen = [*settings, f'solver.method="{solver}"'] if solver is not None else list(settings)
+    chosen = [*(settings or ()), *([f'solver.method="{solver}"'] if solver is not None else [])]
     with Progress(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
         problem = problem_of(file, chosen)
@@ -126,7 +130,7 @@ def run(
         print_summary(solution, problem, written)
     elif not solution.converged:
         typer.echo(f"{file.name}: {solution.status}: {printable(solution.advice)}", err=True)
-    return _exit_status(solution)
+    raise typer.Exit(_exit_status(solution))
 
 
 def _import(outputs: Outputs) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -27,6 +27,7 @@ from rich.text import Text
 
 from mbocp._dataclass import dataclass
 from mbocp.cli import signals
+from mbocp.cli.app import Json, Quiet, argument, option, output_file
 from mbocp.cli.console import output, plain_table
 from mbocp.cli.error_report import INTERRUPTED
 from mbocp.cli.solve import IMAGES, check_output
@@ -69,15 +70,51 @@ class Shown:
             check_output(self.csv, "--csv", CSV)
 
 
-def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
-    """Run a study and sum it up; Ctrl-C ends with the command that goes on.
+def study(
+    file: Annotated[Path | None, argument("STUDY", "Study file (TOML).")] = None,
+    output: Annotated[Path | None, output_file("FILE.jsonl", "Where the rows go.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes. [default: one a processor]")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help='Run on Dask: tcp://HOST:PORT, or "local" for a cluster here.'),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with FILE.jsonl, if it is there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Begin FILE.jsonl anew.")] = False,
+    summary: Annotated[
+        Path | None, option("--summary", "FILE.jsonl", "Run nothing, sum up what is there.")
+    ] = None,
+    by: Annotated[
+        list[str] | None, option("--by", "NAME", "Sum up by this varied key or axis. Repeatable.")
+    ] = None,
+    plot: Annotated[Path | None, option("--plot", "FILE.png", "Draw the summary as bars.")] = None,
+    csv: Annotated[Path | None, option("--csv", "FILE.csv", "Write all rows.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Solve many problems: a grid, a random sample, or a list.
 
-    As of `mbocp solve`, the exit status is 1 if not all of them converged.
+    Exit status: 0 all tasks converged, 1 some did not (each has a row), 2 bad input, 130 interrupted
+    (--resume goes on).
     """
+    if (file is None) == (summary is None):
+        raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
+    shown = Shown(by=tuple(by) if by else None, plot=plot, csv=csv, as_json=as_json, quiet=quiet)
+    shown.check()
+    from mbocp.study import StudyResult
+
+    if summary is not None:
+        _show(StudyResult.load(summary), summary, shown)
+    elif file is not None:
+        _run(file, output, How(workers, scheduler, resume, overwrite), shown)
+
+
+def _run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
+    """Run a study and sum it up; Ctrl-C ends with the command that goes on."""
     if table is None:
         raise StudyError("say with -o FILE.jsonl where the rows go")
     check_output(table, "-o", TABLES)
-    shown.check()
     from mbocp.study import Study, run_study
 
     signals.leave_in_order()
@@ -105,14 +142,6 @@ def run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
     _show(result, table, shown)
     if result.not_converged:
         raise typer.Exit(1)
-
-
-def summarise(table: Path, shown: Shown) -> None:
-    """Sum up the rows of a file, finished or not."""
-    shown.check()
-    from mbocp.study import StudyResult
-
-    _show(StudyResult.load(table), table, shown)
 
 
 @contextmanager

@@ -7,24 +7,22 @@ import re
 import shlex
 import subprocess
 import sys
-from typing import Any
 
 import pytest
-import typer
 
-from mbocp.cli.app import app
+from mbocp.cli.app import COMMANDS, load_command
 from mbocp.cli.command_examples import EXAMPLES
 
 from .conftest import Run
 
 
-def commands() -> dict[str, Any]:
-    group: Any = typer.main.get_command(app)
-    return dict(group.commands)
-
-
 def test_every_command_has_examples() -> None:
-    assert set(EXAMPLES) == set(commands())
+    assert set(EXAMPLES) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_list_says_what_the_commands_say_first(name: str) -> None:
+    assert load_command(name).help.partition("\n\n")[0] == COMMANDS[name][1]
 
 
 @pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
@@ -32,7 +30,7 @@ def test_examples_are_commands_with_their_options(line: str) -> None:
     program, name, *words = shlex.split(line)
     assert program == "mbocp"
     assert line in EXAMPLES[name]
-    with commands()[name].make_context(name, words, resilient_parsing=False) as context:
+    with load_command(name).make_context(name, words, resilient_parsing=False) as context:
         assert context.params
 
 

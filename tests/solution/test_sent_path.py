@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import typer
 
 import mbocp
-from mbocp.cli.results import export_result
+from mbocp.cli.results import export
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import check_sent, path_excesses
 from mbocp.solution.sent_states import Follower
@@ -40,10 +41,14 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     assert found.value > 0.0015
     assert found.words.endswith(" beyond 0.001")
     given = {"kind": None, "rate": 500.0, "interpolation": None, "fit": True, "check": True, "quiet": True}
-    with pytest.warns(UserWarning, match=r"line of tool0 leaves its limits: 0\.00\d+ m at"):
-        assert not export_result(solution.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
+    result, table = tmp_path / "a.h5", tmp_path / "a.csv"
+    warned = pytest.warns(UserWarning, match=r"line of tool0 leaves its limits: 0\.00\d+ m at")
+    with warned, pytest.raises(typer.Exit):
+        export(solution.save(result), table, **given)
+    assert not table.exists()
     fine = mbocp.solve(problem.with_(steps=50), check=True)
-    assert export_result(fine.save(tmp_path / "a.h5"), tmp_path / "a.csv", **given)
+    export(fine.save(result), table, **given)
+    assert table.exists()
 
 
 def test_a_constraint_is_looked_at_while_it_holds() -> None:
