@@ -143,7 +143,8 @@ def _joints(facts: Mapping[str, Any]) -> Table:
 def _actuators(facts: Mapping[str, Any]) -> Table:
     table = plain_table("name", "limit", "unit")
     for actuator in facts["actuators"]:
-        table.add_row(actuator["name"], _limit(actuator["limit"]), actuator["unit"])
+        sides = [actuator[side] for side in ("least", "limit") if side in actuator]
+        table.add_row(actuator["name"], " to ".join(map(_limit, sides)), actuator["unit"])
     return table
 
 

@@ -269,7 +269,8 @@ def _load(robot: Robot, motion: FirstMotion, duration: float) -> tuple[float, in
         if u is None:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(np.abs(u) > 1e-9, np.abs(u) / robot.limits.effort, 0.0)
+            limit = np.where(u < 0.0, robot.limits.effort_lower, robot.limits.effort)
+            ratio = np.where(np.abs(u) > 1e-9, np.abs(u / limit), 0.0)
         if ratio.max(initial=0.0) > worst:
             worst, which = float(ratio.max()), int(ratio.argmax())
     return worst, which

@@ -33,26 +33,32 @@ class Limits:
     Parameters
     ----------
     effort : ndarray, shape (nu,)
-        Largest absolute control [N m, N].
+        Largest control [N m, N].
     velocity : ndarray, shape (nv,)
         Largest absolute velocity [rad/s, m/s].
     position_lower, position_upper : ndarray, shape (nq,)
         Range of the configuration [rad, m].
+    effort_lower : ndarray, shape (nu,), optional
+        Least control [N m, N]: rotors that only push have 0. Default: ``-effort``.
     """
 
     effort: Array
     velocity: Array
     position_lower: Array
     position_upper: Array
+    effort_lower: Array = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        for name in ("effort", "velocity", "position_lower", "position_upper"):
+        given: Array | None = self.effort_lower
+        if given is None:
+            object.__setattr__(self, "effort_lower", -np.asarray(self.effort))
+        for name in ("effort", "effort_lower", "velocity", "position_lower", "position_upper"):
             freeze(self, name, (None,), f"limits.{name}")
 
     @property
     def any_finite(self) -> bool:
         """Whether there is any limit at all."""
-        bounds = (self.effort, self.velocity, self.position_lower, self.position_upper)
+        bounds = (self.effort, self.effort_lower, self.velocity, self.position_lower, self.position_upper)
         return any(bool(np.isfinite(b).any()) for b in bounds)
 
 

@@ -46,7 +46,10 @@ def describe(robot: Robot) -> dict[str, Any]:
         "joints": [_joint(robot, j) for j in range(1, robot.model.njoints)],
         "actuators": [
             {"name": label.name, "unit": label.unit, "limit": _finite(limit)}
-            for label, limit in zip(robot.u_labels, robot.limits.effort, strict=True)
+            | ({} if least == -limit else {"least": _finite(least)})
+            for label, limit, least in zip(
+                robot.u_labels, robot.limits.effort, robot.limits.effort_lower, strict=True
+            )
         ],
         "actuated": [label.name for label in robot.u_labels],
         "passive": _passive(robot),

@@ -114,8 +114,12 @@ def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Side
     slots = tangent_slots(robot) if is_of_v else _control_slots(robot, key, written)
     labels = robot.v_labels if is_of_v else robot.u_labels
     none = np.full(len(labels), np.inf)
-    own = {"u": robot.limits.effort, "v": robot.limits.velocity}.get(letter, none)
-    lower, upper = _sides(robot, key, written, (-own, own), slots, labels)
+    limits = robot.limits
+    own = {
+        "u": (limits.effort_lower, limits.effort),
+        "v": (-limits.velocity, limits.velocity),
+    }.get(letter, (-none, none))
+    lower, upper = _sides(robot, key, written, own, slots, labels)
     if letter == "v" and written is True:  # of motors with gears that are found: paths keep them
         free = np.isin(np.arange(robot.nv), [motor.dof for motor in robot.found_gears])
         lower, upper = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -15,7 +16,7 @@ from mbocp._dataclass import dataclass
 from mbocp._measured import plain_number
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
-from mbocp.robot.loading.joint_numbers import limit_of
+from mbocp.robot.loading.joint_numbers import limit_of, range_of
 from mbocp.robot.loading.model_changes import unit_rotors
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
 from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Thruster, Wrench
@@ -128,7 +129,8 @@ class DriveReader:
             )
 
 
-_Column: TypeAlias = tuple[Array, Label, float]  # of B where it is constant, its control and its limit
+_Sides: TypeAlias = tuple[float, float]  # the least and the largest control
+_Column: TypeAlias = tuple[Array, Label, _Sides]  # of B where it is constant, its control and its limits
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ class ActuationReader:
     table: RobotTable
 
     def actuation(self, actuated: Sequence[str] | None) -> tuple[Actuation, Array]:
-        """B and the drives, and the limit of each control [N m, N; m/s, m/s^2, ... of drives].
+        """B and the drives, and the least and largest control, shape (nu, 2) [N m, N; m/s, m/s^2 of drives].
 
         Parameters
         ----------
@@ -166,8 +168,9 @@ class ActuationReader:
         self.names.refuse_repetition(
             "actuator or drive" if drives else "actuator", [label.name for label in labels]
         )
-        limits = [limit for *_, limit in (*fixed, *varying, *pairs)]
-        return Actuation(selection, labels, frames, drives), np.array(limits)
+        driven = [(drive, (-limit, limit)) for drive, limit in pairs]
+        limits = [column[-1] for column in fixed] + [pair[-1] for pair in (*varying, *driven)]
+        return Actuation(selection, labels, frames, drives), np.reshape(limits, (-1, 2))
 
     def motors(self, actuated: Sequence[str] | None) -> list[str]:
         """Names of the joints that have motors, in the order of their controls."""
@@ -212,10 +215,10 @@ class ActuationReader:
     def _motors(self, named: Sequence[str]) -> list[int]:
         return [self.names.joint(name) for name in dict.fromkeys(named) if name not in self.names.locked]
 
-    def _columns(self, motors: Iterable[int]) -> tuple[list[_Column], list[tuple[FrameActuator, float]]]:
+    def _columns(self, motors: Iterable[int]) -> tuple[list[_Column], list[tuple[FrameActuator, _Sides]]]:
         """Constant columns of B, and actuators whose columns depend on q, with their limits."""
         declared = {a.joint: a.effort for a in self.table.actuators if isinstance(a, JointActuator)}
-        fixed, varying = list[_Column](), list[tuple[FrameActuator, float]]()
+        fixed, varying = list[_Column](), list[tuple[FrameActuator, _Sides]]()
         moved = {motor: joint for joint, motor in self._elastic.items()}
         for joint in motors:
             name = self.names.model.names[moved.get(joint, joint)]
@@ -232,16 +235,17 @@ class ActuationReader:
                     varying.append((FrameActuator(label.name, frame, direction, label.unit), effort))
         return fixed, varying
 
-    def _of_joint(self, joint: int, effort: float | None) -> Iterator[_Column]:
+    def _of_joint(self, joint: int, effort: float | _Sides | None) -> Iterator[_Column]:
         where = joints.velocity_slice(self.names.model, joint)
-        labels, limits = self._effort_labels[where], self.names.model.upperEffortLimit[where]
+        labels, model = self._effort_labels[where], self.names.model
+        limits = zip(model.lowerEffortLimit[where], model.upperEffortLimit[where], strict=True)
         if effort is not None:
-            for label in labels:
-                plain_number(effort, label.unit, f"actuator: effort of {label.name!r}")
+            for label, side in product(labels, _sides(effort)):
+                plain_number(side, label.unit, f"actuator: effort of {label.name!r}")
         for index, label, limit in zip(range(where.start, where.stop), labels, limits, strict=True):
             column = np.zeros(self.names.model.nv)  # a row of np.eye would keep the whole matrix
             column[index] = 1.0
-            yield column, label, limit_of(limit) if effort is None else effort
+            yield column, label, range_of(*limit) if effort is None else _sides(effort)
 
     def _constant_jacobian(self, frame: int) -> Array | None:
         """A frame's Jacobian in its own axes, shape (6, nv), if no configuration changes it."""
@@ -257,13 +261,18 @@ class ActuationReader:
         return kinds == ["floating"] or all(kind in ("prismatic", "translation") for kind in kinds)
 
 
-def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
-    """Label, wrench for u = 1 in the frame's axes, effort limit of each control."""
+def _sides(effort: float | _Sides) -> _Sides:
+    """The least and the largest control, where one number stands for both."""
+    return effort if isinstance(effort, tuple) else (-effort, effort)
+
+
+def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, _Sides]]:
+    """Label, wrench for u = 1 in the frame's axes, limits of each control."""
     name = table.name or table.frame
     if isinstance(table, Thruster):
         axis = np.array(table.axis) / np.linalg.norm(table.axis)
         moment = np.cross(table.position, axis) + table.torque_ratio * axis
-        return [(Label(name, "N"), np.concatenate([axis, moment]), table.effort or np.inf)]
+        return [(Label(name, "N"), np.concatenate([axis, moment]), _sides(table.effort or np.inf))]
     order = ("fx", "fy", "fz", "mx", "my", "mz")
     efforts = (
         table.effort if isinstance(table.effort, list) else [table.effort or np.inf] * len(table.components)
@@ -272,7 +281,7 @@ def _directions(table: Wrench | Thruster) -> list[tuple[Label, Array, float]]:
     for c, effort in zip(table.components, efforts, strict=True):
         label = Label(f"{name}.{c}", "N" if c[0] == "f" else "N m")
         limit = plain_number(effort, label.unit, f"actuator: effort of {label.name!r}")
-        found.append((label, np.eye(6)[order.index(c)], limit))
+        found.append((label, np.eye(6)[order.index(c)], _sides(limit)))
     return found
 
 
@@ -284,7 +293,8 @@ def with_gears(robot: Robot, rows: Sequence[MotorTable], gone: Sequence[str]) ->
     RobotError
         For a joint that is named twice, and one that no motor turns.
     """
-    motors, efforts = dict[str, Motor](), np.array(robot.limits.effort)
+    motors, limits = dict[str, Motor](), robot.limits
+    efforts = np.column_stack([limits.effort_lower, limits.effort])
     labels = [label.name if label.unit == "N m" else "" for label in robot.u_labels]
     for number, row in enumerate(rows):
         where = f"robot {robot.name!r}: motor[{number}].joint"
@@ -297,7 +307,8 @@ def with_gears(robot: Robot, rows: Sequence[MotorTable], gone: Sequence[str]) ->
             raise UnsupportedRobot(f"{where}: got {row.joint!r}, expected a joint that its own motor turns")
         column, limit = labels.index(row.joint), robot.limits.velocity[dof]
         inertia = robot.model.armature[dof] / n**2 if row.inertia is None else row.inertia
-        efforts[column] = efforts[column] / n if row.effort is None else row.effort
+        efforts[column] = efforts[column] / n if row.effort is None else _sides(row.effort)
         speed = limit * n if row.speed is None else row.speed
         motors[row.joint] = Motor(row.joint, dof, column, n, float(inertia), float(speed))
-    return put_motors(replace(robot, limits=replace(robot.limits, effort=efforts)), tuple(motors.values()))
+    limits = replace(limits, effort_lower=efforts[:, 0], effort=efforts[:, 1])
+    return put_motors(replace(robot, limits=limits), tuple(motors.values()))

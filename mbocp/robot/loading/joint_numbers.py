@@ -27,7 +27,8 @@ _MAX_NAMES = 6  # in a message
 def limits_of(model: pin.Model, followers: Sequence[Follower], robot: str, efforts: Array) -> Limits:
     """Bounds of the file; zero or contradictory ones mean none, swapped ones are put in order.
 
-    Limits of a follower are limits of its leader, where they leave that one a range.
+    Limits of a follower are limits of its leader, where they leave that one a range. `efforts` are pairs of
+    the least and the largest control, shape (nu, 2).
     """
     velocity = np.array([limit_of(v) for v in model.upperVelocityLimit])
     lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
@@ -41,7 +42,7 @@ def limits_of(model: pin.Model, followers: Sequence[Follower], robot: str, effor
             lower[where], upper[where] = bounds
     for follower in followers:
         _limit_leader(model, follower, robot, (velocity, lower, upper))
-    return Limits(efforts, velocity, lower, upper)
+    return Limits(efforts[:, 1], velocity, lower, upper, efforts[:, 0])
 
 
 def _limit_leader(
@@ -68,6 +69,12 @@ def _limit_leader(
 def limit_of(value: float) -> float:
     """A limit of a file: many write zero where none is given."""
     return float(value) if 0.0 < value < _NO_LIMIT else np.inf
+
+
+def range_of(lower: float, upper: float) -> tuple[float, float]:
+    """Limits of a file on both sides, likewise."""
+    is_range = lower < upper and max(abs(lower), abs(upper)) < _NO_LIMIT
+    return (float(lower), float(upper)) if is_range else (-np.inf, np.inf)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def without_dynamics(found: Description) -> Description:
     for place in range(model.njoints):
         model.inertias[place] = pin.Inertia.Zero()
     model.armature = np.ones(model.nv)
-    for losses in ("damping", "friction", "effortLimit", "rotorInertia"):
+    for losses in ("damping", "friction", "lowerEffortLimit", "upperEffortLimit", "rotorInertia"):
         setattr(model, losses, np.zeros(model.nv))
     return replace(found, model=model, losses=(Losses(damping=False, friction="none"),))
 

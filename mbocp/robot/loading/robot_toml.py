@@ -55,12 +55,25 @@ class ActuationTable(Table):
     joints: list[str] | None = None
 
 
+Efforts: TypeAlias = PositiveFloat | tuple[FiniteFloat, FiniteFloat]  # the largest of both signs, or a range
+
+
+def _check_range(effort: Efforts | None) -> None:
+    if isinstance(effort, tuple) and not effort[0] < effort[1]:
+        raise ValueError(f"effort: got {list(effort)}, expected [lower, upper] with lower < upper")
+
+
 class JointActuator(Table):
     """A motor on a joint: one control for each velocity component of the joint."""
 
     type: Literal["joint"]
     joint: str
-    effort: Annotated[PositiveFloat, Measured("N, N m")] | None = None
+    effort: Annotated[Efforts, Measured("N, N m")] | None = None
+
+    @model_validator(mode="after")
+    def _effort_is_a_range(self) -> JointActuator:
+        _check_range(self.effort)
+        return self
 
 
 class Wrench(Table):
@@ -90,12 +103,13 @@ class Thruster(Table):
     axis: Vector3 = (0.0, 0.0, 1.0)
     position: Place = (0.0, 0.0, 0.0)
     torque_ratio: Annotated[Number, Measured("m")] = 0.0
-    effort: Annotated[PositiveFloat, Measured("N")] | None = None
+    effort: Annotated[Efforts, Measured("N")] | None = None
 
     @model_validator(mode="after")
     def _axis_has_a_direction(self) -> Thruster:
         if is_zero(self.axis):
             raise ValueError("axis must not be zero")
+        _check_range(self.effort)
         return self
 
 

@@ -247,6 +247,7 @@ def test_thrusters_stand_on_sites(tmp_path: Path) -> None:
     robot = load(tmp_path, text)
     assert [label.name for label in robot.u_labels] == ["up"]
     np.testing.assert_allclose(robot.limits.effort, [6.0])
+    np.testing.assert_allclose(robot.limits.effort_lower, [0.0])  # it pushes, and never pulls
     wrench = robot.actuation_matrix(robot.q0)[:6, 0]
     np.testing.assert_allclose(wrench, [0, 0, 1, 0, -0.1, 0.05], atol=1e-15)
 
@@ -436,6 +437,22 @@ def test_the_limit_of_a_joint_bounds_its_motors_together(tmp_path: Path) -> None
     assert load(tmp_path, one(MOTORS=motors)).limits.effort == [40.0]
     bounded = one(MOTORS=motors, JOINT='actuatorfrcrange="-30 30"')
     assert load(tmp_path, bounded).limits.effort == [30.0]
+
+
+@pytest.mark.parametrize(
+    ("motor", "lower", "upper"),
+    [
+        ('<motor joint="j" ctrlrange="0 20"/>', 0.0, 20.0),
+        ('<motor joint="j" gear="-2" ctrlrange="-1 20"/>', -40.0, 2.0),
+        ('<motor joint="j" ctrlrange="-5 20" forcerange="-8 10"/>', -5.0, 10.0),
+        ('<general joint="j" gainprm="-3" ctrlrange="0 2"/>', -6.0, 0.0),
+        ('<position joint="j" kp="9" ctrlrange="0 1" forcerange="-7 7"/>', -7.0, 7.0),
+        ('<motor joint="j"/>', -np.inf, np.inf),
+    ],
+)
+def test_motors_that_push_more_than_they_pull(tmp_path: Path, motor: str, lower: float, upper: float) -> None:
+    limits = load(tmp_path, one(MOTORS=motor)).limits
+    assert (limits.effort_lower, limits.effort) == ([lower], [upper])
 
 
 def test_a_free_joint_has_no_limits_that_could_be_left_out(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from mbocp.exceptions import (
     UnknownJoint,
     UnsupportedRobot,
 )
+from mbocp.problem import Problem
 from mbocp.robot import QuarticSpring, Robot, Rod, load_robot
 from tests.robot import urdfs
 
@@ -103,7 +104,7 @@ def test_actuators(tmp_path: Path) -> None:
         frame = "rotor"
         axis = [0, 0, 2]
         torque_ratio = -0.02
-        effort = 9.0
+        effort = [0.0, "9 N"]
         [[actuator]]
         type = "wrench"
         frame = "arm"
@@ -114,6 +115,10 @@ def test_actuators(tmp_path: Path) -> None:
     )
     assert [str(u) for u in robot.u_labels] == ["shoulder [N m]", "front [N]", "arm.mz [N m]", "arm.fx [N]"]
     np.testing.assert_array_equal(robot.limits.effort, [7.5, 9.0, 1.0, 2.0])
+    np.testing.assert_array_equal(robot.limits.effort_lower, [-7.5, 0.0, -1.0, -2.0])
+    bounds = Problem.create(robot, 1.0, 5, goal={"v": 0}, limits={"effort": True}).limits
+    np.testing.assert_array_equal(bounds.u_lower, robot.limits.effort_lower)
+    np.testing.assert_array_equal(bounds.u_upper, robot.limits.effort)
     # The rotor sits on the free-flyer's own body: a constant column. The arm turns against it.
     assert robot.actuation.selection.shape == (7, 2)
     assert [a.name for a in robot.actuation.frame_actuators] == ["arm.mz", "arm.fx"]
@@ -231,6 +236,9 @@ WRONG = {
     ),
     r"actuator\[0\]: axis must not be zero": (
         '[[actuator]]\ntype = "thruster"\nframe = "l1"\naxis = [0, 0, 0]'
+    ),
+    r"actuator\[0\]: effort: got \[8\.0, 0\.0\], expected \[lower, upper\] with lower < upper": (
+        '[[actuator]]\ntype = "thruster"\nframe = "l1"\neffort = [8, 0]'
     ),
     r"actuator\[0\]: effort has 2 numbers for 1 components": (
         '[[actuator]]\ntype = "wrench"\nframe = "l1"\ncomponents = ["fx"]\neffort = [1, 2]'

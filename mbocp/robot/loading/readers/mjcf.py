@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.kinematics import WORLD
@@ -90,22 +91,23 @@ class _Tables:
 
     def motors(self, told: dict[str, Any]) -> None:
         """Joints with motors, and thrusters on sites; without any actuator, what the defaults say."""
-        limits: dict[str, float] = {}
+        limits: dict[str, Array] = {}
         thrusters: list[dict[str, Any]] = []
         elements = list(self.mjcf.each("actuator"))
         for element in elements:
             node = self.mjcf.node(element)
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
-            gear = abs(node.number("gear", 1.0))
-            turns = gear > 0.0 and element.tag in ACTUATORS
+            gear = node.number("gear", 1.0)
+            turns = gear != 0.0 and element.tag in ACTUATORS
             if turns and joint is not None and joint.held is None and joint.kind in _SINGLE:
-                limits[joint.name] = limits.get(joint.name, 0.0) + gear * _force_limit(node)
+                limits[joint.name] = limits.get(joint.name, 0.0) + np.sort(gear * _force_range(node))
             elif (thruster := self._thruster(node)) is not None:
                 thrusters.append(thruster)
             else:
                 self.found.left_out.add("actuators", f"{node.text('name', element.tag)}{self._why(node)}")
-        for name, limit in limits.items():
-            self.joints[name].effort = min(self.joints[name].effort, limit)
+        for name, sides in limits.items():
+            joint = self.joints[name]
+            joint.effort_lower, joint.effort = np.clip(sides, -joint.effort, joint.effort).tolist()
         if elements:
             told["actuation"] = {"joints": list(limits)}
             told["actuator"] = thrusters
@@ -126,14 +128,14 @@ class _Tables:
         size = float(np.linalg.norm(force))
         if size == 0.0 or np.linalg.norm(np.cross(force, moment)) > _TOLERANCE * size:
             return None
-        limit = _force_limit(node) * size
+        lower, upper = (_force_range(node) * size).tolist()
         return {
             "type": "thruster",
             "frame": self.found.frame_of(site),
             "name": node.text("name", site),
             "axis": (force / size).tolist(),
             "torque_ratio": float(force @ moment) / size**2,
-            **({"effort": limit} if math.isfinite(limit) else {}),
+            **({"effort": [lower, upper]} if math.isfinite(upper - lower) else {}),
         }
 
     def equalities(self, told: dict[str, Any]) -> None:
@@ -250,10 +252,14 @@ class _Tables:
                 told["gravity"] = [0.0, 0.0, 0.0]
 
 
-def _force_limit(node: Node) -> float:
-    """Largest force of an actuator before its gear; infinite if nothing bounds it."""
+def _force_range(node: Node) -> Array:
+    """Least and largest force of an actuator before its gear, shape (2,); infinite without bounds."""
     is_motor = node.tag == "motor" or (
         node.tag == "general" and all(node.text(key, "none") == "none" for key in ("biastype", "dyntype"))
     )
-    gain = 1.0 if node.tag == "motor" else abs(node.number("gainprm", 1.0))
-    return min(node.largest("force"), gain * node.largest("ctrl") if is_motor and gain else math.inf)
+    gain = 1.0 if node.tag == "motor" else node.number("gainprm", 1.0)
+    lower, upper = node.range("force")
+    if is_motor and gain:
+        least, largest = np.sort(gain * node.range("ctrl"))
+        lower, upper = max(lower, least), min(upper, largest)
+    return np.array([lower, upper])

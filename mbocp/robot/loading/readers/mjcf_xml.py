@@ -82,6 +82,11 @@ class Node:
         is_said = key in self.said and self.compiler.get("autolimits", "true") == "true"
         return limits if self.flag(f"{of}limited", is_said) else None
 
+    def range(self, of: str) -> Array:
+        """Two limits; infinite where there are none."""
+        limits = self.limits(of)
+        return np.array([-math.inf, math.inf]) if limits is None or not limits.any() else limits
+
     def largest(self, of: str) -> float:
         """The largest size within limits; infinite where there are none."""
         limits = self.limits(of)

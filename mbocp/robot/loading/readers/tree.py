@@ -59,6 +59,8 @@ class TreeJoint:
         Of the displacement [rad, m].
     velocity, effort : float
         [rad/s, m/s; N m, N].
+    effort_lower : float, optional
+        Least effort [N m, N]; default ``-effort``.
     damping, friction, armature : float
         [N m s/rad, N s/m; N m, N; kg m^2, kg].
     held : float, optional
@@ -74,6 +76,7 @@ class TreeJoint:
     upper: float = math.inf
     velocity: float = math.inf
     effort: float = math.inf
+    effort_lower: float | None = None
     damping: float = 0.0
     friction: float = 0.0
     armature: float = 0.0
@@ -348,7 +351,8 @@ def _say_numbers(model: pin.Model, joint: int, said: TreeJoint) -> None:
         getattr(model, key)[v] = getattr(said, key)
     model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = said.friction, -said.friction
     model.upperVelocityLimit[v], model.upperEffortLimit[v] = _written(said.velocity), _written(said.effort)
-    model.lowerVelocityLimit[v], model.lowerEffortLimit[v] = -_written(said.velocity), -_written(said.effort)
+    model.lowerVelocityLimit[v] = -_written(said.velocity)
+    model.lowerEffortLimit[v] = _written(-said.effort if said.effort_lower is None else said.effort_lower)
 
 
 def _written(limit: float) -> float:
