@@ -302,7 +302,10 @@ class ProblemData:
     def end_limits(self) -> tuple[RateLimit, ...]:
         """The limit of jerks with which accelerations become those at the end, where they are asked for."""
         at_end, goal = self.limits_of_ends[1], self.goal
-        length = float(self.timeline.lengths()[~self.timeline.is_impact][-1])
+        timeline = self.timeline
+        length = (
+            timeline.dt if timeline.has_free_lengths else float(timeline.lengths()[~timeline.is_impact][-1])
+        )
         return end_jerk_limits(self.robot, at_end, goal.a, goal.a_active, length)
 
     @property

@@ -93,7 +93,7 @@ class EndJerkLimit(RateLimit):
     goal : ndarray, shape (rows,)
         Accelerations at the end [m/s^2, rad/s^2].
     length : float
-        Of the last step, or the guess of it [s].
+        Of the last step, or what lengths that are found are counted in [s].
     """
 
     goal: Array
@@ -144,7 +144,7 @@ def end_jerk_limits(
         Accelerations at the end [m/s^2, rad/s^2].
     asked : ndarray of bool, shape (nv,)
     length : float
-        Of the last step, or the guess of it [s].
+        Of the last step, or what lengths that are found are counted in [s].
     """
     columns = np.flatnonzero(asked & bounds.finite("j"))
     if not columns.size:

@@ -150,7 +150,7 @@ class JerkAtEnd(JerkLimit):
 
     @property
     def sizes(self) -> Mapping[str, int]:  # type: ignore[override]
-        """Length of the step, or the guess of it [s]; accelerations at the end."""
+        """Length of the step, or its unit [s]; accelerations at the end."""
         return {**JerkLimit.sizes, "length": 1, "goal": self.rows}
 
     @classmethod

@@ -56,6 +56,19 @@ def test_a_hold_that_begins_is_an_impact() -> None:
     assert problem.timeline.times()[[4, 5, 8, 9, 12]] == pytest.approx([0.2, 0.2, 0.35, 0.35, 0.5])
 
 
+def test_jerks_are_limited_across_an_impact_between_steps_of_other_lengths() -> None:
+    """By the way from middle to middle of steps before and after it, and at the end by half of the last."""
+    free = [{"duration": {"min": least, "max": 0.4}} for least in (0.1, 0.1, 0.08)]
+    found = mbocp.solve(hits(*free, limits={"jerk": 400.0}, cost={"time": 5.0}), check=True)
+    dts, timed = np.diff(found.t), np.diff(found.t) > 0.0
+    rises = (found.vs[1:] - found.vs[:-1])[timed] / dts[timed, None]
+    between = np.convolve(dts[timed], [0.5, 0.5], mode="valid")
+    jerks = np.vstack([np.diff(rises, axis=0) / between[:, None], -rises[-1] / (dts[-1] / 2.0)])
+    assert np.abs(jerks).max() == pytest.approx(400.0, rel=1e-6)
+    assert np.ptp(dts[timed]) > 1e-3
+    assert found.limit_violation < 1e-6
+
+
 def test_what_two_phases_hold_alike_goes_on() -> None:
     problem = hits({"hold": [TIP]}, {}, {"hold": [{**TIP, "meeting": "soft"}]})
     assert [hold.spans for hold in problem.holds] == [((0, 10),)]

@@ -1,7 +1,7 @@
 r"""Lengths of steps: found, as part of the state that one more control sets, or given.
 
 With h the step length in units of the mean one that was guessed, and a stage parameter e that is 1 in the
-first step of a phase and 0 elsewhere,
+first step of a phase that takes time and 0 elsewhere,
 
 .. math:: h_{k+1} = h_k + e_k w_k, \qquad \Delta t_k = \Delta t_{guess}\, (h_k + e_k w_k), \qquad h_0 = 1.
 
@@ -133,8 +133,7 @@ class StepLengths(Feature):
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Which steps begin a phase."""
-        starts = [phase.first for phase in problem.timeline.phases]
-        return {_BEGINS_PHASE: begins_phase(problem.num_steps, starts)[:, None]}
+        return {_BEGINS_PHASE: begins_phase(problem.num_steps, _first_steps(problem))[:, None]}
 
     def first(self, problem: Problem) -> Mapping[str, Array]:
         """The guessed length; the time is zero."""
@@ -144,9 +143,9 @@ class StepLengths(Feature):
         """Of lengths at the first nodes of phases, and of times at their last; in the units of the guess."""
         timeline = problem.timeline
         lengths, times = (unbounded(problem.num_steps, 1) for _ in range(2))
-        for phase in timeline.phases:
+        for phase, begins in zip(timeline.phases, _first_steps(problem), strict=True):
             (shortest, longest), end = timeline.sides_of(phase), timeline.end_of(phase)
-            begins, ends, guessed = phase.first, phase.last - 1, phase.steps * problem.dt
+            ends, guessed = phase.last - 1, phase.steps * problem.dt
             lengths[0][begins], lengths[1][begins] = shortest / guessed, longest / guessed
             if not timeline.has_free_times:  # one phase: its length is bounded already
                 continue
@@ -221,6 +220,11 @@ class UnequalLengths(Feature):
         }
 
 
+def _first_steps(problem: Problem) -> list[int]:
+    """Of each phase after its impact, which keeps the length before: middles are half of both steps apart."""
+    return [phase.first + phase.leaps for phase in problem.timeline.phases]
+
+
 def begins_phase(num_steps: int, starts: Sequence[int] = (0,)) -> Array:
     """Return parameter e of every step, shape (N,), from the first steps of the phases."""
     e = np.zeros(num_steps)
@@ -251,4 +255,5 @@ def _phase_lengths(problem: Problem, dts: Array) -> Array:
         durations *= min(max(whole, end.earliest), end.latest) / whole
     shortest, longest = zip(*(timeline.sides_of(phase) for phase in phases), strict=True)
     lengths = np.clip(durations, shortest, longest) / (counts * dt)
-    return np.append(1.0, np.repeat(lengths, [p.last - p.first for p in phases]))
+    begins = _first_steps(problem)
+    return np.append(np.ones(1 + begins[0]), np.repeat(lengths, np.diff([*begins, problem.num_steps])))
