@@ -136,10 +136,11 @@ class RobotError(MbocpError):
 class UnknownRobot(RobotError):
     """No robot of that name, and no such file."""
 
-    def __init__(self, name: str, valid: Iterable[str]) -> None:
+    def __init__(self, name: str, valid: Iterable[str], folder: str = "") -> None:
         self.name, self.valid = name, tuple(valid)
+        found = f"did you mean the folder {folder!r}?" if folder else suggest(name, self.valid)
         super().__init__(
-            f"unknown robot {name!r}: {suggest(name, self.valid)} (run `mbocp robots` for the whole list, "
+            f"unknown robot {name!r}: {found} (run `mbocp robots` for the whole list, "
             "or give the path of a URDF or robot.toml)"
         )
 

@@ -38,7 +38,7 @@ _OPEN = (
     1e-3  # violation of the loops, by that distance, that speaks of drift: on another branch it is round-off
 )
 _UNSAID = "the conditions of the end do not say it there; start from another guess"
-_ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme lobatto3 or se1"
+_ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme"
 _SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
@@ -172,9 +172,10 @@ def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | Non
     smallest = tolerance if formulation.counts_turns else by_scheme
     largest = smallest if free.shape[1] == robot.nv else by_scheme
     labels = robot.p_labels if is_momentum else robot.v_labels
+    across = f"{_ACROSS} {'se1' if problem.timeline.switches else 'lobatto3 or se1'}"
     for is_free, part, least, most, remedy in (
         (True, along, smallest, largest, _UNSAID),
-        (False, error - along, by_scheme, by_scheme, _ACROSS),
+        (False, error - along, by_scheme, by_scheme, across),
     ):
         worst = int(np.argmax(np.abs(part) / least))
         size = abs(part[worst])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.parts import Drive, QuarticSpring
-from mbocp.robot.resistance import ElasticJoint
+from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot import Robot
 
 
@@ -100,10 +101,18 @@ def _joint(robot: Robot, joint: int) -> dict[str, Any]:
         "lower": [_finite(x) for x in limits.position_lower[q]],
         "upper": [_finite(x) for x in limits.position_upper[q]],
         "velocity": [_finite(x) for x in limits.velocity[v]],
-        "damping": sum(r.damping for r in losses),
-        "friction": sum(r.friction for r in losses),
+        "damping": _largest(losses, "damping"),
+        "friction": _largest(losses, "friction"),
         "units": [label.unit for label in robot.q_labels[q]],
     }
+
+
+def _largest(losses: Sequence[JointResistance], name: str) -> float:
+    """Of the joint's directions: those of a ball joint resist alike."""
+    return max(
+        (float(sum(getattr(r, name) for r in losses if r.dof == dof)) for dof in {r.dof for r in losses}),
+        default=0.0,
+    )
 
 
 def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from mbocp.robot import describe, load_robot
+from mbocp.robot.resistance import JointResistance
 
 
 def test_ur5() -> None:
@@ -46,3 +48,13 @@ def test_free_flyer() -> None:
     assert (root["name"], root["type"], root["nq"], root["nv"]) == ("root_joint", "floating", 7, 6)
     assert not root["actuated"]
     json.dumps(told, allow_nan=False)
+
+
+def test_a_ball_joint_resists_alike_about_all_axes() -> None:
+    robot = load_robot("unicycle_pendulum")
+    joint = next(j["name"] for j in describe(robot)["joints"] if j["type"] == "spherical")
+    first = robot.model.joints[robot.model.getJointId(joint)].idx_v
+    losses = tuple(JointResistance(joint, first + i, damping=1e-3, friction=2e-3) for i in range(3))
+    told = describe(replace(robot, resistances=losses))["joints"]
+    ball = next(one for one in told if one["name"] == joint)
+    assert (ball["damping"], ball["friction"]) == (1e-3, 2e-3)

@@ -21,7 +21,7 @@ from typing import Any
 
 import mbocp
 from mbocp._dataclass import dataclass
-from mbocp._files import is_file, path_of
+from mbocp._files import is_file, is_folder, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading.addresses import find_row, unpacked_root
 from mbocp.robot.loading.readers import example_robots, in_memory
@@ -83,7 +83,8 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
         return _from_path(path if base is None else base / path)
     found = _from_folders(spec) or _from_made(spec) or _from_robot_descriptions(spec)
     if found is None:
-        raise UnknownRobot(str(spec), [entry.name for entry in list_robots()])
+        folder = f"{os.curdir}{os.sep}{spec}" if is_folder((base or Path()) / spec) else ""
+        raise UnknownRobot(spec, [entry.name for entry in list_robots()], folder)
     return found
 
 

@@ -106,6 +106,16 @@ def test_unknown_name() -> None:
         load_robot("UR5")
 
 
+def test_a_folder_beside_the_file_is_hinted_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    urdfs.write(tmp_path / "mine", URDF, "")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnknownRobot, match=r"robot 'mine': did you mean the folder './mine'\?"):
+        load_robot("mine")
+    assert load_robot("./mine").nv == 2
+    with pytest.raises(UnknownRobot):
+        load_robot("m" * 3000)
+
+
 def test_frames_are_listed_from_the_tips() -> None:
     robot = load_robot("ur5")
     with pytest.raises(UnknownFrame, match=r"valid names: tool0, .*wrist_3_link") as unknown:
