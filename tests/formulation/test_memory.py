@@ -151,7 +151,7 @@ def test_units_are_those_of_the_limits() -> None:
     problem = limited("loops/four_bar", {"scheme": "se1"})
     features = formulate(problem).pieces.signature.features
     units = {name: unit for feature in features for name, unit in feature.units(problem).items()}
-    assert units == {"control_rate": 64.0, "acceleration": 32.0, "jerk": 256.0, "reaction": 32.0}
+    assert units == {"control_rate": 64.0, "acceleration": 32.0, "jerk": 256.0, "reaction": 16.0}
     assert {limit.key: limit.scale for limit in problem.rate_limits}["power"] == 16.0
     goal = {"q": problem.goal.q, "v": 0}
     alone = Problem.create(problem.robot, 2.0, N, goal=goal, limits={"jerk": 300.0}, scheme="se1")

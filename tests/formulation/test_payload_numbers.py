@@ -53,11 +53,17 @@ def num_libraries(folder: Path) -> int:
     return len(list(folder.glob("*.so")))
 
 
+class Baked(Robot):
+    """A robot whose numbers are all constants of its functions."""
+
+    varying = ()
+
+
 def baked(robot: Robot) -> Robot:
-    """The same robot, whose numbers are all constants of its functions."""
-    constant = dataclasses.replace(robot)
-    vars(constant)["varying"] = ()  # a cached property
-    return constant
+    """The same robot with constants."""
+    return Baked(
+        **{field.name: getattr(robot, field.name) for field in dataclasses.fields(robot) if field.init}
+    )
 
 
 @st.composite
