@@ -93,7 +93,7 @@ def accuracy_of(
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     replay = partial(course.replay, qs[0], speeds[0], motion.us_in_powers, dts)
-    halvings = _useful_halvings(own)
+    halvings = _useful_halvings(own, parts)
     left = _miss(course, replay, motion, parts, halvings)
     tracked = _track(course, motion, starts, parts, halvings, gains)
     vs = np.vstack([starts[:1], reached])
@@ -188,12 +188,13 @@ def _follow(course: Course, motion: Motion, speeds: Array) -> tuple[Array, Array
     return None
 
 
-def _useful_halvings(own: float) -> int:
-    """How often parts are halved until the flow is wrong by round-off alone: its method is of order eight.
+def _useful_halvings(own: float, parts: int) -> int:
+    """How often parts are halved until the flow is wrong by round-off alone, or they are the shortest.
 
-    `own`: what the flow of a step is wrong by with parts of twice the length.
+    `own`: what the flow of a step is wrong by with half as many parts, by a method of order eight.
     """
-    return max(1, math.ceil(math.log(max(own, _EXACT) / _EXACT, 2**8)))
+    until_exact = max(1, math.ceil(math.log(max(own, _EXACT) / _EXACT, 2**8)))
+    return min(until_exact, int(math.log2(_MOST_PARTS // parts)))
 
 
 def _track(
@@ -220,7 +221,7 @@ def _miss(course: Course, end_of: Callable[[int], Array], motion: Motion, parts:
     """What a replay misses the end of the motion by, to two digits, shape (nv,).
 
     Errors grow along a replay, and so does what the flow itself is wrong by: parts of a step are halved until
-    the end stays. Infinite where it leaves all bounds, or does not stay.
+    the end stays. Infinite where it leaves all bounds, or has not stayed by then.
     """
     end, size = end_of(parts), motion.vs.shape[1]
     for _ in range(halvings):

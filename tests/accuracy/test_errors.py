@@ -205,4 +205,9 @@ def test_replays_are_followed_until_two_digits_stay(left_over: float, expected: 
 @pytest.mark.parametrize(("own", "expected"), [(0.0, 1), (1e-16, 1), (2.5e-14, 1), (2.6e-14, 2), (1e-6, 5)])
 def test_parts_are_halved_until_the_flow_is_exact(own: float, expected: int) -> None:
     """Each halving makes the flow 2^8 times as exact."""
-    assert errors._useful_halvings(own) == expected
+    assert errors._useful_halvings(own, 1) == expected
+
+
+@pytest.mark.parametrize(("parts", "expected"), [(2, 5), (16, 2), (64, 0)])
+def test_parts_are_not_shorter_than_the_shortest(parts: int, expected: int) -> None:
+    assert errors._useful_halvings(1e-6, parts) == expected
