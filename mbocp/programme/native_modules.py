@@ -75,17 +75,15 @@ class NlpHelpers(Protocol):
 def kernel() -> Kernel:
     """The kernel module: the AVX2 build where the processor has it, else the portable one."""
     try:
+        if has_avx2():
+            from mbocp._native import _kernel_avx2
+
+            return _kernel_avx2
         from mbocp._native import _kernel
     except ImportError as error:
         raise NativeMismatch(
             f"the native kernel cannot be loaded ({error}); build it with `make` or `pip install .`"
         ) from error
-    if has_avx2():
-        try:
-            from mbocp._native import _kernel_avx2
-        except ImportError:  # other processor families are built without it
-            return _kernel
-        return _kernel_avx2
     return _kernel
 
 
