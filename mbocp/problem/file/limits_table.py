@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, BoolArray
+from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
+from mbocp.problem.file.named_values import coordinate_slots, named_places, tangent_slots
 from mbocp.problem.file.profile import Profile
-from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes
+from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes, is_list_of_limits
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
 from mbocp.robot import Robot
 from mbocp.robot.parts import Label
@@ -76,7 +78,9 @@ def bounds_from(robot: Robot, **written: Any) -> Bounds:
     robot : Robot
     **written : bool, float, list or mapping, optional
         Of efforts and velocities True for the robot's own; a number for all, or one entry for each in a list
-        or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper]. Of
+        or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper].
+        Names are those of joints or controls, of parts, or patterns; what is named by itself counts before
+        its part, and this before patterns. Of
         positions True for the robot's own, or pairs; of `effort_rms` positive numbers. Keys of
         `mbocp.terms.rates.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
 
@@ -111,32 +115,18 @@ def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Side
     if term is not None and written is True:
         raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
     is_of_v = letter == "v" or (term is not None and term.over == "v")
-    slots = tangent_slots(robot) if is_of_v else _control_slots(robot, key, written)
-    labels = robot.v_labels if is_of_v else robot.u_labels
-    none = np.full(len(labels), np.inf)
+    places = _Places.of_velocities(robot) if is_of_v else _Places.of_controls(robot, key)
+    none = np.full(len(places.labels), np.inf)
     limits = robot.limits
     own = {
         "u": (limits.effort_lower, limits.effort),
         "v": (-limits.velocity, limits.velocity),
     }.get(letter, (-none, none))
-    lower, upper = _sides(robot, key, written, own, slots, labels)
+    lower, upper = _sides(robot, key, written, own, places)
     if letter == "v" and written is True:  # of motors with gears that are found: paths keep them
         free = np.isin(np.arange(robot.nv), [motor.dof for motor in robot.found_gears])
         lower, upper = np.where(free, -np.inf, lower), np.where(free, np.inf, upper)
     return lower, upper
-
-
-def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
-    """Places of the controls, by name; a table with another name is refused."""
-    names = [label.name for label in robot.u_labels]
-    slots = {name: slice(i, i + 1) for i, name in enumerate(names)}
-    if isinstance(written, Mapping):
-        for name in written:
-            if name not in slots:
-                raise ProblemError(
-                    f"{key}: robot {robot.name!r} has no control {name!r}: {suggest(name, names)}"
-                )
-    return slots
 
 
 def _position(robot: Robot, letter: str, written: Any) -> _Sides:
@@ -153,14 +143,62 @@ def _position(robot: Robot, letter: str, written: Any) -> _Sides:
                     f"{key}.{name}: a unit quaternion or a (cos, sin) pair has no limits, only lengths and "
                     f"the angles of revolute joints have{advice}"
                 )
-    return _sides(robot, key, written, (lower, upper), slots, robot.q_labels)
+    places = _Places(slots, robot.q_labels, partial(_unknown_joint, robot, slots), plain)
+    return _sides(robot, key, written, (lower, upper), places)
 
 
-def _sides(
-    robot: Robot, key: str, written: Any, own: _Sides, slots: Mapping[str, slice], labels: Sequence[Label]
-) -> _Sides:
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """What a kind of limit has an entry for.
+
+    Attributes
+    ----------
+    slots : mapping of str to slice
+        Places by name.
+    labels : sequence of Label
+    refusal : callable
+        Makes the error about a name that is none.
+    usable : ndarray of bool, shape (places,), optional
+        Which of them parts and patterns stand for; all by default.
+    """
+
+    slots: Mapping[str, slice]
+    labels: Sequence[Label]
+    refusal: Callable[[str], Exception]
+    usable: BoolArray | None = None
+
+    @classmethod
+    def of_velocities(cls, robot: Robot) -> _Places:
+        slots = tangent_slots(robot)
+        return cls(slots, robot.v_labels, partial(_unknown_joint, robot, slots))
+
+    @classmethod
+    def of_controls(cls, robot: Robot, key: str) -> _Places:
+        slots = {label.name: slice(i, i + 1) for i, label in enumerate(robot.u_labels)}
+        return cls(slots, robot.u_labels, partial(_unknown_control, robot, key))
+
+    def named(self, robot: Robot, written: Mapping[str, Any]) -> Iterator[tuple[str, list[int]]]:
+        """Names of a table, and places that they stand for."""
+        labels = self.labels
+        if self.usable is not None:  # labels without a name stand for nothing
+            pairs = zip(labels, self.usable, strict=True)
+            labels = [label if usable else Label("", label.unit) for label, usable in pairs]
+        return named_places(robot, written, self.slots, labels, self.refusal)
+
+
+def _unknown_joint(robot: Robot, slots: Mapping[str, slice], name: str) -> Exception:
+    return robot.unknown_joint(name, [*slots, *(part.name for part in robot.parts)])
+
+
+def _unknown_control(robot: Robot, key: str, name: str) -> Exception:
+    names = [label.name for label in robot.u_labels]
+    names += [part.name for part in robot.parts if any(one.startswith(part.prefix) for one in names)]
+    return ProblemError(f"{key}: robot {robot.name!r} has no control {name!r}: {suggest(name, names)}")
+
+
+def _sides(robot: Robot, key: str, written: Any, own: _Sides, places: _Places) -> _Sides:
     """Lower and upper bounds from the values in a file."""
-    size = len(own[0])
+    size, labels = len(own[0]), places.labels
     if written is True:
         if not any(np.isfinite(side).any() for side in own):
             raise ProblemError(f"{key}: got true, but robot {robot.name!r} has no such limits; give numbers")
@@ -169,18 +207,32 @@ def _sides(
     if written is None or written is False:
         return lower, upper
     if isinstance(written, Mapping):
-        for name, entry in written.items():
-            if name not in slots:
-                raise robot.unknown_joint(name, slots)
-            lower[slots[name]], upper[slots[name]] = _pair(entry, f"{key}.{name}", labels[slots[name]], key)
+        for name, at in places.named(robot, written):
+            own_labels = [labels[i] for i in at]
+            lower[at], upper[at] = _of_name(written[name], f"{key}.{name}", own_labels, key)
     elif isinstance(written, Sequence):
         if len(written) != size:
-            names = ", ".join(name for name, slot in slots.items() if slot.stop - slot.start == 1)
+            slots = places.slots.items()
+            names = ", ".join(name for name, slot in slots if slot.stop - slot.start == 1)
             raise DimensionMismatch(key, len(written), size, f"entries: {names}")
-        for i, entry in enumerate(written):
-            lower[i], upper[i] = _pair(entry, f"{key}[{i}]", labels[i : i + 1], key)
+        lower[:], upper[:] = _of_each(written, key, labels, key)
     else:
         lower[:], upper[:] = _pair(written, key, labels, key)
+    return lower, upper
+
+
+def _of_name(written: Any, name: str, labels: Sequence[Label], key: str) -> tuple[Any, Any]:
+    """Of all that a name stands for: an entry, or a list with one for each."""
+    if not is_list_of_limits(written):
+        return _pair(written, name, labels, key)
+    if len(written) != len(labels):
+        raise DimensionMismatch(name, len(written), len(labels), ", ".join(label.name for label in labels))
+    return _of_each(written, name, labels, key)
+
+
+def _of_each(written: Sequence[Any], name: str, labels: Sequence[Label], key: str) -> tuple[Any, Any]:
+    pairs = [_pair(entry, f"{name}[{i}]", labels[i : i + 1], key) for i, entry in enumerate(written)]
+    lower, upper = zip(*pairs, strict=True)
     return lower, upper
 
 

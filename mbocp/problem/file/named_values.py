@@ -6,7 +6,9 @@ A joint that Pinocchio stores as cosine and sine (continuous, planar) may be giv
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from functools import partial
 from itertools import islice
 from typing import Any, TypeAlias, TypeVar
 
@@ -188,6 +190,42 @@ def _tangent_sizes(robot: Robot) -> dict[str, int]:
     return sizes
 
 
+def named_places(
+    robot: Robot,
+    written: Mapping[str, Any],
+    slots: Mapping[str, slice],
+    labels: Sequence[Label],
+    refusal: Callable[[str], Exception],
+) -> Iterator[tuple[str, list[int]]]:
+    """Names of a table, and the places that each stands for: those of patterns, of parts, then of one thing.
+
+    Parameters
+    ----------
+    robot : Robot
+    written : mapping
+        Its names are those of `slots`, of parts of the robot, or patterns with `*` and `?`.
+    slots : mapping of str to slice
+        Places of each name.
+    labels : sequence of Label
+        Of all places. A part, or a pattern, stands for those whose names are its own.
+    refusal : callable
+        Makes the error about a name that stands for nothing.
+    """
+    prefixes = {part.name: part.prefix for part in robot.parts}
+    found: list[list[tuple[str, list[int]]]] = [[], [], []]
+    for name in written:
+        if name in slots:
+            places, rank = list(range(len(labels)))[slots[name]], 2
+        elif name in prefixes:
+            places, rank = [i for i, one in enumerate(labels) if one.name.startswith(prefixes[name])], 1
+        else:
+            places, rank = [i for i, one in enumerate(labels) if fnmatchcase(one.name, name)], 0
+        if not places:
+            raise refusal(name)
+        found[rank].append((name, places))
+    return iter([pair for pairs in found for pair in pairs])
+
+
 def control_from(robot: Robot, written: float | Written, key: str) -> Array:
     """Return `nu` controls from one number for all, a list, or a table by actuator (the others are zero)."""
     names = [label.name for label in robot.u_labels]
@@ -197,18 +235,20 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
         if len(written) != robot.nu:
             raise DimensionMismatch(key, len(written), robot.nu, f"actuators: {', '.join(names)}")
         return np.array(_plain_values(written, robot.u_labels, key), dtype=np.float64)
-    u = np.zeros(robot.nu)
-    for name, entry in written.items():
-        if name not in names:
-            raise ProblemError(
-                f"{key}: robot {robot.name!r} has no actuator {name!r}: {suggest(name, names)}"
-            )
-        numbers = _as_list(entry)
-        if len(numbers) != 1:
-            raise DimensionMismatch(f"{key}.{name}", len(numbers), 1)
-        i = names.index(name)
-        u[i] = _plain_values(numbers, robot.u_labels[i : i + 1], key)[0]
+    u, slots = np.zeros(robot.nu), {name: slice(i, i + 1) for i, name in enumerate(names)}
+    for name, places in named_places(
+        robot, written, slots, robot.u_labels, partial(_no_actuator, robot, key)
+    ):
+        numbers = _spread(written[name], len(places))
+        if len(numbers) != len(places):
+            raise DimensionMismatch(f"{key}.{name}", len(numbers), len(places))
+        u[places] = _plain_values(numbers, [robot.u_labels[i] for i in places], key)
     return u
+
+
+def _no_actuator(robot: Robot, key: str, name: str) -> Exception:
+    names = [label.name for label in robot.u_labels]
+    return ProblemError(f"{key}: robot {robot.name!r} has no actuator {name!r}: {suggest(name, names)}")
 
 
 def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) -> Any:

@@ -12,6 +12,9 @@ from mbocp.terms.written import Named, Vector, range_of, read_side, read_vector
 
 T = TypeVar("T")
 Limit: TypeAlias = float | list[float]
+_Limits: TypeAlias = bool | float | list[Limit] | dict[str, Limit | list[Limit]]
+_Sizes: TypeAlias = float | list[float] | dict[str, float | list[float]]
+_Ranges: TypeAlias = bool | list[Vector] | dict[str, Vector | list[Vector]]
 
 
 def _as_list(value: Any) -> Any:
@@ -44,28 +47,43 @@ def _releases(value: Any) -> Any:
     return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]
 
 
-def _each(value: Any, read: Callable[[Any, str], T]) -> T | list[T] | dict[str, T]:
+def _each(value: Any, read: Callable[[Any, str], T]) -> Any:
     """Values of a list or of a table by name, read one by one, or the one value there is."""
     if isinstance(value, list):
-        return [read(entry, f" at index {i}") for i, entry in enumerate(value)]
+        return _list(value, read, "")
     if isinstance(value, Mapping):
-        return {name: read(entry, f" for {show(name)}") for name, entry in value.items()}
+        return {name: _of_name(entry, read, f" for {show(name)}") for name, entry in value.items()}
     return read(value, "")
+
+
+def _list(value: list[Any], read: Callable[[Any, str], T], where: str) -> list[T]:
+    return [read(entry, f"{where} at index {i}") for i, entry in enumerate(value)]
+
+
+def _of_name(value: Any, read: Callable[[Any, str], T], where: str) -> T | list[T]:
+    """Of one name; of a part or a pattern a list with an entry for each of its joints, too."""
+    return _list(value, read, where) if is_list_of_limits(value) else read(value, where)
+
+
+def is_list_of_limits(value: Any) -> bool:
+    """Whether limits of several joints are in a list: it is no pair [lower, upper]."""
+    return isinstance(value, list) and (len(value) != 2 or any(isinstance(one, list) for one in value))
 
 
 def _limit(value: Any, where: str) -> Limit:
     return range_of(value, where) if isinstance(value, list) else read_side(value, where)
 
 
-def _limits(value: Any) -> bool | Limit | list[Limit] | dict[str, Limit]:
+def _limits(value: Any) -> _Limits:
     if isinstance(value, str):
         raise ValueError(f"got {show(value)}, expected true, a number, a list or a table by name")
     return value if isinstance(value, bool) else _each(value, _limit)
 
 
-def _sizes(value: Any) -> float | list[float] | dict[str, float]:
+def _sizes(value: Any) -> _Sizes:
     """Positive numbers, for all or for each; infinite where there is no limit."""
-    return _each(value, _size)
+    sizes: _Sizes = _each(value, _size)
+    return sizes
 
 
 def _size(value: Any, where: str) -> float:
@@ -75,11 +93,12 @@ def _size(value: Any, where: str) -> float:
     return found
 
 
-def _ranges(value: Any) -> bool | list[float] | list[list[float]] | dict[str, list[float]]:
+def _ranges(value: Any) -> _Ranges:
     if isinstance(value, bool):
         return value
     if isinstance(value, list | Mapping):
-        return _each(value, range_of)
+        ranges: _Ranges = _each(value, range_of)
+        return ranges
     raise ValueError(f"got {show(value)}, expected true, a list of [lower, upper] or a table of them by name")
 
 
@@ -130,14 +149,10 @@ Rate = Annotated[Any, Kind("vector, or 0", _rate, Literal[0] | Vector | Named)]
 RateOrFree = Annotated[
     Any, Kind('vector, 0, or `"free"`', _rate_or_free, Literal[0, "free"] | Vector | Named)
 ]
-Limits = Annotated[
-    Any, Kind("true, number, list, table", _limits, bool | float | list[Limit] | dict[str, Limit])
-]
-Sizes = Annotated[Any, Kind("number, list, table", _sizes, float | list[float] | dict[str, float])]
+Limits = Annotated[Any, Kind("true, number, list, table", _limits, _Limits)]
+Sizes = Annotated[Any, Kind("number, list, table", _sizes, _Sizes)]
 ProfileName = Annotated[Any, Kind("true, string", _profile, bool | str)]
-Ranges = Annotated[
-    Any, Kind("true, list or table of pairs", _ranges, bool | list[Vector] | dict[str, Vector])
-]
+Ranges = Annotated[Any, Kind("true, list or table of pairs", _ranges, _Ranges)]
 Duration = Annotated[
     Any,
     Kind(

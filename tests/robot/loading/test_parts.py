@@ -12,12 +12,22 @@ import pinocchio as pin
 import pytest
 
 import mbocp
-from mbocp.exceptions import DimensionMismatch, ProblemFileError, RobotError, UnknownFrame, UnknownJoint
+from mbocp.exceptions import (
+    DimensionMismatch,
+    MbocpError,
+    ProblemFileError,
+    RobotError,
+    UnknownFrame,
+    UnknownJoint,
+)
 from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.natural_coordinates.bodies import body_tree
 from mbocp.problem import Problem
+from mbocp.problem.file.limits_table import bounds_from
 from mbocp.problem.file.load import parse_problem
+from mbocp.problem.file.named_values import control_from
 from mbocp.problem.file.tables import problem_to_toml
+from mbocp.problem.limits import LIMITS
 from mbocp.robot import Payload, Robot, describe, load_parts, load_robot, robot_from_spec
 from mbocp.view.figures.frame_paths import frame_paths
 from mbocp.view.replay import write_replay
@@ -413,6 +423,37 @@ def test_the_example_solves() -> None:
         rate = (solution.vs[n + 1] - solution.vs[n]) / dt
         torque = pin.rnea(model, data, solution.qs[n + 1], solution.vs[n + 1], rate)
         np.testing.assert_allclose(solution.us[n], torque, atol=1e-7)
+
+
+@pytest.mark.parametrize("letter", [letter for letter in LIMITS if letter != "q"])
+def test_limits_of_all_kinds_go_by_part_and_pattern(letter: str) -> None:
+    """One by itself counts before its part, a part before patterns, in whatever order they are written."""
+    whole, key = two("ur5"), LIMITS[letter].removeprefix("limits.")
+    each = list(range(1, 7))
+    written = {"left/elbow_joint": 9.0, "left": 8.0, "*wrist*": 7.0, "right": each}
+    for order in (list(written.items()), list(written.items())[::-1]):
+        _, upper = bounds_from(whole, **{key: dict(order)}).sides(letter)
+        np.testing.assert_array_equal(upper, [8, 8, 9, 8, 8, 8, *each])
+    _, upper = bounds_from(whole, **{key: {"*/wrist_?_joint": 7.0}}).sides(letter)
+    np.testing.assert_array_equal(upper, 2 * [np.inf, np.inf, np.inf, 7, 7, 7])
+    with pytest.raises(DimensionMismatch, match=rf"limits.{key}.left: got shape \(3,\), expected \(6,\)"):
+        bounds_from(whole, **{key: {"left": [1.0, 2.0, 3.0]}})
+    with pytest.raises(MbocpError, match="right"):
+        bounds_from(whole, **{key: {"rihgt": 1.0}})
+
+
+def test_positions_and_weights_go_by_part_and_pattern() -> None:
+    boxes = [{"name": "load", "mass": 1.0, "box": [0.1, 0.1, 0.1]}, {"robot": "ur5", "name": "arm"}]
+    whole = load_parts(boxes)
+    floats = whole.configuration_indices("load/root_joint")
+    for name in ("load", "lo*"):  # of a free-flyer its place alone
+        lower, _ = bounds_from(whole, position={name: [-2.0, 1.0]}).sides("q")
+        np.testing.assert_array_equal(np.flatnonzero(np.isfinite(lower)), np.arange(whole.nq)[floats][:3])
+    ranges = [[-1.0, k + 1.0] for k in range(6)]
+    _, upper = bounds_from(whole, position={"arm": ranges}).sides("q")
+    np.testing.assert_array_equal(upper[np.isfinite(upper)], [1, 2, 3, 4, 5, 6])
+    weights = control_from(whole, {"arm/elbow_joint": 5.0, "arm": 2.0, "*wrist*": 1.0}, "cost.effort")
+    np.testing.assert_array_equal(weights, [2, 2, 5, 2, 2, 2])
 
 
 def test_plots_draw_no_line_between_them() -> None:
