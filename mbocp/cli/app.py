@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator, Sequence
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,6 +87,8 @@ def app_for(words: Sequence[str]) -> typer.Typer:
 
 
 def _added_commands() -> Iterator[CommandInfo]:
+    from importlib.metadata import entry_points  # slow to import
+
     for point in entry_points(group="mbocp.commands"):
         try:
             yield from point.load().registered_commands

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.text import Text
 
@@ -86,7 +86,7 @@ def _rows(problem: Problem) -> _Rows:
     rows: _Rows = [
         ("robot", robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
         ("horizon", _horizon(problem)),
-        ("start", _configuration(robot, problem.q_start, np.ones(robot.nv, dtype=bool))),
+        ("start", _configuration(robot, problem.q_start)),
         *_goal(problem),
         *_limits(problem),
         *_others(problem),
@@ -108,16 +108,16 @@ def _horizon(problem: Problem) -> str:
     return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}{why}{how}"
 
 
-def _configuration(robot: Robot, q: Array, shown: BoolArray) -> str:
-    """Joints by name, as many as fit."""
+def _configuration(robot: Robot, q: Array, shown: BoolArray | None = None) -> str:
+    """Joints by name, all or those shown, as many as fit."""
     words = []
     for name in robot.joint_names:
         q_place, v_place = robot.configuration_indices(name), robot.velocity_indices(name)
-        if v_place.stop == v_place.start or not shown[v_place].all():
+        if v_place.stop == v_place.start or (shown is not None and not shown[v_place].all()):
             continue
-        numbers = q[q_place]
+        numbers = q[q_place].tolist()
         if len(numbers) == 2:
-            numbers = np.array([np.arctan2(numbers[1], numbers[0])])
+            numbers = [math.atan2(numbers[1], numbers[0])]
         value = f"{numbers[0]:.4g}" if len(numbers) == 1 else f"[{', '.join(f'{x:.4g}' for x in numbers)}]"
         words.append(f"{name} {value}")
     more = f" and {len(words) - _MAX_ENTRIES} more" if len(words) > _MAX_ENTRIES else ""
@@ -144,7 +144,7 @@ def _goal(problem: Problem) -> Iterator[tuple[str, str | Text]]:
             parts.append(words)
         yield ("goal" if k == 0 else "or goal", f"{'; '.join(parts) or 'free'} ({goal.enforce})")
         if goal.frames:
-            yield ("found at", _configuration(robot, goal.q, np.ones(robot.nv, dtype=bool)))
+            yield ("found at", _configuration(robot, goal.q))
 
 
 def _limits(problem: Problem) -> _Rows:
@@ -170,6 +170,8 @@ def _others(problem: Problem) -> _Rows:
 
 
 def _cost(problem: Problem) -> str:
+    import numpy as np
+
     cost = problem.cost
     words = ["effort" if np.any(cost.effort) else ""]
     others = ("velocity", "tracking", "terminal", "time", "energy")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.text import Text
 
-from mbocp._arrays import plain_json
 from mbocp.cli import signals
 from mbocp.cli.app import Json, ProblemOrResult, Quiet, Settings, switch
 from mbocp.cli.solve import problem_and_solution
@@ -97,6 +96,7 @@ def bound(
 
     Nothing is solved. A result is compared with it.
     """
+    from mbocp._arrays import plain_json
     from mbocp.bounds import of_problem
 
     signals.leave_in_order()

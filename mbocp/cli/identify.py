@@ -8,10 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
-from mbocp._arrays import plain_json
 from mbocp._files import RESULT_SUFFIXES
 from mbocp.cli import signals
 from mbocp.cli.app import (
@@ -98,6 +96,8 @@ def identify(
 
         plot_residuals(found, plot)
     if as_json:
+        from mbocp._arrays import plain_json
+
         typer.echo(json.dumps(plain_json(_facts(found)), indent=2))
     elif not quiet:
         _print(found)
@@ -155,6 +155,8 @@ def _friction_speeds(found: Identification) -> Iterable[tuple[Label, float, floa
 
 
 def _print(found: Identification) -> None:
+    import numpy as np
+
     from mbocp.identification.dynamics import PER_BODY
 
     console = output()

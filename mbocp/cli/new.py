@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from mbocp._files import is_file
@@ -82,7 +82,7 @@ def _only_rotors(robot: Any) -> bool:
     """Whether the root stands still and several joints turn without end and without effort."""
     limits = robot.limits
     turns = limits.position_upper - limits.position_lower
-    endless = bool((turns > _MANY_TURNS).all() and not np.isfinite(limits.effort).any())
+    endless = bool((turns > _MANY_TURNS).all() and not (limits.effort < math.inf).any())
     return 1 < robot.nv == robot.nu == len(robot.joint_names) and robot.nq == robot.nv and endless
 
 

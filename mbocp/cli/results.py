@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from mbocp._files import is_folder
@@ -232,7 +231,7 @@ def export(
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)
     if not quiet:
-        first, last = (round(float(np.abs(motion.accelerations[n]).max()), 6) for n in (0, -1))
+        first, last = (round(float(abs(motion.accelerations[n]).max()), 6) for n in (0, -1))
         fitted = f" ({sent.words})" if sent.words else ""
         typer.echo(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from mbocp._arrays import plain_json
 from mbocp.cli import signals
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Robot, option
 from mbocp.cli.console import count, output, plain_table
@@ -199,6 +198,8 @@ def spheres(
         title = f"Spheres of {robot.name}"
         write_replay(robot, [0.0], [robot.q0], replay, trace=(), spheres=found, title=title)
     if as_json:
+        from mbocp._arrays import plain_json
+
         facts = [{name: getattr(link, name) for name in _FACTS} for link in found]
         typer.echo(json.dumps(plain_json(facts), indent=2))
         return

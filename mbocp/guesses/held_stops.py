@@ -28,7 +28,6 @@ from mbocp.guesses.ways import position_limits
 from mbocp.problem import Goal, Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
-from mbocp.robot.joints import unit_groups
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
@@ -318,7 +317,7 @@ def _with(robot: Robot, q: Array, other: Array, joints: Sequence[str]) -> Array:
 def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
     """The configuration, with quaternions of the sign that is near the one before: steps compare numbers."""
     found = np.array(q)
-    for _, at in unit_groups(robot.model):
+    for _, at in robot.unit_groups:
         if at.stop - at.start == _QUATERNION and found[at] @ before[at] < 0.0:
             found[at] = -found[at]
     return found

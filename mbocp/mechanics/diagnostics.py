@@ -13,7 +13,6 @@ from mbocp.exceptions import DimensionMismatch
 from mbocp.mechanics.symmetries import find_symmetries, momentum_map
 from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.robot import Robot
-from mbocp.robot.joints import unit_groups
 
 
 def control_momenta(
@@ -149,7 +148,7 @@ def manifold_drift(robot: Robot, qs: Array) -> float:
     drift : float
         0 for a robot without such joints.
     """
-    norms = [np.linalg.norm(qs[:, group], axis=1) for _, group in unit_groups(robot.model)]
+    norms = [np.linalg.norm(qs[:, group], axis=1) for _, group in robot.unit_groups]
     return float(np.max(np.abs(np.array(norms) - 1.0), initial=0.0))
 
 

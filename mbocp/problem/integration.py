@@ -24,7 +24,6 @@ from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
-from mbocp.robot.joints import unit_groups
 
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 AUTO_SCHEME = "auto"
@@ -164,7 +163,7 @@ def check_unused(key: str, value: object, default: object, scheme: str, *, suits
 
 def has_rotations(robot: Robot) -> bool:
     """Whether a joint of the robot turns in three dimensions: a free-flyer, a ball joint."""
-    return any(group.stop - group.start == 4 for _, group in unit_groups(robot.model))
+    return any(group.stop - group.start == 4 for _, group in robot.unit_groups)
 
 
 def choose_scheme(

@@ -15,7 +15,6 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem.goals.goal import Goal
 from mbocp.robot import Label, Robot
-from mbocp.robot.joints import unit_groups
 from mbocp.terms.rates import RATE_TERMS
 
 LIMITS = {  # keys of a problem file
@@ -148,7 +147,7 @@ class Bounds:
         return np.isfinite(lower) | np.isfinite(upper)
 
 
-def check_mean_squares(robot: Robot, bounds: Bounds) -> None:
+def check_mean_squares(robot: Robot, limits: Bounds) -> None:
     """Refuse limits of root mean squares that are not above zero, and of controls that prescribe a motion.
 
     Raises
@@ -157,8 +156,8 @@ def check_mean_squares(robot: Robot, bounds: Bounds) -> None:
         If there is one.
     """
     key, first_drive = LIMITS["rms"], robot.nu - len(robot.drives)
-    for i in np.flatnonzero(bounds.finite("rms")):
-        name, limit = robot.u_labels[i].name, float(bounds.rms_upper[i])
+    for i in np.flatnonzero(limits.finite("rms")):
+        name, limit = robot.u_labels[i].name, float(limits.rms_upper[i])
         if not limit > 0.0:
             raise InvalidValue(f"{key}.{name}", limit, "a number above 0")
         if i >= first_drive:
@@ -170,7 +169,7 @@ def check_mean_squares(robot: Robot, bounds: Bounds) -> None:
 def is_plain(robot: Robot) -> BoolArray:
     """Which numbers of q are lengths or angles, not parts of a quaternion or of a (cos, sin), shape (nq,)."""
     plain = np.ones(robot.nq, dtype=np.bool_)
-    for _, group in unit_groups(robot.model):
+    for _, group in robot.unit_groups:
         plain[group] = False
     return plain
 
@@ -217,9 +216,11 @@ def _ends(robot: Robot, goal: Goal) -> Iterator[tuple[str, str, Array, BoolArray
 
 def _configuration_mask(robot: Robot, active: BoolArray) -> BoolArray:
     """Which numbers of q belong to joints whose directions are all active, shape (nq,)."""
-    model = robot.model
-    whole = [active[first : first + n].all() for first, n in zip(model.idx_vs, model.nvs, strict=True)]
-    return np.repeat(np.array(whole, dtype=np.bool_), model.nqs)
+    mask = np.ones(robot.nq, dtype=np.bool_)
+    if not active.all():
+        for place in robot.joint_places:
+            mask[place.q] = active[place.v].all()
+    return mask
 
 
 def check_within(bounds: Bounds, where: str, letter: str, value: Array, labels: Sequence[Label]) -> None:

@@ -60,12 +60,16 @@ def run_steps(
         What an earlier run returned. A step that takes the same as then gives the same.
     """
     values, then = dict(given), before or {}
-    changed = {name for name, value in given.items() if not _equals(value, then.get(name, _NOTHING))}
+    changed = {
+        name
+        for name, value in given.items()
+        if (old := then.get(name, _NOTHING)) is not value and not _equals(value, old)
+    }
     for step in steps:
         gives = step.gives
-        if gives and given.keys() >= set(gives):
+        if gives and all(map(given.__contains__, gives)):
             continue
-        if then and changed.isdisjoint(step.takes) and then.keys() >= set(gives):
+        if then and changed.isdisjoint(step.takes) and all(map(then.__contains__, gives)):
             for name in gives:
                 values.setdefault(name, then[name])
             continue

@@ -52,7 +52,8 @@ class Problem(ProblemData):
     members_in_reach: tuple[tuple[int, Problem], ...] = field(repr=False, default=())
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "draft": {}}  # where it goes it is worked out anew
+        said = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {**said, "draft": {}}  # where it goes all else is worked out anew
 
     @property
     def members(self) -> tuple[tuple[int, Problem], ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -253,14 +254,14 @@ class ProblemData:
         """What says where nodes are."""
         return AskedNodes.of(self.timeline, self.path, self.terms)
 
-    @property
+    @cached_property
     def is_bounded(self) -> bool:
         """Whether there are inequalities: limits, path constraints or bounds of a free duration."""
         has_bounds = self.start_free is not None and self.start_free.is_bounded
         is_limited = self.widest_limits.any_finite or bool(self.path or self.parameter)
         return is_limited or self.timeline.has_free_lengths or has_bounds
 
-    @property
+    @cached_property
     def widest_limits(self) -> Bounds:
         """Bounds that are finite where those of any phase are, and as wide as the widest of them."""
         return widest_limits(self.limits, self.timeline.phases)
@@ -277,13 +278,13 @@ class ProblemData:
         """
         return limits_along(self.limits, self.timeline.phases)
 
-    @property
+    @cached_property
     def limits_of_ends(self) -> tuple[Bounds, Bounds]:
         """Limits at the start and at the end: those of the first and of the last phase."""
         each = limits_of_phases(self.limits, self.timeline.phases)
         return each[0], each[-1]
 
-    @property
+    @cached_property
     def heaviest_cost(self) -> Cost:
         """The cost with the largest weights of all phases."""
         return heaviest_cost(self.cost, self.timeline.phases, self.robot)
@@ -293,12 +294,12 @@ class ProblemData:
         """Which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
         return weight_shares(self.cost, self.timeline.phases, self.robot)
 
-    @property
+    @cached_property
     def rate_limits(self) -> tuple[RateLimit, ...]:
         """Limits of accelerations, jerks, rates of controls and powers, one for each key that has some."""
         return rate_limits(self.robot, self.widest_limits)
 
-    @property
+    @cached_property
     def end_limits(self) -> tuple[RateLimit, ...]:
         """The limit of jerks with which accelerations become those at the end, where they are asked for."""
         at_end, goal = self.limits_of_ends[1], self.goal
@@ -313,12 +314,12 @@ class ProblemData:
         """Accelerations of the last step that the goal asks for, shape (nv,), but for limits of jerk."""
         return self.goal.a_active & ~self.limits_of_ends[1].finite("j")
 
-    @property
+    @cached_property
     def inequalities(self) -> tuple[Inequality, ...]:
         """Path constraints and limits of rates: functions of a state that have bounds."""
         return (*self.path, *self.limits_of_rates)
 
-    @property
+    @cached_property
     def limits_of_rates(self) -> tuple[RateLimit, ...]:
         """All of them, those at the end last: the rows after those of the path constraints."""
         return (*self.rate_limits, *self.end_limits)

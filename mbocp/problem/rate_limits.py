@@ -172,7 +172,7 @@ def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray
     }
 
 
-def check_rates(robot: Robot, bounds: Bounds) -> None:
+def check_rates(robot: Robot, limits: Bounds) -> None:
     """Refuse limits of what a control prescribes, and rates of which a motion cannot begin.
 
     Raises
@@ -183,9 +183,9 @@ def check_rates(robot: Robot, bounds: Bounds) -> None:
     InvalidValue
         If a rate of a control cannot be zero, as it is in the first step.
     """
-    for term in (term for term in RATE_TERMS.values() if term.letter in bounds.letters):
-        for i in np.flatnonzero(bounds.finite(term.letter)):
-            _check_one(robot, bounds, term, int(i))
+    for term in (term for term in RATE_TERMS.values() if term.letter in limits.letters):
+        for i in np.flatnonzero(limits.finite(term.letter)):
+            _check_one(robot, limits, term, int(i))
 
 
 def _check_one(robot: Robot, bounds: Bounds, term: type[RateTerm], i: int) -> None:

@@ -16,10 +16,11 @@ from mbocp.problem.goals.ends import checked_acceleration, checked_start, settle
 from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_integrator, choose_scheme
-from mbocp.problem.limits import Bounds
+from mbocp.problem.limits import Bounds, check_mean_squares
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
 from mbocp.problem.pipeline import Step
+from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.resolve_checks import (
     check_coordinates,
     check_inequalities,
@@ -205,6 +206,8 @@ RESOLVE = (
     Step.of(check_steps),
     Step.of(_cost, "cost"),
     Step.of(check_weights),
+    Step.of(check_rates),
+    Step.of(check_mean_squares),
     Step.of(check_inequalities),
     Step.of(check_solver),
     Step.of(check_guess),

@@ -13,10 +13,9 @@ from mbocp.problem.found_parameter import Parameter
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_control_terms
-from mbocp.problem.limits import LIMITS, Bounds, check_limits, check_mean_squares
+from mbocp.problem.limits import LIMITS, Bounds, check_limits
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.path import PathConstraint, check_path
-from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import heaviest_cost, limits_along
@@ -62,8 +61,6 @@ def check_inequalities(
     path: tuple[BoundedTerm, ...],
 ) -> None:
     """Refuse limits and path constraints that cannot hold."""
-    check_rates(robot, limits)
-    check_mean_squares(robot, limits)
     heaviest = heaviest_cost(cost, timeline.phases, robot)
     check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)

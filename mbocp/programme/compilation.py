@@ -29,7 +29,6 @@ from mbocp.programme.background import BackgroundCompiler
 from mbocp.programme.cache import environment, is_sound, is_trusted
 from mbocp.programme.compiler import check_deadline, compiler
 from mbocp.programme.library import (
-    casadi_version,
     key_of,
     library_key,
     library_of,
@@ -294,7 +293,7 @@ class _Asked:
         """What this process has read before, what is in the cache, or written now."""
         place = self.place
         if place.tapes is None:
-            key = key_of(self.key, sources_digest(), casadi_version(), kernel().TAPE_FORMAT)
+            key = key_of(self.key, sources_digest(), ca.CasadiMeta.version(), kernel().TAPE_FORMAT)
             place.tapes = Tapes.read(key) or Tapes.of(self.functions).keep(key)
             atexit.register(place.count_instructions)
         return place.tapes

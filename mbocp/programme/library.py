@@ -18,7 +18,6 @@ import platform
 import re
 from collections.abc import Collection, Mapping
 from functools import cache, cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -107,7 +106,7 @@ _LARGE_END = 20_000  # the same for what is called once where others are called 
 
 def library_key(key: str, cc: tuple[str, ...] | None) -> str:
     """Return the key of the library of functions that depend on `key`."""
-    written_by = (str(number_of_lanes()), sources_digest(), casadi_version(), kernel().TAPE_FORMAT)
+    written_by = (str(number_of_lanes()), sources_digest(), ca.CasadiMeta.version(), kernel().TAPE_FORMAT)
     return key_of(key, *written_by, *_translation(cc, _flags()))
 
 
@@ -161,12 +160,6 @@ def make_library(
         library = _compile_into_folder(unit, deadline) if given is None else _compile(unit, given, deadline)
     remember(depends_on, library)
     return library, is_new
-
-
-@cache
-def casadi_version() -> str:
-    """Version of the package that writes functions."""
-    return version("casadi")
 
 
 def _flags() -> tuple[str, ...]:

@@ -110,7 +110,7 @@ def _places(**sizes: int) -> dict[str, slice]:
 
 
 def load_estimator_functions(robot: Robot, unknowns: Sequence[Unknown], *, has_v: bool) -> CompiledFunctions:
-    """Functions of a stage and of the end by name, compiled unless there is no compiler.
+    """Functions of a stage and of the end by name; see `load_functions`.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def load_estimator_functions(robot: Robot, unknowns: Sequence[Unknown], *, has_v
     for source in (Path(__file__), Path(str(own_unknowns.__file__))):
         digest.update(source.read_bytes())
     key = f"estimator {digest.hexdigest()} {robot.fingerprint} {robot.payloads} {unknowns} {has_v}"
-    return load_functions(key, lambda: _Stage(robot, unknowns, has_v=has_v).functions(), at_once=True)
+    return load_functions(key, lambda: _Stage(robot, unknowns, has_v=has_v).functions())
 
 
 class _Stage:

@@ -48,7 +48,37 @@ class JointKind(NamedTuple):
     is_vector: bool = True
     actuated: bool = False
 
+    @property
+    def has_angle(self) -> bool:
+        """Whether the last two numbers of q are the cosine and sine of an angle."""
+        return self.q[-2:] == _CIRCLE
 
+
+class JointPlace(NamedTuple):
+    """Where one joint is in q and in v, and whether its q ends with the cosine and sine of an angle."""
+
+    name: str
+    q: slice
+    v: slice
+    has_angle: bool
+
+    @property
+    def nq(self) -> int:
+        """Numbers of q."""
+        return int(self.q.stop - self.q.start)
+
+    @property
+    def nv(self) -> int:
+        """Numbers of v."""
+        return int(self.v.stop - self.v.start)
+
+    @property
+    def n_written(self) -> int:
+        """Numbers that a person writes, with the angle [rad] instead of cosine and sine."""
+        return self.nq - 1 if self.has_angle else self.nq
+
+
+_CIRCLE = (("cos", ""), ("sin", ""))
 _QUATERNION = (("qx", ""), ("qy", ""), ("qz", ""), ("qw", ""))
 _POSITION = (("x", _LINEAR), ("y", _LINEAR), ("z", _LINEAR))
 _TWIST = (
@@ -63,12 +93,10 @@ _TWIST = (
 _REVOLUTE = JointKind("revolute", (("", _ANGULAR),), (("", _ANGULAR),), actuated=True)
 _PRISMATIC = JointKind("prismatic", (("", _LINEAR),), (("", _LINEAR),), actuated=True)
 _HELICAL = JointKind("helical", (("", _ANGULAR),), (("", _ANGULAR),), actuated=True)
-_CONTINUOUS = JointKind(
-    "continuous", (("cos", ""), ("sin", "")), (("", _ANGULAR),), ((0, 2),), False, actuated=True
-)
+_CONTINUOUS = JointKind("continuous", _CIRCLE, (("", _ANGULAR),), ((0, 2),), False, actuated=True)
 _PLANAR = JointKind(
     "planar",
-    (("x", _LINEAR), ("y", _LINEAR), ("cos", ""), ("sin", "")),
+    (("x", _LINEAR), ("y", _LINEAR), *_CIRCLE),
     (("vx", _LINEAR), ("vy", _LINEAR), ("wz", _ANGULAR)),
     ((2, 4),),
     False,
@@ -179,6 +207,15 @@ def velocity_labels(model: pin.Model, units: dict[str, str]) -> tuple[Label, ...
         Label(_join(model.names[joint], suffix), units[displacement])
         for joint in range(1, model.njoints)
         for suffix, displacement in joint_kind(model, joint).v
+    )
+
+
+def joint_places(model: pin.Model) -> tuple[JointPlace, ...]:
+    """Where the joints with numbers of their own are, in their order."""
+    numbered = [(joint, kind) for joint in range(1, model.njoints) if (kind := joint_kind(model, joint)).v]
+    return tuple(
+        JointPlace(model.names[k], configuration_slice(model, k), velocity_slice(model, k), kind.has_angle)
+        for k, kind in numbered
     )
 
 

@@ -18,6 +18,7 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
+from mbocp.robot.joints import JointPlace
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import LinkInertia, Payload
@@ -166,6 +167,16 @@ class RobotModel:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, without the universe."""
         return joints.joint_names(self.model)
+
+    @cached_property
+    def joint_places(self) -> tuple[JointPlace, ...]:
+        """Where the joints with numbers of their own are in q and v."""
+        return joints.joint_places(self.model)
+
+    @cached_property
+    def unit_groups(self) -> tuple[tuple[str, slice], ...]:
+        """Joint name and range in q of each unit vector (quaternion or cos/sin pair)."""
+        return joints.unit_groups(self.model)
 
     @cached_property
     def frame_names(self) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
-from mbocp.robot import drives, joints, kinematics
+from mbocp.robot import drives, kinematics
 from mbocp.robot.collision.geometry import read_geometry
 from mbocp.robot.collision.spheres import LinkSpheres, link_spheres
 from mbocp.robot.large import working_data
@@ -130,7 +130,7 @@ class Robot(Mechanism):
         """
         array = self._vector(q, self.nq, name)
         out = array.copy()
-        for joint, group in joints.unit_groups(self.model):
+        for joint, group in self.unit_groups:
             norm = float(np.linalg.norm(array[group]))
             what = "quaternion" if group.stop - group.start == 4 else "cos/sin pair"
             where = f"{name}[{group.start}:{group.stop}], the {what} of joint {joint!r}"

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from mbocp import __version__
 from mbocp._arrays import Array, frozen_array
@@ -316,10 +317,5 @@ def _tell_contact(approach: Approach | None, status: Status, advice: str) -> tup
 
 @cache
 def _versions() -> Mapping[str, str]:
-    found = {"mbocp": __version__, "python": platform.python_version()}
-    for name in ("pin", "casadi", "numpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # a Pinocchio from elsewhere than the registry has no such record
-            found[name] = "unknown"
-    return found
+    packages = {"pin": pin.__version__, "casadi": ca.CasadiMeta.version(), "numpy": np.__version__}
+    return {"mbocp": __version__, "python": platform.python_version(), **packages}

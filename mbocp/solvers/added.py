@@ -7,12 +7,13 @@ an object with `name`, `tolerance`, `init`, `step` and `terminate`, see `mbocp.s
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import EntryPoints, entry_points
 from typing import TYPE_CHECKING, Any
 
 from mbocp.exceptions import InvalidValue
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
+
     from mbocp.solvers.protocol import Solver
     from mbocp.solvers.settings import SolverSettings
 
@@ -22,6 +23,8 @@ GROUP = "mbocp.solvers"
 @cache
 def added_solvers() -> EntryPoints:
     """Entry points of all that are installed; looking for them takes a while."""
+    from importlib.metadata import entry_points  # slow to import, and few solves ask
+
     return entry_points(group=GROUP)
 
 

@@ -14,8 +14,9 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.programme.compilation import load_functions
 from mbocp.programme.compiler import compiler
-from mbocp.receding import MovingHorizonEstimator
+from mbocp.receding import MovingHorizonEstimator, estimator_functions
 from mbocp.receding.estimator_functions import EstimatorLayout, load_estimator_functions
 from mbocp.receding.unknowns import unknowns_of
 from mbocp.robot import Payload, Robot
@@ -403,8 +404,26 @@ def test_a_pose_is_measured_as_a_whole_or_not_at_all():
             MovingHorizonEstimator(own, measured={"q": sigma}, disturbance=1e-2)
 
 
+def test_a_first_estimator_waits_for_no_compiler(tmp_path, monkeypatch):
+    monkeypatch.setattr(estimator_functions, "load_functions", load_functions)
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("MBOCP_FUNCTIONS", "auto")
+    said = {"measured": {"q": 1e-3}, "disturbance": 0.05}
+    sample = np.array([0.1, -0.2, 0.3])
+    early = MovingHorizonEstimator(point_mass(), **said)
+    assert early._functions.library is None
+    monkeypatch.setenv("MBOCP_FUNCTIONS", "compiled")
+    later = MovingHorizonEstimator(point_mass(), **said)
+    assert (later._functions.library is None) == (compiler() is None)
+    for moved in (0.0, 1e-3, 3e-3):
+        found, expected = (one.update(sample + moved, np.ones(3), dt=PERIOD) for one in (early, later))
+    np.testing.assert_allclose(found.v, expected.v, rtol=1e-12)
+    np.testing.assert_allclose(found.standard_deviations, expected.standard_deviations, rtol=1e-12)
+
+
+@pytest.mark.parametrize("functions", ["tapes", "compiled"])
 @pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD and the counter are for Linux")
-def test_the_kernel_allocates_nothing(tmp_path):
+def test_the_kernel_allocates_nothing(functions, tmp_path):
     counter, cc = tmp_path / "allocations.so", compiler()
     if cc is None:
         pytest.skip("no C compiler")
@@ -412,7 +431,7 @@ def test_the_kernel_allocates_nothing(tmp_path):
     subprocess.run(command, check=True)
     found = subprocess.run(
         [sys.executable, HERE / "count_estimator.py"],
-        env={**os.environ, "LD_PRELOAD": str(counter)},
+        env={**os.environ, "LD_PRELOAD": str(counter), "MBOCP_FUNCTIONS": functions},
         capture_output=True,
         text=True,
         check=False,

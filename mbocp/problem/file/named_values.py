@@ -15,63 +15,40 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
 from mbocp._measured import plain_numbers
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.messages import locate
 from mbocp.robot import Robot
-from mbocp.robot.joints import joint_kind
+from mbocp.robot.joints import JointPlace
 from mbocp.robot.parts import Label
 
 Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 
 _T = TypeVar("_T")
 
-_WITH_ANGLE = ("continuous", "planar")
 _TURN = 6.28  # [rad] as people round a full one
 
 
-@dataclass(frozen=True)
-class _Slot:
-    """Where one joint sits in q and v."""
+def _written_labels(robot: Robot, place: JointPlace, count: int) -> Sequence[Label]:
+    """Names and units of the numbers that a person writes."""
+    labels = robot.q_labels[place.q]
+    is_angle = place.has_angle and count == place.n_written
+    return [*labels[:-2], Label(place.name, "rad")] if is_angle else labels
 
-    name: str
-    q: slice
-    v: slice
-    has_angle: bool  # the last two numbers of q are the cosine and sine of an angle [rad]
 
-    @property
-    def nq(self) -> int:
-        return int(self.q.stop - self.q.start)
-
-    @property
-    def nv(self) -> int:
-        return int(self.v.stop - self.v.start)
-
-    @property
-    def n_written(self) -> int:
-        """Numbers that a person writes, with the angle instead of cosine and sine."""
-        return self.nq - 1 if self.has_angle else self.nq
-
-    def written_labels(self, robot: Robot, count: int) -> Sequence[Label]:
-        """Names and units of the numbers that a person writes."""
-        labels = robot.q_labels[self.q]
-        is_angle = self.has_angle and count == self.n_written
-        return [*labels[:-2], Label(self.name, "rad")] if is_angle else labels
-
-    def expand(self, numbers: Sequence[float], key: str) -> list[float]:
-        """Return the `nq` numbers of the joint."""
-        values = [float(number) for number in numbers]
-        if len(values) == self.nq:
-            return values
-        if self.has_angle and len(values) == self.n_written:
-            return [*values[:-1], math.cos(values[-1]), math.sin(values[-1])]
-        hint = f"joint {self.name!r}"
-        if self.has_angle:
-            hint += f", or {self.n_written} with the angle [rad]"
-        raise DimensionMismatch(key, len(values), self.nq, hint)
+def _expand(place: JointPlace, numbers: Sequence[float], key: str) -> list[float]:
+    """Return the `nq` numbers of a joint."""
+    values = [float(number) for number in numbers]
+    if len(values) == place.nq:
+        return values
+    if place.has_angle and len(values) == place.n_written:
+        return [*values[:-1], math.cos(values[-1]), math.sin(values[-1])]
+    hint = f"joint {place.name!r}"
+    if place.has_angle:
+        hint += f", or {place.n_written} with the angle [rad]"
+    raise DimensionMismatch(key, len(values), place.nq, hint)
 
 
 def configuration_from(robot: Robot, written: Written, base: Array, key: str) -> tuple[Array, BoolArray]:
@@ -89,14 +66,15 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     key : str
         Dotted key, for messages.
     """
-    slots = list(_slots(robot))
+    slots = robot.joint_places
     written = _without_motors(robot, slots, written)
     written = _by_part(robot, written, key, [slot.nq for slot in slots], [s.n_written for s in slots])
     q = np.array(base, dtype=np.float64)
     active = np.zeros(robot.nv, dtype=np.bool_)
     for slot, numbers in _by_joint(robot, slots, written, key):
         where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
-        q[slot.q] = slot.expand(_plain_values(numbers, slot.written_labels(robot, len(numbers)), key), where)
+        values = _plain_values(numbers, _written_labels(robot, slot, len(numbers)), key)
+        q[slot.q] = _expand(slot, values, where)
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)
         active[slot.v] = True
@@ -108,7 +86,7 @@ def _plain_values(numbers: Sequence[float], labels: Sequence[Label], key: str) -
     return plain_numbers(numbers, [(label.name, label.unit) for label in labels], key)
 
 
-def _without_motors(robot: Robot, slots: list[_Slot], written: Written) -> Written:
+def _without_motors(robot: Robot, slots: Sequence[JointPlace], written: Written) -> Written:
     """A list without numbers for the motors of elastic joints as a table by joint."""
     motors = {joint.motor for joint in robot.elastic}
     rest = [slot for slot in slots if slot.name not in motors]
@@ -128,7 +106,7 @@ def with_motors_at_rest(robot: Robot, active: BoolArray) -> BoolArray:
     return np.ones_like(active)
 
 
-def _warn_of_turns(slot: _Slot, numbers: Sequence[float], key: str) -> None:
+def _warn_of_turns(slot: JointPlace, numbers: Sequence[float], key: str) -> None:
     if slot.has_angle and len(numbers) == slot.n_written and abs(numbers[-1]) >= _TURN:
         angle = float(numbers[-1])
         warn_caller(
@@ -146,14 +124,15 @@ def tangent_from(robot: Robot, written: Written, key: str) -> tuple[Array, BoolA
     labels = robot.p_labels if key.endswith(".p") else robot.v_labels
     if not isinstance(written, Mapping):
         if len(written) != robot.nv:
-            raise DimensionMismatch(key, len(written), robot.nv, f"joints: {_names(_slots(robot))}")
+            raise DimensionMismatch(key, len(written), robot.nv, f"joints: {_names(robot.joint_places)}")
         value[:] = _plain_values(written, labels, key)
         active[:] = True
         return value, active
     slots = tangent_slots(robot)
     sizes = _tangent_sizes(robot)
     rest = {name: [0.0] * sizes[name] for name, entry in written.items() if entry == 0 and name in sizes}
-    for name, entry in _by_part(robot, {**written, **rest}, key, [slot.nv for slot in _slots(robot)]).items():
+    of_v = [slot.nv for slot in robot.joint_places]
+    for name, entry in _by_part(robot, {**written, **rest}, key, of_v).items():
         where = _find(slots, name, robot)
         numbers = _as_list(entry)
         if len(numbers) != where.stop - where.start:
@@ -186,7 +165,7 @@ def _tangent_sizes(robot: Robot) -> dict[str, int]:
     """How many components of v each name stands for: joints, components, parts."""
     sizes = {name: where.stop - where.start for name, where in tangent_slots(robot).items()}
     for part in robot.parts:
-        sizes[part.name] = sum(slot.nv for slot in _slots(robot) if slot.name.startswith(part.prefix))
+        sizes[part.name] = sum(slot.nv for slot in robot.joint_places if slot.name.startswith(part.prefix))
     return sizes
 
 
@@ -261,7 +240,9 @@ def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) ->
         if part is None:
             spread[name] = entry
             continue
-        inside = {slot.name: i for i, slot in enumerate(_slots(robot)) if slot.name.startswith(part.prefix)}
+        inside = {
+            slot.name: i for i, slot in enumerate(robot.joint_places) if slot.name.startswith(part.prefix)
+        }
         options = [[counts[i] for i in inside.values()] for counts in sizes]
         numbers = _as_list(entry)
         counts = next((one for one in options if sum(one) == len(numbers)), None)
@@ -276,12 +257,12 @@ def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) ->
 def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any]:
     """Return the table by joint name that reads back as `value`, a configuration or tangent."""
     table: dict[str, Any] = {}
-    for slot in _slots(robot):
+    for slot in robot.joint_places:
         if active[slot.v].all():
             table[slot.name] = value[slot.q if len(value) == robot.nq else slot.v].tolist()
     if len(value) == robot.nv:
         labels = [label.name for label in robot.v_labels]
-        whole = [slot for slot in _slots(robot) if slot.name in table]
+        whole = [slot for slot in robot.joint_places if slot.name in table]
         covered = {i for slot in whole for i in range(slot.v.start, slot.v.stop)}
         table |= {labels[i]: float(value[i]) for i in np.flatnonzero(active) if i not in covered}
     return table
@@ -290,27 +271,18 @@ def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any
 def tangent_slots(robot: Robot) -> dict[str, slice]:
     """Names of whole joints, and of single components such as ``root_joint.wx``, and their places in v."""
     components = {label.name: slice(i, i + 1) for i, label in enumerate(robot.v_labels)}
-    return components | {slot.name: slot.v for slot in _slots(robot)}
+    return components | {slot.name: slot.v for slot in robot.joint_places}
 
 
 def coordinate_slots(robot: Robot) -> dict[str, slice]:
     """Names of whole joints, and of single numbers such as ``root_joint.x``, and their places in q."""
     numbers = {label.name: slice(i, i + 1) for i, label in enumerate(robot.q_labels)}
-    return numbers | {slot.name: slot.q for slot in _slots(robot)}
-
-
-def _slots(robot: Robot) -> Iterator[_Slot]:
-    model = robot.model
-    for joint in range(1, model.njoints):
-        iq, nq, iv, nv = (int(n[joint]) for n in (model.idx_qs, model.nqs, model.idx_vs, model.nvs))
-        if nv:
-            has_angle = joint_kind(model, joint).word in _WITH_ANGLE
-            yield _Slot(model.names[joint], slice(iq, iq + nq), slice(iv, iv + nv), has_angle)
+    return numbers | {slot.name: slot.q for slot in robot.joint_places}
 
 
 def _by_joint(
-    robot: Robot, slots: list[_Slot], written: Written, key: str
-) -> Iterator[tuple[_Slot, Sequence[float]]]:
+    robot: Robot, slots: Sequence[JointPlace], written: Written, key: str
+) -> Iterator[tuple[JointPlace, Sequence[float]]]:
     if isinstance(written, Mapping):
         by_name = {slot.name: slot for slot in slots}
         for name, entry in written.items():
@@ -347,6 +319,6 @@ def _spread(entry: float | Sequence[float], size: int) -> Sequence[float]:
     return [entry] * size if isinstance(entry, (int, float)) else entry
 
 
-def _names(slots: Iterator[_Slot] | list[_Slot], limit: int = 12) -> str:
+def _names(slots: Sequence[JointPlace], limit: int = 12) -> str:
     named = [slot.name if slot.nq == 1 else f"{slot.name} ({slot.nq})" for slot in slots]
     return ", ".join(named[:limit]) + (f", ... ({len(named)} joints)" if len(named) > limit else "")
