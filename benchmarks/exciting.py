@@ -18,8 +18,9 @@ import mbocp
 from benchmarks.machine import header, one_core
 from benchmarks.tables import Table, show
 from mbocp._arrays import Array
-from mbocp.identification import Log, information
+from mbocp.identification import information
 from mbocp.identification.exciting import Information, _log_det, _Search
+from tests.identification.logs import log_of
 
 HARMONICS, NOISE, HOME = 5, 0.05, [0.0, -1.57, 1.0, -1.57, 0.5, 0.0]
 COLUMNS = ("log det", "condition", "median sd", "largest sd", "median sd of a log")
@@ -67,13 +68,9 @@ def course(search: _Search, c: Array, t: Array) -> list[Array]:
 
 def sd_of_log(search: _Search, moved: list[Array], t: Array, seed: int) -> float:
     """Median of the standard deviations that `identify` states."""
-    rng, robot = np.random.default_rng(seed), search.problem.robot
-    near = np.broadcast_to(robot.q0, (len(t), robot.nq))
-    u = search.torque(search.dynamics.motion(*moved, near))
-    u = u + NOISE * rng.standard_normal(u.shape)
-    q = moved[0] + 1e-4 * rng.standard_normal(u.shape)
-    joints = {name: {"q": q[:, j], "tau": u[:, j]} for j, name in enumerate(search.dynamics.names)}
-    return float(np.median(mbocp.identify(robot, Log(t, joints, "simulation")).base_sd))
+    dynamics, robot = search.dynamics, search.problem.robot
+    motion = dynamics.motion(*moved, dynamics.follow(moved[0], search.problem.q_start))
+    return float(np.median(mbocp.identify(robot, log_of(dynamics, motion, t, seed, NOISE)).base_sd))
 
 
 def row(name: str, told: Information, log: float | None) -> tuple[str, ...]:

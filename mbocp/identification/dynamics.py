@@ -11,6 +11,7 @@ torques of the motors themselves.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import copy
 from typing import NamedTuple
 
@@ -21,13 +22,14 @@ from scipy.linalg import qr
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot import Robot, joints
-from mbocp.robot.kinematics import force_elements
+from mbocp.robot.kinematics import difference, force_elements
 
 PER_BODY = 10  # mass, first moments, moments of inertia: Pinocchio's order
 _CLOSED = 1e-10  # [m, rad] residual of closed loops
 _STEPS = 30  # of Newton's method
 _SINGULAR = 1e-14  # determinant of the loops' Jacobian [by units of its rows]
 _WALK = 0.05  # [rad, m] the independent coordinates move at most between two closures in a row
+_JUMP = 0.5  # [rad, m] no joint moves further on such a way
 _SHIFT = 1e-6  # of central differences; their error is about 1e-10 of the derivative
 
 
@@ -110,22 +112,25 @@ class InverseDynamics:
         """Independent coordinates of a configuration, shape (n,)."""
         return np.array([joints.displacement(self.model, self.model.getJointId(n), q) for n in self.names])
 
-    def follow(self, y: Array) -> Array:
-        """Configurations along a course of the independent coordinates (K, n), from the initial pose.
+    def follow(self, y: Array, first: Array | None = None) -> Array:
+        """Configurations along a course of the independent coordinates (K, n), from the initial pose on.
 
         Raises
         ------
         InvalidValue
-            Where the loops do not close.
+            Where the loops do not close, or jump to another way of closing.
         """
-        now = np.array(self.robot.q0)
+        now = np.array(self.robot.q0 if first is None else first)
         if not len(self.dependent):
             return self.place(y, np.broadcast_to(now, (len(y), len(now))))
         found, start = np.empty((len(y), len(now))), self.coordinates(now)
         for k, target in enumerate(y):
             count = max(1, int(np.ceil(np.abs(target - start).max() / _WALK)))
             for share in np.arange(1, count + 1) / count:
-                now = self.close((start + share * (target - start))[None], now[None])[0]
+                there = self.close((start + share * (target - start))[None], now[None])[0]
+                if np.abs(difference(self.model, now, there)).max() > _JUMP:
+                    raise self._unclosed(target, "ones that its loops follow to without a jump")
+                now = there
             found[k], start = now, target
         return found
 
@@ -148,8 +153,11 @@ class InverseDynamics:
             step *= np.minimum(1.0, 1.0 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
             qs = self._integrate(qs, step)
         worst = int(np.abs(residual).max(axis=1).argmax())
-        where = ", ".join(f"{name} = {value:.4g}" for name, value in zip(self.names, y[worst], strict=True))
-        raise InvalidValue(f"positions of {self.robot.name!r}", where, "ones for which its loops close")
+        raise self._unclosed(y[worst], "ones for which its loops close")
+
+    def _unclosed(self, y: Array, expected: str) -> InvalidValue:
+        where = ", ".join(f"{name} = {value:.4g}" for name, value in zip(self.names, y, strict=True))
+        return InvalidValue(f"positions of {self.robot.name!r}", where, expected)
 
     def motion(self, y: Array, yd: Array, ydd: Array, near: Array) -> Motion:
         """The motion of all joints for that of the independent coordinates, each shape (K, n)."""
@@ -201,24 +209,40 @@ class InverseDynamics:
         model = self.with_values(values)
         if not (len(self.dependent) or self.robot.forces):
             return self._slopes_of_tree(motion, values)
-        y = np.array([self.coordinates(q) for q in motion.qs])
-        yd, ydd = motion.v[:, self.independent], motion.a[:, self.independent]
 
-        def rows(y: Array, yd: Array, ydd: Array) -> Array:
-            there = self.motion(y, yd, ydd, motion.qs)
+        def rows(there: Motion) -> Array:
             return self._torques(model, there, values) - self.applied_torques(there, u)
 
-        found = np.empty((3, *y.shape, self.n))
-        for part, j in np.ndindex(2, self.n):
-            shift = np.zeros((2, self.n))
-            shift[part, j] = _SHIFT
-            ahead, behind = (rows(y + s[0], yd + s[1], ydd) for s in (shift, -shift))
-            found[part, :, :, j] = (ahead - behind) / (2.0 * _SHIFT)
-        here = self._torques(model, motion, values)
-        for j in range(self.n):  # linear in accelerations
-            there = Motion(motion.qs, motion.v, motion.a + motion.G[:, :, j], motion.G)
-            found[2, :, :, j] = self._torques(model, there, values) - here
-        return found[0], found[1], found[2]
+        return self.differences(rows, motion)
+
+    def differences(self, values: Callable[[Motion], Array], motion: Motion) -> tuple[Array, Array, Array]:
+        """Differentiate what depends on a motion time by time, and is linear in accelerations.
+
+        Parameters
+        ----------
+        values : callable
+            Of a motion, shape (K, ...).
+        motion : Motion
+
+        Returns
+        -------
+        dy, dyd, dydd : ndarray, shape (K, ..., n)
+            Derivatives in the independent coordinates, their rates and accelerations, by differences.
+        """
+        y = np.array([self.coordinates(q) for q in motion.qs])
+        yd, ydd = motion.v[:, self.independent], motion.a[:, self.independent]
+        parts: list[list[Array]] = [[], [], []]
+        here = values(motion)
+        for j in range(self.n):
+            h = np.zeros(self.n)
+            h[j] = _SHIFT
+            pairs = ((y + h, yd), (y - h, yd)), ((y, yd + h), (y, yd - h))
+            for part, sides in zip(parts, pairs, strict=False):
+                ahead, behind = (values(self.motion(*side, ydd, motion.qs)) for side in sides)
+                part.append((ahead - behind) / (2.0 * _SHIFT))
+            parts[2].append(values(motion._replace(a=motion.a + motion.G[:, :, j])) - here)
+        dy, dyd, dydd = (np.stack(part, axis=-1) for part in parts)
+        return dy, dyd, dydd
 
     def with_values(self, values: Array) -> pin.Model:
         """Copy of the model with the inertias and rotors of these parameters."""

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp._dataclass import dataclass
+from mbocp._text import quote_all
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
 from mbocp.identification.dynamics import InverseDynamics, Motion
 from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of
@@ -29,6 +30,7 @@ _TIGHT = 0.95  # share of torque limits up to which they are taken for linear
 _GAIN = 1e-3  # of log det per step, below which the search ends
 _KEPT = 1e-6  # weight of the effort [1/(N m)^2] beside that of distances from the spline
 _NEAR = 1.0
+_LEVER = 3.0  # by which dependent joints may be faster than in the first pose, by the speeds of the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +90,8 @@ class NearSpline:
         Raises
         ------
         UnsupportedRobot, ProblemError, InvalidValue
-            For closed loops, phases, via points, a free duration, ends that are not at rest, and where
-            nothing limits how fast the robot moves.
+            For motors elsewhere than in the independent joints, phases, via points, a free duration, ends
+            that are not at rest, and where nothing limits how fast the robot moves.
         """
         asked = job.problem.excite
         assert asked is not None
@@ -110,13 +112,12 @@ def information(
     if not rate > 0.0:
         raise InvalidValue("rate", rate, "a positive number [1/s]")
     dynamics = InverseDynamics(solution.load_robot())
-    _refuse_loops(dynamics)
     unknowns = unknowns_of(dynamics, friction)
     base = base_of(dynamics, unknowns)
     a = np.array([solution.acceleration_at(n) for n in range(len(solution.t))])
-    G = np.broadcast_to(np.eye(dynamics.n), (len(a), dynamics.n, dynamics.n))
-    Y = _columns(dynamics, unknowns, base, Motion(np.asarray(solution.qs), np.asarray(solution.vs), a, G))
-    Y = Y / _noise(torque_noise, dynamics.n)[:, None]
+    y, moved = np.array([dynamics.coordinates(q) for q in solution.qs]), dynamics.independent
+    motion = dynamics.motion(y, solution.vs[:, moved], a[:, moved], np.asarray(solution.qs))
+    Y = _columns(dynamics, unknowns, base, motion) / _noise(torque_noise, dynamics.n)[:, None]
     steps = np.diff(solution.t)
     weights = 0.5 * rate * (np.append(steps, 0.0) + np.append(0.0, steps))  # trapezoidal rule
     return Information(base, np.einsum("k,kjp,kjr->pr", weights, Y, Y))
@@ -127,8 +128,10 @@ class _Search:
 
     def __init__(self, problem: Problem, torque_noise: ArrayLike, friction: str, knots: int) -> None:
         self.problem, self.dynamics = problem, InverseDynamics(problem.robot)
-        robot, n = problem.robot, self.dynamics.n
-        _refuse_loops(self.dynamics)
+        robot, n, moved = problem.robot, self.dynamics.n, self.dynamics.independent
+        if robot.nu != n or not np.array_equal(robot.actuation.selection[moved], np.eye(n)):
+            names = quote_all(self.dynamics.names)
+            raise UnsupportedRobot(f"excite: robot {robot.name!r}: it takes one motor in each of {names}")
         first, last = _ends(problem, self.dynamics)
         self.unknowns = unknowns_of(self.dynamics, friction)
         self.base = base_of(self.dynamics, self.unknowns)
@@ -148,67 +151,98 @@ class _Search:
         blend = np.clip((np.arange(count) - _AT_REST + 1) / (knots + 1), 0.0, 1.0)
         self.line = first + blend[:, None] * (last - first)
         self.weight = T / len(self.times) * 100.0  # samples at 100 Hz for each of these times
-        limits = problem.widest_limits
-        places = [robot.configuration_indices(name).start for name in self.dynamics.names]
+        limits, follow = problem.widest_limits, self.dynamics.dependent
+        own = [robot.configuration_indices(name) for name in self.dynamics.names]
+        places = [at.start for at in own]
         self.bounds = [
             (limits.q_lower[places], limits.q_upper[places]),
-            (_ROOM * limits.v_lower, _ROOM * limits.v_upper),
-            (_ROOM * limits.a_lower, _ROOM * limits.a_upper),
+            (_ROOM * limits.v_lower[moved], _ROOM * limits.v_upper[moved]),
+            (_ROOM * limits.a_lower[moved], _ROOM * limits.a_upper[moved]),
         ]
-        pushes = robot.actuation.selection
-        if robot.nu != n or not np.array_equal(pushes, np.eye(n)):
-            raise UnsupportedRobot(f"excite: robot {robot.name!r}: it takes one motor in each joint")
-        self.torques = (_ROOM * limits.u_lower, _ROOM * limits.u_upper)
-        fast = limits.finite("v") | limits.finite("a") | limits.finite("u")
+        self.others: IntArray = np.delete(np.arange(robot.nq), np.r_[tuple(own)])
+        self.ranges = [
+            np.concatenate([_ROOM * u, _ROOM * v[follow], _ROOM * a[follow], [far], q[self.others]])
+            for q, v, a, u, far in zip(
+                *(limits.sides(letter) for letter in "qvau"), (-np.inf, self._fastest(first)), strict=True
+            )
+        ]
+        fast = (limits.finite("v") | limits.finite("a"))[moved] | limits.finite("u")
         if not fast.all():
             raise ProblemError(
                 f"excite: nothing limits how fast {self.dynamics.names[int(fast.argmin())]!r} moves; give "
                 "limits.velocity, limits.acceleration or limits.effort"
             )
 
+    def _fastest(self, first: Array) -> float:
+        """How fast dependent joints may be by the others': near singular poses they have no bound."""
+        if not len(self.dynamics.dependent):
+            return np.inf
+        still = np.zeros((1, self.dynamics.n))
+        G = self.dynamics.motion(first[None], still, still, self.problem.q_start[None]).G
+        return _LEVER * max(float(np.linalg.norm(G[:, self.dynamics.dependent])), 1.0)
+
     def motion(self, c: Array) -> Motion:
         """The motion of control points (count, n)."""
         y, yd, ydd = (B @ c for B in self.values)
-        near = np.broadcast_to(self.problem.robot.q0, (len(y), self.problem.robot.nq))
-        return self.dynamics.motion(y, yd, ydd, near)
+        return self.dynamics.motion(y, yd, ydd, self.dynamics.follow(y, self.problem.q_start))
+
+    def torques_by_base(self, motion: Motion) -> Array:
+        """Derivatives of torques in base parameters, in standard deviations, shape (K, n, rank)."""
+        return _columns(self.dynamics, self.unknowns, self.base, motion) / self.noise[:, None]
 
     def matrix(self, motion: Motion) -> Array:
         """Its information."""
-        Y = _columns(self.dynamics, self.unknowns, self.base, motion) / self.noise[:, None]
+        Y = self.torques_by_base(motion)
         return np.asarray(self.weight * np.einsum("kjp,kjr->pr", Y, Y))
 
     def slope(self, motion: Motion) -> Array:
         """Gradient of log det in the control points: the trace of inv(I) dI."""
-        told, shares = self.matrix(motion), self.unknowns.shares[:, self.base.chosen]
+        told = self.matrix(motion)
         size = np.sqrt(np.diag(told))
-        roots = np.linalg.inv(np.linalg.cholesky(told / np.outer(size, size))).T / size[:, None]
-        full, still = self.dynamics.regressor(motion), np.zeros((len(motion.v), self.problem.robot.nu))
-        found = np.zeros(self.line.shape)
-        for values in (shares @ roots).T:
-            rest = 2.0 * self.weight * (full @ values) / self.noise**2
-            parts = self.dynamics.slopes(motion, values, still)
-            found += sum(
-                B.T @ np.einsum("kj,kji->ki", rest, part) for B, part in zip(self.values, parts, strict=True)
-            )
-        return found
+        scales = np.outer(size, size)
+        rest = 2.0 * self.weight * self.torques_by_base(motion) @ (np.linalg.inv(told / scales) / scales)
+        parts = self.dynamics.differences(
+            lambda there: np.einsum("kjp,kjp->k", rest, self.torques_by_base(there)), motion
+        )
+        return np.asarray(sum(B.T @ part for B, part in zip(self.values, parts, strict=True)))
 
     def begin(self, rng: np.random.Generator) -> Array:
         """A random motion, as large as limits allow, about the straight one."""
         away = rng.standard_normal(self.line.shape) * self.free[:, None]
         for size in 4.0 * 0.9 ** np.arange(100.0):
-            if self.holds(self.line + size * away):
+            if self.within(self.line + size * away) is not None:
                 return np.asarray(self.line + size * away)
         raise ProblemError(
             "excite: no smooth motion from start to goal keeps the limits: give a longer horizon.duration"
         )
 
-    def holds(self, c: Array) -> bool:
-        """Whether the limits hold."""
+    def within(self, c: Array) -> Motion | None:
+        """The motion of control points, if its loops close and the limits hold."""
         rows, upper = self.linear
         if (rows @ c.ravel() > upper + 1e-9).any():
-            return False
-        u = self.torque(self.motion(c))
-        return bool(((u >= self.torques[0]) & (u <= self.torques[1])).all())
+            return None
+        try:
+            motion = self.motion(c)
+        except InvalidValue:
+            return None
+        values, (lower, upper) = self.limited(motion), self.ranges
+        return motion if ((values >= lower) & (values <= upper)).all() else None
+
+    def limited(self, motion: Motion) -> Array:
+        """What limits are not linear in, by times.
+
+        Torques of motors; of dependent joints rates, accelerations, rates by those of the others, positions.
+        """
+        follow = self.dynamics.dependent
+        return np.hstack(
+            [
+                self.torque(motion),
+                motion.v[:, follow],
+                motion.a[:, follow],
+                np.linalg.norm(motion.G[:, follow], axis=(1, 2))[:, None],
+                motion.qs[:, self.others],
+            ]
+        )
 
     def torque(self, motion: Motion) -> Array:
         """Torques of the motors by the file's parameters."""
@@ -225,16 +259,22 @@ class _Search:
             pairs += [(row, np.tile(hi, len(hull))), (-row, np.tile(-lo, len(hull)))]
         return _stack(pairs)
 
-    def torque_rows(self, motion: Motion) -> tuple[Array, Array]:
-        """The limits of torques, linear about a motion: rows and upper bounds of changes."""
-        still = np.zeros((len(motion.v), self.problem.robot.nu))
-        parts, n = self.dynamics.slopes(motion, self.dynamics.values, still), self.dynamics.n
-        blocks = [np.einsum("kc,kji->kjci", B, part) for B, part in zip(self.values, parts, strict=True)]
-        slope = np.sum(blocks, axis=0).reshape(len(still) * n, -1)
-        u = self.torque(motion).ravel()
-        sides = ((1.0, self.torques[1]), (-1.0, -self.torques[0]))
-        room = [np.maximum(_TIGHT * np.tile(side, len(still)) - sign * u, 0.0) for sign, side in sides]
-        return _stack([(slope, room[0]), (-slope, room[1])])
+    def limited_rows(self, motion: Motion) -> tuple[Array, Array]:
+        """The other limits, linear about a motion: rows and upper bounds of changes."""
+        values, parts = self.limited(motion), self.dynamics.differences(self.limited, motion)
+        finite = np.flatnonzero(np.isfinite(self.ranges).any(axis=0))
+        blocks = [
+            np.einsum("kc,kji->kjci", B, part[:, finite]) for B, part in zip(self.values, parts, strict=True)
+        ]
+        slope = np.sum(blocks, axis=0).reshape(len(values) * len(finite), -1)
+        tight = np.where(np.arange(values.shape[1]) < values.shape[1] - len(self.others), _TIGHT, 1.0)
+        lower, upper = (tight * side - values for side in self.ranges)
+        return _stack(
+            [
+                (slope, np.maximum(upper[:, finite], 0.0).ravel()),
+                (-slope, np.maximum(-lower[:, finite], 0.0).ravel()),
+            ]
+        )
 
     def climb(self, c: Array, rounds: int) -> tuple[float, Array]:
         """Linear programmes within a box that grows while log det does; every iterate keeps the limits."""
@@ -242,7 +282,7 @@ class _Search:
         free, motion, box = np.flatnonzero(np.repeat(self.free, self.dynamics.n)), self.motion(c), 0.2
         best = _log_det(self.matrix(motion))
         for _ in range(rounds):
-            slope, (more, room) = self.slope(motion).ravel()[free], self.torque_rows(motion)
+            slope, (more, room) = self.slope(motion).ravel()[free], self.limited_rows(motion)
             A = np.vstack([rows, more])[:, free]
             b = np.concatenate([np.maximum(upper - rows @ c.ravel(), 0.0), room])
             gain = 0.0
@@ -250,9 +290,9 @@ class _Search:
                 step = linprog(-slope, A_ub=A, b_ub=b, bounds=(-box, box), method="highs").x
                 trial = c.ravel().copy()
                 trial[free] += 0.0 if step is None else step
-                there = self.motion(trial.reshape(c.shape))
-                gain = _log_det(self.matrix(there)) - best
-                if gain > 0.0 and self.holds(trial.reshape(c.shape)):
+                there = self.within(trial.reshape(c.shape))
+                gain = 0.0 if there is None else _log_det(self.matrix(there)) - best
+                if there is not None and gain > 0.0:
                     c, motion, best, box = trial.reshape(c.shape), there, best + gain, 1.5 * box
                     break
                 box *= 0.4
@@ -265,21 +305,22 @@ class _Search:
         problem, robot = self.problem, self.problem.robot
         times = np.linspace(0.0, problem.duration, problem.num_steps + 1)[1:]
         y, yd = self.spline(times) @ c, self.spline.derivative()(times) @ c
-        qs = self.dynamics.place(y, np.broadcast_to(robot.q0, (len(y), robot.nq)))
-        ps = [robot.momentum(q, v) for q, v in zip(qs, yd, strict=True)]
+        there = self.dynamics.motion(y, yd, np.zeros_like(y), self.dynamics.follow(y, problem.q_start))
+        ps = [robot.momentum(q, v) for q, v in zip(there.qs, there.v, strict=True)]
         tables = written_tables(problem)
-        for key in ("guess", "terms", "cost", "goal"):
+        goal = tables["goal"]["q"]
+        for key in ("guess", "terms", "cost"):
             tables.pop(key, None)
         return problem_from_tables(
             {
                 **tables,
-                "goal": {"q": np.asarray(problem.goal.q).tolist(), "v": 0.0, "enforce": "exact"},
+                "goal": {"q": goal, "v": 0.0, "enforce": "exact"},
                 "cost": {
                     "effort": _KEPT,
                     "tracking": _NEAR,
-                    "target": {"q": qs.tolist(), "p": np.array(ps).tolist()},
+                    "target": {"q": there.qs.tolist(), "p": np.array(ps).tolist()},
                 },
-                "guess": {"kind": "way", "q": qs[:-1].tolist()},
+                "guess": {"kind": "way", "q": there.qs[:-1].tolist()},
             },
             robot=robot,
             label="excite",
@@ -293,16 +334,14 @@ def _ends(problem: Problem, dynamics: InverseDynamics) -> tuple[Array, Array]:
         raise ProblemError("excite: motions with phases or via points are not searched")
     if problem.duration_range is not None:
         raise InvalidValue("excite: horizon.duration", "a range", "a number [s]")
-    if not problem.goal.q_active.all():
+    first, last = (dynamics.coordinates(q) for q in (problem.q_start, problem.goal.q))
+    still = np.zeros((1, dynamics.n))
+    G = dynamics.motion(last[None], still, still, problem.goal.q[None]).G[0]
+    if np.linalg.matrix_rank(G[problem.goal.q_active]) < dynamics.n:
         raise InvalidValue("excite: goal", "no configuration", "goal.q, as start.q if periodic")
     if np.any(problem.v_start):
         raise InvalidValue("excite: start.v", problem.v_start, "rest")
-    return dynamics.coordinates(problem.q_start), dynamics.coordinates(problem.goal.q)
-
-
-def _refuse_loops(dynamics: InverseDynamics) -> None:
-    if len(dynamics.dependent):
-        raise UnsupportedRobot(f"excite: robot {dynamics.robot.name!r} has closed loops: it takes trees")
+    return first, last
 
 
 def _noise(torque_noise: ArrayLike, n: int) -> Array:

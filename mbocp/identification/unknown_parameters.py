@@ -15,7 +15,6 @@ from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.problem.excite import FRICTIONS
 from mbocp.robot import Robot
-from mbocp.robot.kinematics import difference
 from mbocp.robot.named_numbers import OF_ROBOT
 from mbocp.robot.parts import Label
 
@@ -27,7 +26,6 @@ OF_JOINT = f"{OF_ROBOT}joint."  # what words of joints begin with
 _EXCITED = 1e-7  # part of a column of unit length that the columns before do not say
 _NOTHING = 1e-8  # length of a column by the longest that is round-off, as is that of differences along loops
 _STEP = 0.05  # [rad, m] of a random walk along closed loops
-_JUMP = 0.5  # [rad, m] no joint moves further in such a step
 _SHOWN = 1e-6  # share of a parameter in a combination, by the largest
 
 
@@ -279,15 +277,11 @@ def _random_poses(dynamics: InverseDynamics, count: int, rng: np.random.Generato
     for _ in range(40 * count):
         step = _STEP * drift / np.linalg.norm(drift)
         try:
-            there = dynamics.close((at + step)[None], now[None])[0]
+            now = dynamics.follow((at + step)[None], now)[0]
         except InvalidValue:
             drift = rng.standard_normal(dynamics.n)
             continue
-        moved = difference(dynamics.model, now, there)
-        if np.abs(moved).max() > _JUMP:  # near a singular pose, or on another branch
-            drift = rng.standard_normal(dynamics.n)
-            continue
-        now, at = there, at + step
+        at = at + step
         drift = drift + 0.3 * rng.standard_normal(dynamics.n)
         found.append(now)
         if len(found) == 4 * count:

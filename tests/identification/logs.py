@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.identification import Identification
+from mbocp.identification import Identification, Log
 from mbocp.identification.consistent import _thick, body_of, log_cholesky
+from mbocp.identification.dynamics import InverseDynamics, Motion
 from mbocp.identification.unknown_parameters import pseudo_inertia
 from mbocp.robot import JointResistance, Robot
 
@@ -26,6 +27,16 @@ def changed(robot: Robot, seed: int = 5, share: float = 0.2, speed: float = 0.1)
     names = [label.name for label in robot.u_labels]
     losses = (JointResistance(n, robot.velocity_indices(n).start, 1.0, 0.3, 0.5, speed) for n in names)
     return replace(robot, model=model, resistances=tuple(losses))
+
+
+def log_of(dynamics: InverseDynamics, motion: Motion, t: Array, seed: int, noise: float = 0.05) -> Log:
+    """What is measured along a motion, with noise of 1e-4 rad in positions."""
+    rng, still = np.random.default_rng(seed), np.zeros((len(t), dynamics.robot.nu))
+    torques = dynamics.regressor(motion) @ dynamics.values - dynamics.applied_torques(motion, still)
+    y = np.array([dynamics.coordinates(q) for q in motion.qs])
+    u = torques + noise * rng.standard_normal(torques.shape)
+    y = y + 1e-4 * rng.standard_normal(y.shape)
+    return Log(t, {name: {"q": y[:, j], "tau": u[:, j]} for j, name in enumerate(dynamics.names)})
 
 
 def true_values(found: Identification, robot: Robot) -> Array:

@@ -11,8 +11,10 @@ from scipy.interpolate import CubicHermiteSpline
 import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.identification import information
+from mbocp.identification.dynamics import InverseDynamics
 from mbocp.identification.exciting import Information, _columns, _log_det, _Search
 from mbocp.terms.own import path_constraint
+from tests.identification.logs import log_of
 
 SPEED, EFFORT = 3.0, 25.0
 
@@ -98,7 +100,78 @@ def test_what_it_refuses(changes: dict[str, Any], options: dict[str, Any], says:
         mbocp.excite(arm(**changes), **options)
 
 
-def test_loops_are_refused() -> None:
-    problem = mbocp.load_problem("examples/loops/four_bar.toml")
-    with pytest.raises(MbocpError, match="closed loops"):
+def linkage(name: str, **changes: Any) -> mbocp.Problem:
+    """A mechanism of the examples that leaves its pose and comes back."""
+    start = mbocp.load_problem(f"examples/loops/{name}.toml").q_start.tolist()
+    robot = mbocp.load_robot(name)
+    motors = [label.name for label in robot.u_labels]
+    given: dict[str, Any] = {
+        "duration": 3.0,
+        "steps": 60,
+        "start": {"q": start},
+        "goal": {"q": start, "v": 0.0},
+        "limits": {"effort": True, "velocity": 8.0, "acceleration": dict.fromkeys(motors, 60.0)},
+        "scheme": "midpoint",
+    }
+    return mbocp.Problem.create(robot, **(given | changes))
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "delta"])
+def test_the_slope_along_loops_is_that_of_differences(name: str) -> None:
+    limits = {"effort": True, "velocity": 8.0 if name != "delta" else {f"arm_{k}": 8.0 for k in (1, 2, 3)}}
+    search, rng = _Search(linkage(name, limits=limits), 0.05, "both", 5), np.random.default_rng(1)
+    c, along = search.begin(rng), rng.standard_normal(search.line.shape) * search.free[:, None]
+
+    def value(x: float) -> float:
+        return _log_det(search.matrix(search.motion(c + x * along)))
+
+    expected = (value(1e-5) - value(-1e-5)) / 2e-5
+    motion = search.motion(c)
+    assert np.sum(search.slope(motion) * along) == pytest.approx(expected, rel=2e-4)
+    best, found = search.climb(c, 1)
+    assert best > value(0.0)
+    assert search.within(found) is not None
+    assert np.abs(search.dynamics.robot.closure_along(motion.qs)[0]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar"])
+def test_loops_tell_more_than_along_random_motions(name: str) -> None:
+    """Joints that follow keep their limits, too, and a log says more by what the information promises."""
+    problem = linkage(name)
+    search, rng = _Search(problem, 0.05, "both", 6), np.random.default_rng(2)
+    random = [search.begin(rng) for _ in range(4)]
+    values = [_log_det(search.matrix(search.motion(c))) for c in random]
+    best = search.climb(random[int(np.argmax(values))], 6)[1]
+    solution = mbocp.solve(search.problem_near(best), check=True)
+    told = information(solution)
+    assert told.log_det > max(values) + 3.0
+    follow = search.dynamics.dependent
+    assert 5.0 < np.abs(solution.vs[:, follow]).max() <= 8.0 * (1.0 + 1e-6)
+    t = np.arange(300) / 100.0
+    size = []
+    for c in (random[int(np.argmax(values))], best):
+        y, yd, ydd = (search.spline.derivative(k)(t) @ c for k in range(3))
+        dynamics = search.dynamics
+        log = log_of(dynamics, dynamics.motion(y, yd, ydd, dynamics.follow(y, problem.q_start)), t, 1)
+        size.append(np.linalg.slogdet(mbocp.identify(problem.robot, log).base_covariance)[1])
+    assert size[1] < size[0] - 3.0
+
+
+def test_loops_that_would_jump_have_no_motion() -> None:
+    """Between these poses of a five-bar lies one where both rods are in line."""
+    dynamics = InverseDynamics(mbocp.load_robot("five_bar"))
+    with pytest.raises(MbocpError, match="without a jump"):
+        dynamics.follow(np.array([[1.14094617, -1.24580799]]))
+
+
+def test_goals_that_leave_joints_free_are_refused() -> None:
+    problem = linkage("five_bar", goal={"q": {"left_shoulder": -1.9}, "v": 0.0})
+    with pytest.raises(MbocpError, match=r"goal\.q"):
+        mbocp.excite(problem)
+
+
+def test_joints_without_motors_are_refused() -> None:
+    goal = {"q": [0.0, 0.5, 1.0], "v": 0.0}
+    problem = mbocp.Problem.create("cart_pendulum_rigid", 3.0, 60, goal=goal, scheme="midpoint")
+    with pytest.raises(MbocpError, match="one motor in each of"):
         mbocp.excite(problem)
