@@ -76,7 +76,7 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
         Times of the nodes [s].
     qs : ndarray, shape (N + 1, nq)
     """
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return None
     for near in _NEARS:
         search = _Search.of(clearance, t, qs, near)
@@ -91,7 +91,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
 
     It takes a part of the time of `nearest_approach`, and says the same. The parameters are those.
     """
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return True
     search = _Search.of(clearance, t, qs, _touching(clearance))
     lowered = np.maximum(search.margins, 0.0)
@@ -110,7 +110,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
         Times of the nodes [s] and configurations there.
     """
     found = dict[str, float]()
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return found
     search = _Search.of(clearance, t, qs, _touching(clearance))
     for k in np.flatnonzero((search.bounds < -search.margins[:, None]).any(axis=1)):
@@ -238,6 +238,11 @@ class _Search:
         least = distance - moved - np.minimum(moved, _ITERATED)
         least = np.where(least > 0.0, least - self.margins[k], -np.inf)
         self.bounds[k, others] = np.maximum(self.bounds[k, others], least)
+
+
+def _goes_on(t: Array, qs: Array) -> bool:
+    """Whether a motion has poses: what a solver leaves behind that has failed may run backwards in time."""
+    return bool(np.isfinite(qs).all() and t[-1] > t[0] and (np.diff(t) >= 0.0).all())
 
 
 def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
