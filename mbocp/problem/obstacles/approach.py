@@ -22,7 +22,8 @@ from mbocp.robot.nodes import between
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
 _NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
-_ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at
+_ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at ...
+_ALIKE_MESHES = 100  # ... where both are meshes, which say little more than that they touch
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
 
 
@@ -208,7 +209,8 @@ class _Search:
             if distance > 0.0:
                 self._raise(n, k, distance, most, shapes)
             else:  # how deep shapes are may jump, and takes meshes twenty times as long as whether they touch
-                self.bounds[k, max(n - _ALIKE, 0) : n + _ALIKE + 1] = np.inf
+                alike = _ALIKE_MESHES if shapes.are_meshes(k) else _ALIKE
+                self.bounds[k, max(n - alike, 0) : n + alike + 1] = np.inf
             least[k] = self.bounds[k].min()
         if best is None:
             return None
