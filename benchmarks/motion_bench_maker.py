@@ -44,7 +44,6 @@ from benchmarks.tables import Table, show
 from mbocp._arrays import Array
 from mbocp.guesses.around import around
 from mbocp.problem import Problem
-from mbocp.problem.file.obstacle_table import ObstacleTable, obstacle_tables, obstacles_from
 from mbocp.robot import Robot
 
 __all__ = ["Line", "Task", "archive", "names", "problem_of", "scene_of", "table_of"]
@@ -94,8 +93,7 @@ def scene_of(scene: str, number: int) -> Scene:
     """Obstacles as in a problem file, start and goal [rad]."""
     folder = archive() / "problems" / scene
     request = yaml.safe_load((folder / f"request{number:04d}.yaml").read_text())
-    table = ObstacleTable(shape="scene", file=str(folder / f"scene{number:04d}.yaml"))
-    obstacles = obstacle_tables(obstacles_from([table]))
+    obstacles = [{"shape": "scene", "file": str(folder / f"scene{number:04d}.yaml")}]
     state = request["start_state"]["joint_state"]
     start = dict(zip(state["name"], state["position"], strict=True))
     asked = request["goal_constraints"][0]["joint_constraints"]

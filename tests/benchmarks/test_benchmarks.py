@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import sys
 from pathlib import Path
@@ -27,6 +28,11 @@ from benchmarks.stages import stage_table, time_stages
 from benchmarks.tables import Table, show
 
 PENDULUM = next(case for case in CASES if case.label == "rigid_pendulum")
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (DOCS.parent / "benchmarks").glob("[!_]*.py")))
+def test_every_benchmark_is_imported(name: str) -> None:
+    importlib.import_module(f"benchmarks.{name}")
 
 
 def test_every_case_is_an_example() -> None:

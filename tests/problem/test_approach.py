@@ -76,6 +76,15 @@ def all_distances(clearance: Clearance, t: np.ndarray, qs: np.ndarray) -> np.nda
     return np.array(found) - margins
 
 
+def test_what_runs_backwards_or_is_not_finite_has_no_poses(clearance: Clearance) -> None:
+    t, qs = motion(0, 0.3)
+    assert nearest_approach(clearance, t, qs) is not None
+    for ts, places in ((-t, qs), (t[[0, 2, 1, 3]], qs), (0.0 * t, qs), (t, np.nan * qs)):
+        assert nearest_approach(clearance, ts, places) is None
+        assert keeps_clear(clearance, ts, places, 0.0)
+        assert depths_along(clearance, ts, places) == {}
+
+
 @settings(max_examples=8)
 @given(seed=st.integers(0, 10_000), spread=st.sampled_from([0.0, 1e-9, 0.03, 0.15, 0.4]))
 def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):

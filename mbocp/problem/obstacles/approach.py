@@ -22,7 +22,8 @@ from mbocp.robot.nodes import between
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
 _NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
-_ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at
+_ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at ...
+_ALIKE_MESHES = 100  # ... where both are meshes, which say little more than that they touch
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
 
 
@@ -76,7 +77,7 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
         Times of the nodes [s].
     qs : ndarray, shape (N + 1, nq)
     """
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return None
     for near in _NEARS:
         search = _Search.of(clearance, t, qs, near)
@@ -91,7 +92,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> 
 
     It takes a part of the time of `nearest_approach`, and says the same. The parameters are those.
     """
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return True
     search = _Search.of(clearance, t, qs, _touching(clearance))
     lowered = np.maximum(search.margins, 0.0)
@@ -110,7 +111,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
         Times of the nodes [s] and configurations there.
     """
     found = dict[str, float]()
-    if not clearance.rows or not np.isfinite(qs).all():
+    if not clearance.rows or not _goes_on(t, qs):
         return found
     search = _Search.of(clearance, t, qs, _touching(clearance))
     for k in np.flatnonzero((search.bounds < -search.margins[:, None]).any(axis=1)):
@@ -208,7 +209,8 @@ class _Search:
             if distance > 0.0:
                 self._raise(n, k, distance, most, shapes)
             else:  # how deep shapes are may jump, and takes meshes twenty times as long as whether they touch
-                self.bounds[k, max(n - _ALIKE, 0) : n + _ALIKE + 1] = np.inf
+                alike = _ALIKE_MESHES if shapes.are_meshes(k) else _ALIKE
+                self.bounds[k, max(n - alike, 0) : n + alike + 1] = np.inf
             least[k] = self.bounds[k].min()
         if best is None:
             return None
@@ -238,6 +240,11 @@ class _Search:
         least = distance - moved - np.minimum(moved, _ITERATED)
         least = np.where(least > 0.0, least - self.margins[k], -np.inf)
         self.bounds[k, others] = np.maximum(self.bounds[k, others], least)
+
+
+def _goes_on(t: Array, qs: Array) -> bool:
+    """Whether a motion has poses: what a solver leaves behind that has failed may run backwards in time."""
+    return bool(np.isfinite(qs).all() and t[-1] > t[0] and (np.diff(t) >= 0.0).all())
 
 
 def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:

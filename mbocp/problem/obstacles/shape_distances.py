@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import coal
 import numpy as np
@@ -60,6 +61,15 @@ class ShapeDistances:
     def of(self, pair: int) -> float:
         """Of the nearest shapes of a pair, negative where they are in each other [m]."""
         return min((self._distance(k) for k in self._numbers[pair]), default=np.inf)
+
+    def are_meshes(self, pair: int) -> bool:
+        """Whether all shapes of a pair are meshes, whose depth in each other is not known."""
+        kinds = (self._geometry.geometryObjects[k].geometry.getObjectType() for k in self._shapes_of(pair))
+        return all(kind == coal.OBJECT_TYPE.OT_BVH for kind in kinds)
+
+    def _shapes_of(self, pair: int) -> Iterator[int]:
+        pairs = (self._geometry.collisionPairs[k] for k in self._numbers[pair])
+        return chain.from_iterable((pair.first, pair.second) for pair in pairs)
 
     def _distance(self, number: int) -> float:
         found = float(pin.computeDistance(self._geometry, self._placed, number).min_distance)
