@@ -17,13 +17,7 @@ from mbocp.robot.joints import unit_groups
 
 
 def control_momenta(
-    robot: Robot,
-    qs: Array,
-    vs: Array,
-    costates: Array,
-    *,
-    tracked: Any = None,
-    weighs_changes: bool = False,
+    robot: Robot, qs: Array, vs: Array, costates: Array, *, tracked: Any = None, weighs_changes: bool = False
 ) -> tuple[Array, tuple[str, ...]]:
     r"""Control momenta, eq. (15), in the directions that are symmetries of the robot.
 
