@@ -27,8 +27,7 @@ SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it k
 
 def keys(
     name: Annotated[
-        str | None,
-        argument("NAME", "A key, a table, or the last part of a name. [default: all]"),
+        str | None, argument("NAME", "A key, a table, or the last part of a name. [default: all]")
     ] = None,
     as_json: Json = False,
 ) -> None:

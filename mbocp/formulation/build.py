@@ -21,13 +21,7 @@ from mbocp.formulation.features.switches import has_step_before
 from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.ordinary_units import units_of
-from mbocp.formulation.parameter_layout import (
-    NUMBERS,
-    ParameterLayout,
-    concatenate,
-    mask,
-    path_parameters,
-)
+from mbocp.formulation.parameter_layout import NUMBERS, ParameterLayout, concatenate, mask, path_parameters
 from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.row_words import RowDescriber
 from mbocp.formulation.signature import FunctionSignature, check_operations

@@ -195,11 +195,7 @@ class StateSpace:
         return z1 - z0 if self.layout.is_flat else self.configurations.difference(z0, z1)
 
     def at_zero_tangents(
-        self,
-        nodes: list[ca.SX],
-        expressions: list[ca.SX],
-        others: list[ca.SX],
-        tangents: list[ca.SX],
+        self, nodes: list[ca.SX], expressions: list[ca.SX], others: list[ca.SX], tangents: list[ca.SX]
     ) -> list[ca.SX]:
         """Expressions in retracted nodes, evaluated at zero tangents (nothing to do where all is flat)."""
         if self.layout.is_flat:

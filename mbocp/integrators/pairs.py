@@ -75,10 +75,7 @@ PAIRS: Mapping[str, Pair] = MappingProxyType(
     {
         "gauss1": Pair(2, ((1 / 2,),), (1.0,), holds_constraints=False),
         "gauss2": Pair(
-            4,
-            ((1 / 4, 1 / 4 - _R3 / 6), (1 / 4 + _R3 / 6, 1 / 4)),
-            (1 / 2, 1 / 2),
-            holds_constraints=False,
+            4, ((1 / 4, 1 / 4 - _R3 / 6), (1 / 4 + _R3 / 6, 1 / 4)), (1 / 2, 1 / 2), holds_constraints=False
         ),
         "gauss3": Pair(
             6,

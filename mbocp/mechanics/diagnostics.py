@@ -16,13 +16,7 @@ from mbocp.robot import Robot
 
 
 def control_momenta(
-    robot: Robot,
-    qs: Array,
-    vs: Array,
-    costates: Array,
-    *,
-    tracked: Any = None,
-    weighs_changes: bool = False,
+    robot: Robot, qs: Array, vs: Array, costates: Array, *, tracked: Any = None, weighs_changes: bool = False
 ) -> tuple[Array, tuple[str, ...]]:
     r"""Control momenta, eq. (15), in the directions that are symmetries of the robot.
 

@@ -19,10 +19,7 @@ from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
-from mbocp.problem.integration import (
-    Lie,
-    Stabilisation,
-)
+from mbocp.problem.integration import Lie, Stabilisation
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint

@@ -21,21 +21,12 @@ from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rate_limits import check_rates
-from mbocp.problem.resolve_checks import (
-    check_coordinates,
-    check_inequalities,
-    check_parameters,
-    check_solver,
-)
+from mbocp.problem.resolve_checks import check_coordinates, check_inequalities, check_parameters, check_solver
 from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
-from mbocp.problem.timeline.phase_values import (
-    fitted_phases,
-    limits_of_phases,
-    widest_limits,
-)
+from mbocp.problem.timeline.phase_values import fitted_phases, limits_of_phases, widest_limits
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
 from mbocp.problem.timeline.step_counts import AskedNodes, check_accuracy, check_lengths, check_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions

@@ -18,15 +18,7 @@ from mbocp.problem._checks import (
     whole,
 )
 from mbocp.solvers.added import added_solvers
-from mbocp.solvers.options import (
-    ADJOINTS,
-    GLOBALISATIONS,
-    HESSIANS,
-    LINEAR_SOLVERS,
-    LOOPS,
-    METHODS,
-    Options,
-)
+from mbocp.solvers.options import ADJOINTS, GLOBALISATIONS, HESSIANS, LINEAR_SOLVERS, LOOPS, METHODS, Options
 from mbocp.terms.written import Finite
 
 MENU = "menu"  # in the place of a number of starts
@@ -146,10 +138,7 @@ class SolverTable(Table):
     time_limit: Annotated[
         Finite | None,
         positive("s"),
-        Key(
-            "wall time; else [twenty times](solver.md#when-attempts-fail) the first attempt's",
-            "s",
-        ),
+        Key("wall time; else [twenty times](solver.md#when-attempts-fail) the first attempt's", "s"),
     ] = SolverOptions.time_limit
     linear_solver: Annotated[str, choice(LINEAR_SOLVERS), Key("of `ipopt`")] = SolverOptions.linear_solver
     starts: Annotated[
@@ -161,9 +150,7 @@ class SolverTable(Table):
         SolverOptions.seed
     )
     threads: Annotated[
-        int | str,
-        _whole_or("auto"),
-        Key('[threads](solver.md#threads); `"auto"`: as many as processors'),
+        int | str, _whole_or("auto"), Key('[threads](solver.md#threads); `"auto"`: as many as processors')
     ] = SolverOptions.threads
 
 

@@ -120,11 +120,7 @@ def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs
 
 
 def _of_name(
-    found: _Gathering,
-    name: str,
-    base: Path | None,
-    dirs: Sequence[Path],
-    arguments: Mapping[str, Any] | None,
+    found: _Gathering, name: str, base: Path | None, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
 ) -> None:
     """Follow what a name or a path leads to, as `mbocp.robot.loading.describe` does."""
     source = find_source(name, base)

@@ -21,12 +21,7 @@ from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
 from mbocp.solution.later import Later, complete
 from mbocp.solution.problem_facts import Facts, PhasePlace
-from mbocp.solution.records import (
-    Column,
-    Labels,
-    StartRecord,
-    dual_columns,
-)
+from mbocp.solution.records import Column, Labels, StartRecord, dual_columns
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import QUANTITIES
 

@@ -114,11 +114,7 @@ class ContactKeys(SurfaceKeys):
     """Keys of the kind `"contact_force"`."""
 
     constraint: Annotated[
-        str | None,
-        Key(
-            'of a `"contact_force"`: whose [force](contact.md) is bounded',
-            default="required",
-        ),
+        str | None, Key('of a `"contact_force"`: whose [force](contact.md) is bounded', default="required")
     ] = None
     normal: Annotated[
         Triple,
@@ -138,22 +134,13 @@ class ContactKeys(SurfaceKeys):
     max_normal: Bound = None
     max: Annotated[Bound, Key("of the size of a contact force", "N")] = None
     pressure: Annotated[
-        Pair,
-        Key(
-            "sides of the rectangle of a weld's centre of pressure",
-            "m",
-            takes="2 numbers > 0",
-        ),
+        Pair, Key("sides of the rectangle of a weld's centre of pressure", "m", takes="2 numbers > 0")
     ] = None
     yaw_friction: Annotated[
         Positive | None, Key("of a weld: torque about the normal by the normal force", "m")
     ] = None
     impulses: Annotated[
-        bool | None,
-        Key(
-            "whether [impulses](contact.md#impacts) stay in the cone, too",
-            default="true",
-        ),
+        bool | None, Key("whether [impulses](contact.md#impacts) stay in the cone, too", default="true")
     ] = None
 
 

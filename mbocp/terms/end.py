@@ -95,10 +95,7 @@ class TerminalCost(CostTerm):
         terminal: Annotated[NonNegative, Key('beta_T, of a `"penalty"` and `"both"`')] = 0.0
         terminal_weights: Annotated[
             Weights | None,
-            Key(
-                "diagonal of QT on (q, p), or on (q, v)",
-                default="1 where the goal says something",
-            ),
+            Key("diagonal of QT on (q, p), or on (q, v)", default="1 where the goal says something"),
         ] = None
 
     @property

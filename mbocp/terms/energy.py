@@ -31,9 +31,7 @@ class EnergyTable(Table):
         Control, Takes("number in (0, 1], list, table"), Key("of the gear, driving and braking alike")
     ] = 1.0
     regeneration: Annotated[
-        Control,
-        Takes("number in [0, 1], list, table"),
-        Key("part of the braking power that is given back"),
+        Control, Takes("number in [0, 1], list, table"), Key("part of the braking power that is given back")
     ] = 0.0
     width: Annotated[
         Control,

@@ -86,23 +86,17 @@ class Follow(PathTerm):
         file: str | None = None
         orientations: Annotated[
             Annotated[list[_Quaternion] | None, Field(max_length=_MAX_POINTS)],
-            Key(
-                "unit quaternion xyzw at each point",
-                default="free",
-                takes="list of 4 numbers",
-            ),
+            Key("unit quaternion xyzw at each point", default="free", takes="list of 4 numbers"),
         ] = None
         closed: Annotated[
             bool | None, Key("whether it goes on from the last point to the first", default="false")
         ] = None
         relative: Annotated[
-            bool | None,
-            Key("whether points count from where the frame is at the start", default="false"),
+            bool | None, Key("whether points count from where the frame is at the start", default="false")
         ] = None
         tolerance: Finite | None = None
         orientation_tolerance: Annotated[
-            NonNegative | None,
-            Key("how far from these; 0: an equation", "rad", default="0"),
+            NonNegative | None, Key("how far from these; 0: an equation", "rad", default="0")
         ] = None
         axis: Triple = None
         min: Bound = None

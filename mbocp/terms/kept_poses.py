@@ -51,19 +51,11 @@ class Line(PathTerm):
         ] = None
         b: Triple = None
         segment: Annotated[
-            bool | None,
-            Key(
-                'whether it stays between the points of a `"line"`',
-                default="false",
-            ),
+            bool | None, Key('whether it stays between the points of a `"line"`', default="false")
         ] = None
         tolerance: Annotated[
             NonNegative | None,
-            Key(
-                "how far from a line, path or orientation; 0: an equation",
-                "m, rad",
-                default="0",
-            ),
+            Key("how far from a line, path or orientation; 0: an equation", "m, rad", default="0"),
         ] = None
 
     @classmethod
@@ -161,9 +153,7 @@ class OrientationKept(PathTerm):
         rpy: Annotated[
             Triple,
             Key(
-                'of an `"orientation_kept"`: roll, pitch, yaw in the world',
-                "rad",
-                default="as at the start",
+                'of an `"orientation_kept"`: roll, pitch, yaw in the world', "rad", default="as at the start"
             ),
         ] = None
         tolerance: Finite | None = None

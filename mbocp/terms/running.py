@@ -35,8 +35,7 @@ class Effort(Weighted):
         """Keys."""
 
         effort: Annotated[
-            ControlWeights,
-            Key("alpha; 0 only where a control has a `control_rate` or limits"),
+            ControlWeights, Key("alpha; 0 only where a control has a `control_rate` or limits")
         ] = 1.0
 
     @classmethod
@@ -77,26 +76,15 @@ class Tracking(RunningCost):
 
         tracking: Annotated[NonNegative, Key("beta")] = 0.0
         tracking_weights: Annotated[
-            Weights | None,
-            Key(
-                "diagonal of Q on (q, p)",
-                default="1 where the target says something",
-            ),
+            Weights | None, Key("diagonal of Q on (q, p)", default="1 where the target says something")
         ] = None
         target: Annotated[
             TargetTable | None,
-            Key(
-                "y_d: one row, or one for every step",
-                default="the goal",
-                takes="table with `q` and `p`",
-            ),
+            Key("y_d: one row, or one for every step", default="the goal", takes="table with `q` and `p`"),
         ] = None
         target_file: Annotated[
             str | None,
-            Key(
-                "y_d from a result, or a CSV table with the columns `t`, `q:NAME`, `p:NAME`",
-                takes="path",
-            ),
+            Key("y_d from a result, or a CSV table with the columns `t`, `q:NAME`, `p:NAME`", takes="path"),
         ] = None
 
     @classmethod
@@ -244,8 +232,7 @@ class EffortAboutGravity(Weighted):
         """Keys."""
 
         effort_about_gravity: Annotated[
-            ControlWeights,
-            Key("on squares of the controls less what holds the weight"),
+            ControlWeights, Key("on squares of the controls less what holds the weight")
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -267,10 +254,7 @@ class ControlRate(Weighted):
 
         control_rate: Annotated[
             ControlWeights,
-            Key(
-                "on the [rates of the controls](#smooth-controls-and-potential-energy)",
-                "s^2",
-            ),
+            Key("on the [rates of the controls](#smooth-controls-and-potential-energy)", "s^2"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -292,13 +276,7 @@ class Acceleration(Weighted):
     class Keys(Table):
         """Keys."""
 
-        acceleration: Annotated[
-            ControlWeights,
-            Key(
-                "on accelerations of joints",
-                default="0",
-            ),
-        ] = None
+        acceleration: Annotated[ControlWeights, Key("on accelerations of joints", default="0")] = None
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square."""
@@ -315,8 +293,7 @@ class ConstraintForce(Weighted):
         """Keys."""
 
         constraint_force: Annotated[
-            NonNegative,
-            Key("on squares of the [forces of feet](contact.md#costs), holds and closed loops"),
+            NonNegative, Key("on squares of the [forces of feet](contact.md#costs), holds and closed loops")
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
@@ -338,8 +315,7 @@ class Fuel(Weighted):
         """Keys."""
 
         fuel: Annotated[
-            ControlWeights,
-            Key("on controls that are limited from below, not on their squares"),
+            ControlWeights, Key("on controls that are limited from below, not on their squares")
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

@@ -129,10 +129,7 @@ def forces_of(solution: Solution, robot: Robot) -> tuple[ForceMark, ...]:
     if not columns or not np.isfinite(solution.lams).all():
         return ()
     marks = []
-    for constraint, model in (
-        *((one, robot.model) for one in robot.constraints),
-        *_holds_of(solution),
-    ):
+    for constraint, model in (*((one, robot.model) for one in robot.constraints), *_holds_of(solution)):
         rows = [k for k, row in enumerate(constraint.rows) if row.name in columns]
         if not constraint.frame_ids or not rows:
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from mbocp.view.movie import Film, frame_times, pictures_of, write_frames, write
 from mbocp.view.replay import OtherMotion, open_replay, replay_page, write_replay
 
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from mbocp.problem import Problem
     from mbocp.robot import FrameTarget, Robot
     from mbocp.solution import Solution
@@ -22,17 +24,33 @@ if TYPE_CHECKING:
 _MAX_GHOSTS = 50
 
 
+class Look(TypedDict, total=False):
+    """What is shown of a solution, and from where.
+
+    Attributes
+    ----------
+    robot : Robot, optional
+        Default: the one of the solution, see `Solution.load_robot`.
+    trace, direction
+        As of `mbocp.view.replay.Drawn`.
+    ghosts : int or sequence of float
+        Times [s] at which the robot is drawn once more, faint; or how many, evenly spread from start to end.
+    others : sequence of Solution
+        Shown at the same time, each in a colour of its own; up to four.
+    names : sequence of str
+        What these are called; by default their problems' names.
+    """
+
+    robot: Robot | None
+    trace: Sequence[str] | None
+    ghosts: int | Sequence[float]
+    others: Sequence[Solution]
+    names: Sequence[str]
+    direction: tuple[float, float] | None
+
+
 def replay_solution(
-    solution: Solution,
-    path: str | Path | None = None,
-    *,
-    robot: Robot | None = None,
-    trace: Sequence[str] | None = None,
-    ghosts: int | Sequence[float] = 0,
-    others: Sequence[Solution] = (),
-    names: Sequence[str] = (),
-    direction: tuple[float, float] | None = None,
-    speed: float = 1.0,
+    solution: Solution, path: str | Path | None = None, *, speed: float = 1.0, **look: Unpack[Look]
 ) -> Path | None:
     """Write the motion as a page, or show it in a browser.
 
@@ -41,16 +59,10 @@ def replay_solution(
     solution : Solution
     path : str or Path, optional
         Page to write; without it the motion is shown live, until Ctrl-C.
-    robot : Robot, optional
-        Default: the one of the solution, see `Solution.load_robot`.
-    ghosts : int or sequence of float
-        Times [s] at which the robot is drawn once more, faint; or how many, evenly spread from start to end.
-    others : sequence of Solution
-        Shown at the same time, each in a colour of its own; up to four.
-    names : sequence of str
-        What these are called; by default their problems' names.
-    trace, direction, speed
-        As of `mbocp.view.replay.write_replay`.
+    speed : float
+        Seconds of motion per second of watching; 1 is true speed.
+    **look
+        What is shown, and from where: `Look`.
 
     Returns
     -------
@@ -62,7 +74,7 @@ def replay_solution(
     ReplayError, UnknownFrame
         As `mbocp.view.replay.write_replay`.
     """
-    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, speed, names)
+    shown, drawn = _collect(solution, speed, **look)
     if path is None:
         open_replay(shown, solution.t, solution.qs, **drawn)
         return None
@@ -75,11 +87,7 @@ def film_solution(
     frames: str | Path | None = None,
     movie: str | Path | None = None,
     film: Film | None = None,
-    robot: Robot | None = None,
-    trace: Sequence[str] | None = None,
-    ghosts: int | Sequence[float] = 0,
-    others: Sequence[Solution] = (),
-    direction: tuple[float, float] | None = None,
+    **look: Unpack[Look],
 ) -> None:
     """Draw the motion as PNG pictures in a folder, or as a film; Chromium draws it.
 
@@ -92,8 +100,8 @@ def film_solution(
         File .gif or .mp4; the latter needs ffmpeg.
     film : Film, optional
         Pictures a second, speed and size.
-    robot, trace, ghosts, others, direction
-        As of `replay_solution`.
+    **look
+        What is shown, and from where: `Look`.
 
     Raises
     ------
@@ -101,9 +109,9 @@ def film_solution(
         As `replay_solution`; and if there is no Chromium or no ffmpeg.
     """
     how = film or Film()
-    shown, drawn = _collect(solution, robot, trace, ghosts, others, direction, how.speed)
+    shown, drawn = _collect(solution, how.speed, **look)
     page = replay_page(shown, solution.t, solution.qs, **drawn)
-    longest = max(float(each.t[-1] - each.t[0]) for each in (solution, *others))
+    longest = max(float(each.t[-1] - each.t[0]) for each in (solution, *look.get("others", ())))
     pictures = pictures_of(page, frame_times(longest, how), how.size)
     if frames is not None:
         write_frames(pictures, frames)
@@ -113,13 +121,14 @@ def film_solution(
 
 def _collect(
     solution: Solution,
-    robot: Robot | None,
-    trace: Sequence[str] | None,
-    ghosts: int | Sequence[float],
-    others: Sequence[Solution],
-    direction: tuple[float, float] | None,
     speed: float,
+    *,
+    robot: Robot | None = None,
+    trace: Sequence[str] | None = None,
+    ghosts: int | Sequence[float] = 0,
+    others: Sequence[Solution] = (),
     names: Sequence[str] = (),
+    direction: tuple[float, float] | None = None,
 ) -> tuple[Robot, dict[str, Any]]:
     """The robot, and what a replay draws, as arguments of `write_replay`."""
     shown = solution.load_robot() if robot is None else robot

@@ -94,11 +94,7 @@ def plot_path(solution: Solution, robot: Robot, frames: Sequence[str] | None = N
 
 
 def plot_solution(
-    solution: Solution,
-    path: str | Path,
-    robot: Robot | None = None,
-    *,
-    style: str | Path | None = None,
+    solution: Solution, path: str | Path, robot: Robot | None = None, *, style: str | Path | None = None
 ) -> Path:
     """Write an overview of the solution on one page as PNG, PDF or SVG, by the suffix of `path`.
 

@@ -49,7 +49,19 @@ class OtherMotion:
 
 
 class Shown(TypedDict, total=False):
-    """What a replay shows with the robot, see `write_replay`."""
+    """What a replay shows with the robot.
+
+    Attributes
+    ----------
+    trace : sequence of str, optional
+        Frames whose path is drawn; by default `robot.trace_frames`.
+    goals, other_goals : sequence of FrameTarget
+        Poses of frames whose axes are drawn: where the motion was to end; faint, where else it might have.
+    marks : Marks, optional
+        Via points, lines and obstacles, see `mbocp.view.marks.marks_of`.
+    spheres : sequence of LinkSpheres
+        Spheres to draw over the robot, see `Robot.collision_spheres`.
+    """
 
     trace: Sequence[str] | None
     goals: Sequence[FrameTarget]
@@ -59,7 +71,23 @@ class Shown(TypedDict, total=False):
 
 
 class Drawn(Shown, total=False):
-    """What a replay shows, and how, see `write_replay`."""
+    """What a replay shows, and how.
+
+    Attributes
+    ----------
+    ghosts : sequence of float
+        Times [s], as those of the motion, at which the robot is drawn once more, faint.
+    others : sequence of OtherMotion
+        Motions that are shown at the same time, each in a colour of its own; up to four.
+    direction : (float, float), optional
+        Azimuth and elevation [deg] from which the camera looks; by default where most can be seen.
+    title : str
+        Shown above the picture; by default the robot's name.
+    speed : float
+        Seconds of motion per second of watching; 1 is true speed.
+    samples_per_second : float
+        Key frames per second of watching [1/s].
+    """
 
     ghosts: Sequence[float]
     others: Sequence[OtherMotion]
@@ -69,24 +97,7 @@ class Drawn(Shown, total=False):
     samples_per_second: float
 
 
-def write_replay(
-    robot: Robot,
-    t: ArrayLike,
-    qs: ArrayLike,
-    path: str | Path,
-    *,
-    trace: Sequence[str] | None = None,
-    goals: Sequence[FrameTarget] = (),
-    other_goals: Sequence[FrameTarget] = (),
-    marks: Marks | None = None,
-    spheres: Sequence[LinkSpheres] = (),
-    ghosts: Sequence[float] = (),
-    others: Sequence[OtherMotion] = (),
-    direction: tuple[float, float] | None = None,
-    title: str = "",
-    speed: float = 1.0,
-    samples_per_second: float = 60.0,
-) -> Path:
+def write_replay(robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **drawn: Unpack[Drawn]) -> Path:
     """Write a motion as one self-contained HTML file: robot, meshes, animation, viewer.
 
     Parameters
@@ -99,28 +110,8 @@ def write_replay(
         Configurations [m, rad, unit quaternion xyzw].
     path : str or Path
         The file; an old one is replaced only when the new one is complete.
-    trace : sequence of str, optional
-        Frames whose path is drawn; by default `robot.trace_frames`.
-    goals : sequence of FrameTarget
-        Poses of frames whose axes are drawn: where the motion was to end.
-    other_goals : sequence of FrameTarget
-        Faint ones: where it might have ended, too.
-    marks : Marks, optional
-        Via points, lines and obstacles, see `mbocp.view.marks.marks_of`.
-    spheres : sequence of LinkSpheres
-        Spheres to draw over the robot, see `Robot.collision_spheres`.
-    ghosts : sequence of float
-        Times [s], as those of `t`, at which the robot is drawn once more, faint.
-    others : sequence of OtherMotion
-        Motions that are shown at the same time, each in a colour of its own; up to four.
-    direction : (float, float), optional
-        Azimuth and elevation [deg] from which the camera looks; by default where most can be seen.
-    title : str
-        Shown above the picture; by default the robot's name.
-    speed : float
-        Seconds of motion per second of watching; 1 is true speed.
-    samples_per_second : float
-        Key frames per second of watching [1/s].
+    **drawn
+        What is shown, and how: `mbocp.view.replay.Shown` and `Drawn`.
 
     Returns
     -------
@@ -134,23 +125,7 @@ def write_replay(
     UnknownFrame
         If a traced frame does not exist.
     """
-    page = replay_page(
-        robot,
-        t,
-        qs,
-        trace=trace,
-        goals=goals,
-        other_goals=other_goals,
-        marks=marks,
-        spheres=spheres,
-        ghosts=ghosts,
-        others=others,
-        direction=direction,
-        title=title,
-        speed=speed,
-        samples_per_second=samples_per_second,
-    )
-    return write_page(page, path, "replay")
+    return write_page(replay_page(robot, t, qs, **drawn), path, "replay")
 
 
 def replay_page(

@@ -82,11 +82,7 @@ _RESOURCES = Path(__file__).parent / "reports"
 
 
 def write_report(
-    solution: Solution,
-    path: str | Path,
-    *,
-    robot: Robot | None = None,
-    facts: Sequence[tuple[str, str]] = (),
+    solution: Solution, path: str | Path, *, robot: Robot | None = None, facts: Sequence[tuple[str, str]] = ()
 ) -> Path:
     """Write a solution as one self-contained page.
 

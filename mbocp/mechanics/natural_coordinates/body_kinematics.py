@@ -316,10 +316,7 @@ class NaturalKinematics:
 def turn(body: Body, axes: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Cosine and sine of the angle of a joint with one axis, from the rotation that it makes."""
     first, second = perpendiculars(body.axis)
-    return (
-        ca.dot(constant(first), axes @ constant(first)),
-        ca.dot(constant(second), axes @ constant(first)),
-    )
+    return (ca.dot(constant(first), axes @ constant(first)), ca.dot(constant(second), axes @ constant(first)))
 
 
 def constant(value: ArrayLike) -> ca.SX:

@@ -80,8 +80,7 @@ class FrameGoalTable(FramePoseTable):
         Finite | None, Key("angle by which orientation or axis may be off: a cone", "rad", "exact")
     ] = None
     weight: Annotated[
-        NonNegative | None,
-        Key("of the squares of its errors, times half of `cost.terminal`", "", "1"),
+        NonNegative | None, Key("of the squares of its errors, times half of `cost.terminal`", "", "1")
     ] = None
 
 

@@ -63,11 +63,7 @@ class GaitTable(Table):
     ] = None
     stand: Annotated[
         Duration,
-        Key(
-            "how long all feet stand at the end, unless the gait goes on",
-            "s",
-            "as long as a swing",
-        ),
+        Key("how long all feet stand at the end, unless the gait goes on", "s", "as long as a swing"),
     ] = None
     steps: Annotated[int, whole(2), Key("of a swing")]
     repeats: Annotated[

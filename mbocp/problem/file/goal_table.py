@@ -103,8 +103,7 @@ class GoalMemberTable(Table):
     ] = Field(default_factory=list)
     assemble: Annotated[bool, Key("the same for the goal")] = False
     periodic: Annotated[
-        PeriodicWords,
-        Key("the end is the start, [moved by a symmetry](#periodic-motion)", "m, rad", "no"),
+        PeriodicWords, Key("the end is the start, [moved by a symmetry](#periodic-motion)", "m, rad", "no")
     ] = None
     enforce: Annotated[
         str | None,
@@ -116,8 +115,7 @@ class GoalMemberTable(Table):
         ),
     ] = None
     guard: Annotated[
-        bool,
-        Key("[explicit schemes](#explicit-schemes): keep the end less than a right angle from the goal"),
+        bool, Key("[explicit schemes](#explicit-schemes): keep the end less than a right angle from the goal")
     ] = True
     redundant: Annotated[
         str,

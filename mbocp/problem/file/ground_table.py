@@ -80,14 +80,8 @@ class GroundTable(Table):
         NonNegative | None,
         Key("least force on a foot that stands", "N", "0.5 % of the weight with friction, else 0"),
     ] = None
-    sole: Annotated[
-        Pair,
-        Key("sides of soles, which do not tilt", "m", "feet are points"),
-    ] = None
-    lift: Annotated[
-        NonNegative,
-        Key("least height of feet in the middle of a swing", "m"),
-    ] = 0.0
+    sole: Annotated[Pair, Key("sides of soles, which do not tilt", "m", "feet are points")] = None
+    lift: Annotated[NonNegative, Key("least height of feet in the middle of a swing", "m")] = 0.0
     meeting: Annotated[
         str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest')
     ] = "impact"

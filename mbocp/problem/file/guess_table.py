@@ -24,23 +24,14 @@ class GuessTable(Table):
     """Where the solver starts."""
 
     kind: Annotated[
-        str | None,
-        choice(GUESSES),
-        Key("[where the solver starts](solver.md#guesses)", "", '`"auto"`'),
+        str | None, choice(GUESSES), Key("[where the solver starts](solver.md#guesses)", "", '`"auto"`')
     ] = None
     u: Annotated[Control, Key('constant control (kind `"control"`)', "N, N m")] = None
-    q: Annotated[
-        list[VectorOrNamed] | None,
-        Key('configurations on the way (kind `"way"`)', "rad, m"),
-    ] = None
+    q: Annotated[list[VectorOrNamed] | None, Key('configurations on the way (kind `"way"`)', "rad, m")] = None
     file: Annotated[str | None, Key('a saved result (kind `"solution"`)', "", "", "path")] = None
     at: Annotated[
         float | None,
-        Key(
-            "time of `guess.file` at which the problem [begins](results.md#warm-starts)",
-            "s",
-            "found",
-        ),
+        Key("time of `guess.file` at which the problem [begins](results.md#warm-starts)", "s", "found"),
     ] = None
 
 

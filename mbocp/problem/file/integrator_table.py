@@ -32,14 +32,9 @@ class IntegratorTable(Table):
     lie: Annotated[str, choice(LIE_METHODS), Key("how [rotations stay rotations](#explicit-schemes)")] = (
         "munthe_kaas"
     )
-    substeps: Annotated[
-        int,
-        whole(1),
-        Key("explicit schemes: their steps within one of the N"),
-    ] = 1
+    substeps: Annotated[int, whole(1), Key("explicit schemes: their steps within one of the N")] = 1
     gamma_quaternion: Annotated[
-        NonNegative,
-        Key('`"baumgarte"`: of quaternions, eq. (46) of [Manara2017]', "1/s"),
+        NonNegative, Key('`"baumgarte"`: of quaternions, eq. (46) of [Manara2017]', "1/s")
     ] = Stabilisation.gamma_quaternion
     gamma_dcm: Annotated[NonNegative, Key('`"baumgarte"`: of rotation matrices, eq. (47)', "1/s")] = (
         Stabilisation.gamma_dcm

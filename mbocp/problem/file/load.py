@@ -22,10 +22,7 @@ _DISPLACEMENT = 0.5  # [rad, m]
 
 
 def load_problem(
-    path: str | Path,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
-    *,
-    terms: Sequence[OwnTerm] = (),
+    path: str | Path, overrides: Mapping[str, Any] | Sequence[str] = (), *, terms: Sequence[OwnTerm] = ()
 ) -> Problem:
     """Read a problem file.
 

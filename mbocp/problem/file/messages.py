@@ -57,11 +57,7 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
 
 _TOOL = "where a tool should be is the table [goal.frame], with name, position and orientation"
 # What is wanted, and would otherwise be sent to a key of the same name that means something else.
-_NOT_THERE = {
-    "goal.position": _TOOL,
-    "goal.pose": _TOOL,
-    "goal.point": _TOOL,
-}
+_NOT_THERE = {"goal.position": _TOOL, "goal.pose": _TOOL, "goal.point": _TOOL}
 
 _REPEATED = frozenset(
     {"goal.any", "goal.any.frame", "start.frame", "phase"}

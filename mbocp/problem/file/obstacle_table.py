@@ -50,14 +50,7 @@ _LENGTHS = tuple(dict.fromkeys(key for keys in SIZES.values() for key in keys))
 class ObstacleTable(Table):
     """A shape that links keep away from."""
 
-    name: Annotated[
-        str | None,
-        Key(
-            "its name",
-            "",
-            "shape and number",
-        ),
-    ] = None
+    name: Annotated[str | None, Key("its name", "", "shape and number")] = None
     shape: Annotated[
         str | None,
         choice((*SHAPES, SCENE)),
@@ -121,10 +114,7 @@ class ObstacleTable(Table):
         list[list[list[Finite]]] | None,
         Key("corners of each convex part of `faces`", "m", "", "list of lists of 3 numbers each"),
     ] = None
-    points: Annotated[
-        list[list[Finite]] | None,
-        Key("of a cloud", "m", "", "list of 3 numbers each"),
-    ] = None
+    points: Annotated[list[list[Finite]] | None, Key("of a cloud", "m", "", "list of 3 numbers each")] = None
     resolution: Annotated[
         Positive,
         Key("side of the cubes of a cloud; by how much boxes may be higher than cells of heights", "m"),
@@ -152,10 +142,7 @@ class ObstacleTable(Table):
     )
     margin: Annotated[Finite, Key("least distance", "m")] = 0.0
     smoothing: Annotated[Positive, Key("length over which edges are rounded", "m")] = SMOOTHING
-    movable: Annotated[
-        bool,
-        Key("whether [moving it compiles nothing](obstacles.md#what-is-kept)"),
-    ] = False
+    movable: Annotated[bool, Key("whether [moving it compiles nothing](obstacles.md#what-is-kept)")] = False
 
 
 class SelfCollisionTable(Table):

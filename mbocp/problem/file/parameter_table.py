@@ -27,10 +27,7 @@ class ParameterCostTable(Table):
 class ParameterTable(Table):
     """A number of the robot that is found with the motion."""
 
-    of: Annotated[
-        str | list[str],
-        Key("[which number](parameters.md); those of a list have one value"),
-    ]
+    of: Annotated[str | list[str], Key("[which number](parameters.md); those of a list have one value")]
     min: Annotated[Finite, Key("least value", "those of the number")]
     max: Annotated[Finite, Key("greatest value", "those of the number")]
     start: Annotated[

@@ -38,22 +38,11 @@ _COLUMNS = "x, y, z, or x, y, z, qx, qy, qz, qw"
 class PathHead(Table):
     """Keys that every path constraint has."""
 
-    name: Annotated[
-        str | None,
-        Key(
-            "its name",
-            "",
-            "kind and frame",
-        ),
-    ] = None
+    name: Annotated[str | None, Key("its name", "", "kind and frame")] = None
     kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained")]
     frame: Annotated[
         str | None,
-        Key(
-            "frame of the robot, or its origin",
-            "",
-            "required, but for forces and all of the robot",
-        ),
+        Key("frame of the robot, or its origin", "", "required, but for forces and all of the robot"),
     ] = None
 
 

@@ -36,21 +36,12 @@ class HorizonTable(Table):
     """How long, and in how many steps."""
 
     duration: Annotated[
-        Duration,
-        Key(
-            "T; with a table it is [free](#free-duration)",
-            "s",
-            "required without `[[phase]]`",
-        ),
+        Duration, Key("T; with a table it is [free](#free-duration)", "s", "required without `[[phase]]`")
     ] = None
     steps: Annotated[
         int | None,
         whole(1),
-        Key(
-            "N, as [memory](#how-many-steps) allows",
-            "",
-            "required without `[[phase]]`",
-        ),
+        Key("N, as [memory](#how-many-steps) allows", "", "required without `[[phase]]`"),
     ] = None
     accuracy: Annotated[
         Finite | None,
@@ -62,16 +53,10 @@ class HorizonTable(Table):
     ] = None
     lengths: Annotated[
         list[Positive] | None,
-        Key(
-            "in place of `steps`: the length of each",
-            "s",
-            takes="list of numbers > 0",
-        ),
+        Key("in place of `steps`: the length of each", "s", takes="list of numbers > 0"),
     ] = None
     controls: Annotated[
-        str,
-        choice(CONTROLS),
-        Key("how controls vary [within a step](#controls-within-a-step)"),
+        str, choice(CONTROLS), Key("how controls vary [within a step](#controls-within-a-step)")
     ] = "constant"
 
 
@@ -93,17 +78,10 @@ class HoldTable(Table):
     )
     axis: Annotated[
         Triple,
-        Key(
-            "of a hinge or screw, in `frame`; of a plane (its normal) or line, in `to`",
-            "",
-            "`[0, 0, 1]`",
-        ),
+        Key("of a hinge or screw, in `frame`; of a plane (its normal) or line, in `to`", "", "`[0, 0, 1]`"),
     ] = None
     pitch: Annotated[Finite | None, Key("of a screw: way along the axis in a turn", "m")] = None
-    meeting: Annotated[
-        str,
-        Key('how it begins: with an `"impact"`, or `"soft"`'),
-    ] = "impact"
+    meeting: Annotated[str, Key('how it begins: with an `"impact"`, or `"soft"`')] = "impact"
 
 
 class ReleaseTable(Table):
@@ -116,28 +94,15 @@ class ReleaseTable(Table):
 class PhaseTable(Table):
     """A run of steps, and what differs in it."""
 
-    name: Annotated[
-        str,
-        Key("its name"),
-    ]
-    steps: Annotated[
-        int,
-        whole(1),
-        Key("its number of steps"),
-    ]
+    name: Annotated[str, Key("its name")]
+    steps: Annotated[int, whole(1), Key("its number of steps")]
     duration: Annotated[Duration, Key("how long it takes", "s")]
     contacts: Annotated[
-        list[str] | None,
-        Key("feet that [stand](contact.md#legs)", "", "none", "list of names"),
+        list[str] | None, Key("feet that [stand](contact.md#legs)", "", "none", "list of names")
     ] = None
-    limits: Annotated[
-        LimitsTable,
-        Key(
-            "keys of `[limits]`",
-            "",
-            "those of the problem",
-        ),
-    ] = LimitsTable.model_construct()
+    limits: Annotated[LimitsTable, Key("keys of `[limits]`", "", "those of the problem")] = (
+        LimitsTable.model_construct()
+    )
     cost: Annotated[
         PhaseCostTable,  # type: ignore[valid-type]  # made of its terms
         Key(
@@ -146,23 +111,18 @@ class PhaseTable(Table):
             "that of the problem",
         ),
     ] = PhaseCostTable.model_construct()
-    hold: Annotated[
-        list[HoldTable],
-        SEVERAL,
-        Key("[frames that are held](phases.md#what-is-held)"),
-    ] = Field(default_factory=list)
-    release: Annotated[
-        list[ReleaseTable],
-        RELEASED,
-        Key("constraints of the robot that do not hold"),
-    ] = Field(default_factory=list)
+    hold: Annotated[list[HoldTable], SEVERAL, Key("[frames that are held](phases.md#what-is-held)")] = Field(
+        default_factory=list
+    )
+    release: Annotated[list[ReleaseTable], RELEASED, Key("constraints of the robot that do not hold")] = (
+        Field(default_factory=list)
+    )
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]
         Key("path constraints in it: keys of `[[path]]`; `from` and `until` are parts of the phase"),
     ] = Field(default_factory=list)
     via: Annotated[
-        list[ViaTable],
-        Key("via points at its end, or a `share` of it: keys of `[[via]]` but `time`"),
+        list[ViaTable], Key("via points at its end, or a `share` of it: keys of `[[via]]` but `time`")
     ] = Field(default_factory=list)
 
 

@@ -23,10 +23,7 @@ from mbocp.problem.file.guess_table import read_guess
 from mbocp.problem.file.integrator_table import read_integrator
 from mbocp.problem.file.limits_table import LimitsTable, read_limits
 from mbocp.problem.file.messages import schema_error
-from mbocp.problem.file.obstacle_table import (
-    obstacles_from,
-    self_collision_from,
-)
+from mbocp.problem.file.obstacle_table import obstacles_from, self_collision_from
 from mbocp.problem.file.parameter_table import parameters_from
 from mbocp.problem.file.path_table import PathTable, path_from
 from mbocp.problem.file.phase_table import (

@@ -61,15 +61,10 @@ class RobustTable(Table):
     confidence: Annotated[
         Finite | None,
         Key(
-            "instead of `sigmas`: probability that a limit holds at a node",
-            takes="number between 0.5 and 1",
+            "instead of `sigmas`: probability that a limit holds at a node", takes="number between 0.5 and 1"
         ),
     ] = None
-    feedback: Annotated[
-        str,
-        choice(FEEDBACKS),
-        Key("what answers to deviations"),
-    ] = FEEDBACKS[0]
+    feedback: Annotated[str, choice(FEEDBACKS), Key("what answers to deviations")] = FEEDBACKS[0]
 
 
 def read_robust(robot: Robot, robust_table: RobustTable | None) -> Robust | None:

@@ -63,11 +63,7 @@ def _named_solver(value: Any) -> Any:
 class ProblemTable(Table):
     """A whole problem file."""
 
-    robot: Annotated[
-        RobotKeys,
-        Kind("string or table", _named_robot, str),
-        Key("name or path; or a table"),
-    ]
+    robot: Annotated[RobotKeys, Kind("string or table", _named_robot, str), Key("name or path; or a table")]
     coordinates: Annotated[
         str,
         choice(COORDINATES),
@@ -90,10 +86,7 @@ class ProblemTable(Table):
         Kind('`"profile"`, or table', _named_limits, Literal["profile"]),
         Key("bounds along the motion"),
     ] = LimitsTable.model_construct()
-    robust: Annotated[
-        RobustTable | None,
-        Key("what is [uncertain](robust.md)", "", "none"),
-    ] = None
+    robust: Annotated[RobustTable | None, Key("what is [uncertain](robust.md)", "", "none")] = None
     via: Annotated[list[ViaTable], Key("[via points](#via-points)")] = Field(default_factory=list)
     path: Annotated[
         list[PathTable],  # type: ignore[valid-type]
@@ -113,11 +106,7 @@ class ProblemTable(Table):
     solver: Annotated[
         SolverTable,
         Kind("string or table", _named_solver, str),
-        Key(
-            "a method's name, or a table",
-            "",
-            '`"auto"`',
-        ),
+        Key("a method's name, or a table", "", '`"auto"`'),
     ] = SolverTable.model_construct()
 
 

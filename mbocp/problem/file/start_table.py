@@ -30,21 +30,13 @@ class StartTable(Table):
 
     q: Annotated[VectorOrNamed, Key("configuration at t = 0", "m, rad", "initial pose")] = None
     v: Annotated[
-        Rate,
-        Key(
-            "velocity or momentum at t = 0",
-            "m/s, rad/s; kg m/s, N m s",
-            "rest",
-            beside=("p",),
-        ),
+        Rate, Key("velocity or momentum at t = 0", "m/s, rad/s; kg m/s, N m s", "rest", beside=("p",))
     ] = None
     p: Rate = None
     a: Annotated[
         Rate,
         Key(
-            "acceleration, for [limits of jerk](#accelerations-jerks-rates-and-powers)",
-            "m/s^2, rad/s^2",
-            "0",
+            "acceleration, for [limits of jerk](#accelerations-jerks-rates-and-powers)", "m/s^2, rad/s^2", "0"
         ),
     ] = None
     frame: Annotated[
@@ -53,8 +45,7 @@ class StartTable(Table):
         Key("[pose of a frame](#start-at-a-pose), or parts of it", "", "nothing"),
     ] = Field(default_factory=list)
     assemble: Annotated[
-        bool,
-        Key("move what violates [constraints](#constraints) to the nearest that does not"),
+        bool, Key("move what violates [constraints](#constraints) to the nearest that does not")
     ] = False
     free: Annotated[
         Free, Key("[what of the start is found](#free-start)", "m, rad, m/s, rad/s", "all is given")

@@ -23,13 +23,7 @@ from mbocp.terms.written import Bound, Finite, VectorOrNumber
 class TermHead(Table):
     """Keys of a term of one's own."""
 
-    name: Annotated[
-        str,
-        Key(
-            "which term, and a digest of its function",
-            beside=("role", "digest"),
-        ),
-    ]
+    name: Annotated[str, Key("which term, and a digest of its function", beside=("role", "digest"))]
     role: Annotated[str, choice(ROLES)]
     digest: str
     weight: Annotated[

@@ -24,25 +24,11 @@ from mbocp.terms.written import Finite, VectorOrNamed
 class ViaTable(Table):
     """What holds at one node between start and end."""
 
-    name: Annotated[
-        str | None,
-        Key("its name", "", "its number"),
-    ] = None
-    time: Annotated[
-        ViaTime,
-        Key(
-            "when it holds, or [is passed](#free-times)",
-            "s",
-            "`via.share`",
-        ),
-    ] = None
+    name: Annotated[str | None, Key("its name", "", "its number")] = None
+    time: Annotated[ViaTime, Key("when it holds, or [is passed](#free-times)", "s", "`via.share`")] = None
     share: Annotated[
         Finite | None,
-        Key(
-            "in place of a time; of a free one of the steps",
-            "part of the horizon",
-            "`via.time`",
-        ),
+        Key("in place of a time; of a free one of the steps", "part of the horizon", "`via.time`"),
     ] = None
     q: Annotated[
         VectorOrNamed,
@@ -56,9 +42,7 @@ class ViaTable(Table):
     ] = None
     v: Rate = None
     frame: Annotated[
-        list[FrameGoalTable],
-        SEVERAL,
-        Key("poses of frames there: keys of `goal.frame`", "", "nothing"),
+        list[FrameGoalTable], SEVERAL, Key("poses of frames there: keys of `goal.frame`", "", "nothing")
     ] = Field(default_factory=list)
 
 
@@ -96,10 +80,7 @@ def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoin
             frames=frames_from(table.frame, key=f"{key}.frame"),
         )
         return ViaPoint(
-            name=table.name or str(index + 1),
-            goal=goal,
-            time=time_from(table.time, key),
-            share=table.share,
+            name=table.name or str(index + 1), goal=goal, time=time_from(table.time, key), share=table.share
         )
 
 

@@ -14,11 +14,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
-from mbocp.mechanisms.consistent_states import (
-    CONSISTENCY_TOLERANCE,
-    allowed_velocities,
-    tangent_space,
-)
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, allowed_velocities, tangent_space
 from mbocp.problem.goals.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds

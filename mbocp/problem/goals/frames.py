@@ -140,12 +140,7 @@ def _near(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array | N
 
 
 def goal_branches(
-    robot: Robot,
-    goal: Goal,
-    q_start: Array,
-    limits: Bounds,
-    most: int = _BRANCHES,
-    restarts: int = RESTARTS,
+    robot: Robot, goal: Goal, q_start: Array, limits: Bounds, most: int = _BRANCHES, restarts: int = RESTARTS
 ) -> InverseKinematics:
     """Configurations at the poses of a goal's frames, `most` of them, the nearest to the start first.
 
@@ -318,11 +313,5 @@ def _unreachable(
         f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free"
     )
     return UnreachablePose(
-        robot.name,
-        target.name,
-        distance,
-        angle,
-        at,
-        found.q,
-        with_question(words, question),
+        robot.name, target.name, distance, angle, at, found.q, with_question(words, question)
     )

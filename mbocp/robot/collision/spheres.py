@@ -150,12 +150,7 @@ def _fit(
         gaps = made.gaps(_looked_at(shapes, solid, 2 * _OTHER))
         uncovered, gap = float((gaps > _ROUND_OFF).mean()), float(gaps.max())
     measures = np.array([sticks_out, uncovered, gap])
-    return {
-        "centers": made.centers,
-        "radii": made.radii,
-        "origin": np.array(origin),
-        "measures": measures,
-    }
+    return {"centers": made.centers, "radii": made.radii, "origin": np.array(origin), "measures": measures}
 
 
 def _covering(

@@ -17,13 +17,7 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.kinematics import placement_from
 from mbocp.robot.loading.actuation import ActuationReader, with_gears
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.elements import (
-    connectors_of,
-    constraints_of,
-    forces_of,
-    spheres_of,
-    trace_frames,
-)
+from mbocp.robot.loading.elements import connectors_of, constraints_of, forces_of, spheres_of, trace_frames
 from mbocp.robot.loading.joint_numbers import joint_resistances, limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
 from mbocp.robot.loading.mechanics_checks import check_drives, check_mechanics

@@ -13,11 +13,7 @@ from mbocp.robot.collision.source import CollisionSphere
 from mbocp.robot.loading.robot_toml import QuarticSpringTable, RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.kinds.constraint import Constraint
-from mbocp.robot.parts import (
-    Connector,
-    QuarticSpring,
-    SpringDamper,
-)
+from mbocp.robot.parts import Connector, QuarticSpring, SpringDamper
 
 _MIN_LENGTH = 1e-9  # [m] of a spring whose coefficient is its stiffness by the square of its length
 _STEEL, _BRASS = (0.35, 0.35, 0.38, 1.0), (0.75, 0.5, 0.15, 1.0)

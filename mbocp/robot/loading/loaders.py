@@ -18,13 +18,7 @@ from mbocp.robot.loading.describe import describe_parts, describe_source, inerti
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, RobotKeys, read_part, read_robot_keys
 from mbocp.robot.loading.robot_sources import find_source
-from mbocp.robot.loading.robot_tables import (
-    ElasticTable,
-    MotorTable,
-    payloads_of,
-    read_inertias,
-    read_rows,
-)
+from mbocp.robot.loading.robot_tables import ElasticTable, MotorTable, payloads_of, read_inertias, read_rows
 from mbocp.robot.loading.robot_toml import tables_from
 from mbocp.robot.named_numbers import take, with_numbers
 from mbocp.robot.payload import Payload

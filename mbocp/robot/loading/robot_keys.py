@@ -21,13 +21,7 @@ from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
-from mbocp.robot.loading.robot_tables import (
-    ElasticTable,
-    InertiasTable,
-    MotorTable,
-    PayloadTable,
-    ShapeTable,
-)
+from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, MotorTable, PayloadTable, ShapeTable
 from mbocp.robot.loading.table_types import Orientation, Position, refusal
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
@@ -98,15 +92,11 @@ class ReadingKeys(Declared):
         ),
     ] = None
     inertias: Annotated[
-        InertiasTable | None,
-        Key("masses and inertias beside the file's", default=f"{_OWN}, else none"),
+        InertiasTable | None, Key("masses and inertias beside the file's", default=f"{_OWN}, else none")
     ] = None
     damping: Annotated[
         bool | None,
-        Key(
-            "whether [viscous damping](robots.md#damping-and-friction) acts",
-            default=f"{_OWN}, else true",
-        ),
+        Key("whether [viscous damping](robots.md#damping-and-friction) acts", default=f"{_OWN}, else true"),
     ] = None
     friction: Annotated[
         str | None,
@@ -119,13 +109,11 @@ class ReadingKeys(Declared):
         Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
     ] = None
     arguments: Annotated[Arguments | None, Key("of a [xacro file](robots.md#xacro)", "", _OWN)] = None
-    package_dirs: Annotated[
-        list[str],
-        Key("where `package://` leads", "", "none", "list of paths"),
-    ] = Field(default=[])
+    package_dirs: Annotated[list[str], Key("where `package://` leads", "", "none", "list of paths")] = Field(
+        default=[]
+    )
     payload: Annotated[
-        list[PayloadTable] | None,
-        Key("[bodies that it carries](robots.md#payloads)", "", _OWN),
+        list[PayloadTable] | None, Key("[bodies that it carries](robots.md#payloads)", "", _OWN)
     ] = None
 
     def folders(self, base: Path | None) -> tuple[Path, ...]:
@@ -205,8 +193,7 @@ class _HeadKeys(Declared):
         str | None, Key("name of a robot, or path of a URDF or `robot.toml`", "", "required, or `robot.part`")
     ] = None
     part: Annotated[
-        list[PartTable] | None,
-        Key("[several robots in one world](robots.md#several-robots-in-one-world)"),
+        list[PartTable] | None, Key("[several robots in one world](robots.md#several-robots-in-one-world)")
     ] = None
 
 
@@ -240,10 +227,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     label: Annotated[str | None, Key("what to call it in output", "", "the robot's name")] = None
     elastic: Annotated[
         list[ElasticTable] | None,
-        Key(
-            "[elastic joints](robots.md#elastic-joints)",
-            default=f"{_OWN}, else none",
-        ),
+        Key("[elastic joints](robots.md#elastic-joints)", default=f"{_OWN}, else none"),
     ] = None
     motor: Annotated[
         list[MotorTable] | None,
@@ -251,14 +235,10 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     ] = None
     constraint: Annotated[
         list[dict[str, Any]] | None,
-        Key(
-            "[what joins parts](robots.md#parts-that-are-joined)",
-            takes="tables",
-        ),
+        Key("[what joins parts](robots.md#parts-that-are-joined)", takes="tables"),
     ] = None
     initial: Annotated[
-        dict[str, Any] | None,
-        Key("`q` by joint or part", "", "that of the parts", "table"),
+        dict[str, Any] | None, Key("`q` by joint or part", "", "that of the parts", "table")
     ] = None
 
     @model_validator(mode="after")

@@ -205,8 +205,7 @@ class InertiasTable(KeyTable):
     """Where masses and inertias of links come from that the file does not give."""
 
     density: Annotated[
-        _Positive | None,
-        Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3"),
+        _Positive | None, Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3")
     ] = None
     mass: Annotated[_Positive | None, Key("of the whole robot, from which the density follows", "kg")] = None
     links: Annotated[

@@ -22,13 +22,7 @@ from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.programme.native_modules import kernel
-from mbocp.solvers.newton_method.newton import (
-    PlainState,
-    check_termination,
-    factorise,
-    new_state,
-    next_state,
-)
+from mbocp.solvers.newton_method.newton import PlainState, check_termination, factorise, new_state, next_state
 from mbocp.solvers.options import SOLVER_TOLERANCE
 from mbocp.solvers.records import Status
 from mbocp.solvers.staggered.sweep import Kept, Sweeps, init_sweeps

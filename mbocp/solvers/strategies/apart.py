@@ -34,12 +34,7 @@ _ALONE = threading.RLock()
 
 
 def _run_and_tell(
-    solver: InteriorPoint,
-    programme: StagewiseProgramme,
-    iterate: Iterate,
-    phase: str,
-    first: int,
-    tell: Tell,
+    solver: InteriorPoint, programme: StagewiseProgramme, iterate: Iterate, phase: str, first: int, tell: Tell
 ) -> SolverResult:
     """Solve in the process, and tell the records and unknowns of iterations."""
     return solver.run_and_watch(programme, iterate, lambda *told: tell(told), phase, first, tell)

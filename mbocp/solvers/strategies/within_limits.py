@@ -162,8 +162,7 @@ def widen(programme: StagewiseProgramme, width: tuple[Array, Array], part: float
     """Return the programme with limits farther out by a part of `width`, below and above."""
     bounds = programme.bounds
     return replace(
-        programme,
-        bounds=bounds.with_sides(bounds.lower - part * width[0], bounds.upper + part * width[1]),
+        programme, bounds=bounds.with_sides(bounds.lower - part * width[0], bounds.upper + part * width[1])
     )
 
 

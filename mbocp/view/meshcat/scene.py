@@ -14,14 +14,7 @@ from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.arrows import connector_commands, force_arrows
-from mbocp.view.meshcat.commands import (
-    Command,
-    Track,
-    set_animation,
-    set_object,
-    set_transform,
-    shape_object,
-)
+from mbocp.view.meshcat.commands import Command, Track, set_animation, set_object, set_transform, shape_object
 from mbocp.view.meshcat.ghosts import (
     Other,
     ghost_commands,

@@ -122,8 +122,7 @@ def tell_omissions(path: Path, root: ElementTree.Element) -> None:
     if told:
         more = f"; and {len(told) - _MAX_NAMES} more" if len(told) > _MAX_NAMES else ""
         warn_caller(
-            f"{path}: not modelled, and left out: {'; '.join(told[:_MAX_NAMES])}{more}",
-            NotModelledWarning,
+            f"{path}: not modelled, and left out: {'; '.join(told[:_MAX_NAMES])}{more}", NotModelledWarning
         )
 
 

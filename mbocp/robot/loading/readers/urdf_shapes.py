@@ -52,10 +52,7 @@ def build_visuals(urdf: Urdf, model: pin.Model, folders: Sequence[Path]) -> pin.
             visuals.addGeometryObject(object_of(model, shape, color))
     if missing:
         path = urdf.path if unpacked_root(urdf.path.parent) is None else urdf.path.name  # that of a result
-        warn_caller(
-            f"{path}: shown without its missing meshes ({_name(missing)})",
-            MissingMeshWarning,
-        )
+        warn_caller(f"{path}: shown without its missing meshes ({_name(missing)})", MissingMeshWarning)
     return visuals
 
 
