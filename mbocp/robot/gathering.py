@@ -99,10 +99,11 @@ class _Gathering:
             {"asked": asked, "within": within(folder), "path": place_of(path)}
             for asked, folder, path in self.addresses
         ]
+        digests = {path: digest_of(content) for path, content in self.contents.items()}
         files = [
             StoredFile(
                 path=place_of(path),
-                digest=digest_of(content),
+                digest=digests[path],
                 size=len(content),
                 origin=str(path),
                 is_mesh=path in self.meshes,
@@ -110,7 +111,8 @@ class _Gathering:
             for path, content in self.contents.items()
         ]
         listed = {"spec": dict(spec), "sources": sources, "addresses": addresses, "files": files}
-        return RobotFiles(json.loads(json.dumps(listed)), pack(list(self.contents.values())))
+        packed = {digest: pack(self.contents[path]) for path, digest in digests.items()}
+        return RobotFiles(json.loads(json.dumps(listed)), packed)
 
 
 def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:

@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import weakref
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -222,9 +222,9 @@ def _remove(folder: Path, owner: int) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def pack(contents: Sequence[bytes]) -> dict[str, bytes]:
-    """Compressed contents by digest."""
-    return {digest_of(content): zlib.compress(content, _LEVEL) for content in contents}
+def pack(content: bytes) -> bytes:
+    """Compress a content."""
+    return zlib.compress(content, _LEVEL)
 
 
 def digest_of(content: bytes) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -80,6 +82,23 @@ def test_zeros_of_two_signs_are_not_the_same() -> None:
     for value in (-np.zeros(1), np.zeros(2), 0.0):
         assert run_steps(steps, {"a": value}, first)["b"] is value
     assert run_steps(steps, {"a": np.zeros(1)}, first)["b"] is first["b"]
+
+
+def test_another_goal_checks_no_rates_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = mbocp.load_problem("examples/arms/ur5_limits.toml")
+    run, ran = Step.run, []
+    monkeypatch.setattr(Step, "run", lambda step, values: ran.append(step.work.__name__) or run(step, values))
+    problem.with_(goal={"q": problem.goal.q + 0.01})
+    assert "settle_goal" in ran  # else the test would see nothing
+    assert not {"check_rates", "check_mean_squares"} & set(ran)
+
+
+def test_what_is_worked_out_of_a_problem_stays_behind_when_it_is_sent() -> None:
+    problem = mbocp.load_problem("examples/arms/ur5_limits.toml")
+    assert problem.limits_of_rates is problem.limits_of_rates
+    sent = pickle.loads(pickle.dumps(problem))
+    assert "limits_of_rates" not in vars(sent)
+    assert problem_to_toml(sent) == problem_to_toml(problem)
 
 
 def test_another_goal_makes_no_other_phases() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -54,20 +54,21 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
 
 
 def _in_package(package: str, rest: str, uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
-    roots = package_folders(package, base, package_dirs)
+    roots = []
+    for root in package_folders(package, base, package_dirs):
+        if is_file(root / rest):
+            return root / rest
+        roots.append(root)
     if not roots:
         raise FileNotFoundError(
             f"{shorten(uri)}{NO_PACKAGE}{show(package)} found, name its parent in package_dirs or "
             "--package-dir"
         )
-    for root in roots:
-        if is_file(root / rest):
-            return root / rest
     raise FileNotFoundError(f"{shorten(uri)}: {shorten(str(roots[0] / rest))} does not exist")
 
 
-def package_folders(package: str, base: Path, package_dirs: Iterable[Path]) -> list[Path]:
-    """Folders that may be the package, the likeliest first.
+def package_folders(package: str, base: Path, package_dirs: Iterable[Path]) -> Iterator[Path]:
+    """Yield folders that may be the package, the likeliest first; those of other names are looked into last.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def package_folders(package: str, base: Path, package_dirs: Iterable[Path]) -> l
         Folders to look in first.
     """
     folders = [*package_dirs, *_environment_packages(), base, *base.parents]
-    roots = [folder / package for folder in folders if is_folder(folder / package)]
-    return roots + [folder for folder in folders if _is_package(folder, package)]
+    yield from (folder / package for folder in folders if is_folder(folder / package))
+    yield from (folder for folder in folders if _is_package(folder, package))
 
 
 def _is_package(folder: Path, package: str) -> bool:

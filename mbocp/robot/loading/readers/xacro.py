@@ -139,12 +139,12 @@ def _run(
     from xacro import substitution_args
 
     def find(package: str) -> str:
-        found = package_folders(package, path.parent, folders)
-        if not found:
+        found = next(package_folders(package, path.parent, folders), None)
+        if found is None:
             raise FileNotFoundError(
                 f"no package folder {show(package)} found, name its parent in package_dirs or --package-dir"
             )
-        return str(found[0])
+        return str(found)
 
     xacro.all_includes = []
     # Its own way needs an installed ROS; these are the two places in which it looks the function up.
