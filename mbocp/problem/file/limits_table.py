@@ -12,7 +12,7 @@ from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import coordinate_slots, tangent_slots
+from mbocp.problem.file.named_values import coordinate_slots, spread_parts, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
@@ -76,9 +76,10 @@ def bounds_from(robot: Robot, **written: Any) -> Bounds:
     robot : Robot
     **written : bool, float, list or mapping, optional
         Of efforts and velocities True for the robot's own; a number for all, or one entry for each in a list
-        or table by name, where an entry is a number, the largest absolute value, or a pair [lower, upper]. Of
-        positions True for the robot's own, or pairs; of `effort_rms` positive numbers. Keys of
-        `mbocp.terms.rates.RATE_TERMS` are like efforts and velocities, but robots have none of their own.
+        or a table by name, of a part for all of its joints. An entry is a number, the largest absolute value,
+        or a pair [lower, upper]. Of positions True for the robot's own, or pairs; of `effort_rms` positive
+        numbers. Keys of `mbocp.terms.rates.RATE_TERMS` are like efforts and velocities, but robots have none
+        of their own.
 
     Raises
     ------
@@ -111,6 +112,7 @@ def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Side
     if term is not None and written is True:
         raise ProblemError(f"{key}: got true, but URDFs have no such limits; give numbers")
     is_of_v = letter == "v" or (term is not None and term.over == "v")
+    written = spread_parts(robot, written, robot.joint_names if is_of_v else [u.name for u in robot.u_labels])
     slots = tangent_slots(robot) if is_of_v else _control_slots(robot, key, written)
     labels = robot.v_labels if is_of_v else robot.u_labels
     none = np.full(len(labels), np.inf)
@@ -141,6 +143,7 @@ def _control_slots(robot: Robot, key: str, written: Any) -> dict[str, slice]:
 
 def _position(robot: Robot, letter: str, written: Any) -> _Sides:
     key, plain = LIMITS[letter], is_plain(robot)
+    written = spread_parts(robot, written, robot.joint_names)
     lower = np.where(plain, robot.limits.position_lower, -np.inf)
     upper = np.where(plain, robot.limits.position_upper, np.inf)
     slots = coordinate_slots(robot)

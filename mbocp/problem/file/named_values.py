@@ -233,6 +233,19 @@ def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) ->
     return spread
 
 
+def spread_parts(robot: Robot, written: Any, names: Sequence[str]) -> Any:
+    """Give the entry of a part to each of `names` within it, unless that has an entry of its own."""
+    if not isinstance(written, Mapping):
+        return written
+    own = dict(written)
+    spread: dict[str, Any] = {}
+    for part in robot.parts:
+        inside = [name for name in names if name.startswith(part.prefix)]
+        if part.name in own and inside:
+            spread |= dict.fromkeys(inside, own.pop(part.name))
+    return spread | own
+
+
 def joint_values(robot: Robot, value: Array, active: BoolArray) -> dict[str, Any]:
     """Return the table by joint name that reads back as `value`, a configuration or tangent."""
     table: dict[str, Any] = {}
