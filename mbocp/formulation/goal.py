@@ -89,9 +89,11 @@ def end_condition_rows(
 
     With holds that begin or end on the way, and a goal that does not give every joint, `goal.q` is a guess of
     the configuration in which the motion ends. Conditions on rates are then entries of them: as many as the
-    constraints leave free, those that say most of the others there. They say all wherever the constraints can
-    be solved for the others, where a basis of the tangent space at the guess may be at right angles to
-    velocities that the constraints allow. Where `goal.q` is the end of a motion, it is that basis.
+    constraints leave free, those that say most of the others there, and of what robots carry only those that
+    the robots do not say: a load at rest leaves free what a stretched arm does, an arm at rest no load. They
+    say all wherever the constraints can be solved for the others, where a basis of the tangent space at the
+    guess may be at right angles to velocities that the constraints allow. Where `goal.q` is the end of a
+    motion, it is that basis.
 
     Parameters
     ----------
@@ -121,11 +123,21 @@ def end_condition_rows(
     if ties is None or goal.q_active.all() or goal.q_is_reached:
         D_rate = independent_rows(goal.rate_active, moments, reachable)
     else:
-        entries = np.flatnonzero(goal.rate_active)
-        D_rate = np.eye(robot.nv)[entries[spanning_rows(moments[entries], RANK_TOLERANCE)]]
+        D_rate = _chosen_rates(robot, goal.rate_active, moments)
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
     frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable, basis)
     return EndRows(D_q, D_rate, frames)
+
+
+def _chosen_rates(robot: Robot, active: BoolArray, moments: Array) -> Array:
+    """Entries of rates that say all others, those of robots before those of loads, shape (rows, nv)."""
+    chosen: list[int] = []
+    left = moments
+    for entries in (np.flatnonzero(active & ~robot.is_load), np.flatnonzero(active & robot.is_load)):
+        found = entries[spanning_rows(left[entries], RANK_TOLERANCE)]
+        chosen += found.tolist()
+        left = left @ null_space(left[found], RANK_TOLERANCE)
+    return np.eye(robot.nv)[sorted(chosen)]
 
 
 def acceleration_rows(problem: Problem) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
@@ -277,6 +277,20 @@ class Robot(Mechanism):
             columns.append((jacobian.T @ actuator.direction)[:, None])
         columns.append(np.zeros((self.nv, len(self.drives))))
         return frozen_array(np.hstack(columns))
+
+    @cached_property
+    def is_load(self) -> BoolArray:
+        """Velocity components of trees of bodies in which no motor or drive acts, shape (nv,)."""
+        acts = np.any(self.actuation_matrix(self.q0) != 0.0, axis=1)
+        acts[[*self.driven, *(joint.at_v[0] for joint in self.elastic)]] = True
+        found = np.zeros(self.nv, dtype=np.bool_)
+        for tree in self.model.subtrees[1:]:
+            if self.model.parents[tree[0]] == 0:
+                last = self.model.joints[tree[-1]]
+                at = slice(self.model.idx_vs[tree[0]], last.idx_v + last.nv)
+                found[at] = not acts[at].any()
+        found.setflags(write=False)
+        return found
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of gravity and of the force elements [J]."""

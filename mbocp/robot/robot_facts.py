@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._text import show
 from mbocp.exceptions import MbocpError
@@ -17,6 +18,9 @@ from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot import Robot
+
+_JOINT = "joint "  # how lines about one joint begin
+_MAX_ALIKE = 4  # joints of which the same is said, named in one line
 
 
 def describe(robot: Robot) -> dict[str, Any]:
@@ -70,12 +74,17 @@ def describe(robot: Robot) -> dict[str, Any]:
 
 
 def find_oddities(robot: Robot) -> tuple[str, ...]:
-    """Find what is allowed in the files of a robot, and probably not meant; one line for each."""
+    """Find what is allowed in the files of a robot, and probably not meant; one line for each.
+
+    Nothing is said of links that have other inertias, and of joints that are locked.
+    """
     found = list[str]()
     parts = ("", *(part.prefix for part in robot.parts))
-    mended = tuple(
-        f"link {show(one.link.removeprefix(part))}: " for one in robot.link_inertias for part in parts
-    )
+    moving = {name.removeprefix(part) for name in robot.joint_names for part in parts}
+    fixed = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.FIXED_JOINT]
+    locked = {name.removeprefix(part) for name in fixed for part in parts} - moving
+    links = [one.link.removeprefix(part) for one in robot.link_inertias for part in parts]
+    mended = (*(f"link {show(name)}: " for name in links), *(f"joint {show(name)}: " for name in locked))
     folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
@@ -83,7 +92,21 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
             found += [line for line in lines if not line.startswith(mended)]
         except MbocpError:  # the file has changed, or is no longer there
             continue
-    return tuple(found)
+    return tuple(_joined(found))
+
+
+def _joined(lines: Iterable[str]) -> Iterator[str]:
+    """Say in one line what is said of several joints."""
+    alike: dict[str, list[str]] = {}
+    for line in dict.fromkeys(lines):
+        name, _, words = line.removeprefix(_JOINT).partition(": ")
+        if line.startswith(_JOINT):
+            alike.setdefault(words, []).append(name)
+        else:
+            yield line
+    for words, names in alike.items():
+        more = f" and {len(names) - _MAX_ALIKE} more" if len(names) > _MAX_ALIKE else ""
+        yield f"joint{'s' if len(names) > 1 else ''} {', '.join(names[:_MAX_ALIKE])}{more}: {words}"
 
 
 def _joint(robot: Robot, joint: int) -> dict[str, Any]:

@@ -8,10 +8,14 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mbocp.robot import load_parts, load_robot
 from mbocp.robot.loading.readers.urdf_checks import find_oddities
+from mbocp.robot.robot_facts import find_oddities as oddities_of
 from tests.cli.conftest import ARM
 from tests.robot.urdfs import chain, joint, link, robot
 from tests.view.pages import read_page
+
+BALLS = {f"l{i}": {"mass": 1.0, "com": [0, 0, 0], "inertia": [0.01, 0.01, 0.01]} for i in range(1, 7)}
 
 
 def told(tmp_path, urdf: str) -> str:
@@ -127,22 +131,20 @@ def test_odd_inertias_are_told(tmp_path):
     assert "are the units right" in told(tmp_path, arm(inertial(0.1, 20, 30, 40)))
 
 
-def test_joints_of_which_the_same_is_odd_share_a_line(tmp_path):
-    urdf = robot(
-        *(link(f"l{i}") for i in range(7)),
-        *(
-            joint(
-                f"j{i}",
-                "revolute",
-                f"l{i}",
-                f"l{i + 1}",
-                extra='<limit lower="-1" upper="1" effort="0" velocity="2"/>',
-            )
-            for i in range(6)
-        ),
-    )
-    (line,) = told(tmp_path, urdf).splitlines()
+def test_joints_of_which_the_same_is_odd_share_a_line_but_for_locked_ones(tmp_path):
+    zero = '<limit lower="-1" upper="1" effort="0" velocity="2"/>'
+    joints = (joint(f"j{i}", "revolute", f"l{i}", f"l{i + 1}", extra=zero) for i in range(6))
+    path = tmp_path / "chain.urdf"
+    path.write_text(robot(*(link(f"l{i}") for i in range(7)), *joints))
+    (line,) = oddities_of(load_robot(path, inertias={"links": BALLS}))
     assert line.startswith("joints 'j0', 'j1', 'j2', 'j3' and 2 more: zero effort in <limit>")
+    held = {"lock": [f"j{i}" for i in range(5)], "inertias": {"links": BALLS}}
+    assert len(lines := oddities_of(load_robot(path, **held))) == 1
+    assert lines[0].startswith("joint 'j5': zero effort")
+    parts = [{"name": "held", "robot": str(path), **held}]
+    assert oddities_of(load_parts(parts)) == lines
+    parts.append({"name": "free", "robot": str(path), "inertias": held["inertias"]})
+    assert oddities_of(load_parts(parts)) == (line,)
 
 
 def test_odd_limits_are_told(tmp_path):

@@ -27,6 +27,7 @@ from mbocp.problem import Problem
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Status
 
+FLYER = Path(__file__).parents[2] / "examples" / "optima" / "robots" / "free_flyer" / "robot.toml"
 pytestmark = pytest.mark.usefixtures("interpreted")
 
 SWING = {
@@ -159,6 +160,35 @@ def test_conditions_on_velocities_are_chosen_where_the_feet_stand() -> None:
     assert least(straight, bent) < 1e-9
     assert least(bent, bent) > 0.02
     assert least(straight, straight) > 0.02
+
+
+def test_an_arm_at_rest_says_that_its_load_is_at_rest() -> None:
+    """Wherever the motion ends: of conditions on both, some say nothing where the arm is singular."""
+    arm = {"name": "arm", "robot": "ur5"}
+    load = {"name": "load", "mass": 1.0, "box": [0.1, 0.1, 0.1]}
+    held = {"frame": "arm/tool0", "to": "load/body"}
+    problem = problem_from_tables(
+        {
+            "robot": {"part": [arm, load]},
+            "start": {"q": {"arm": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], "load": [3.0, 0, 0, 0, 0, 0, 1]}},
+            "phase": [
+                {"name": "reach", "steps": 4, "duration": 1.0},
+                {"name": "carry", "steps": 4, "duration": 1.0, "hold": [held]},
+            ],
+            "goal": {"v": 0.0},
+        }
+    )
+    assert problem.robot.is_load.tolist() == [False] * 6 + [True] * 6
+    ties = ties_at_end(problem, problem.goal.q)
+    rows = end_condition_rows(problem.robot, problem.goal, ties=ties)
+    np.testing.assert_array_equal(rows.D_rate, np.eye(12)[:6])
+
+
+def test_what_motors_act_on_through_springs_or_thrust_is_no_load() -> None:
+    assert not mbocp.load_robot(FLYER).is_load.any()
+    elastic = [{"joint": "elbow_joint", "stiffness": 1e3, "motor_inertia": 0.1}]
+    joints = mbocp.load_robot("ur5", elastic=elastic, actuated=["elbow_joint"])
+    assert not joints.is_load.any()
 
 
 def at_speeds(problem: Problem, v: np.ndarray) -> Motion:

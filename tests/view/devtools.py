@@ -33,13 +33,7 @@ class OpenPage:
             self._socket = connect(_socket_of_first_page(profile), max_size=None)
             for domain in ("Runtime", "Log", "Page"):
                 self.call(f"{domain}.enable")
-            self.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=size[0],
-                height=size[1],
-                deviceScaleFactor=1,
-                mobile=False,
-            )
+            self.resize(size)
             self.call("Page.navigate", url=address)
         except BaseException:
             self._end()
@@ -62,6 +56,12 @@ class OpenPage:
                 assert "error" not in message, message
                 return message["result"]
             self._events.append(message)
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Give the window a width and a height [pixel]."""
+        width, height = size
+        shape = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **shape)
 
     def value(self, expression: str) -> Any:
         """Of a JavaScript expression."""

@@ -46,6 +46,19 @@
     viewer.set_dirty();
   }
 
+  function keepFit(viewer, camera) {
+    // A window of another shape, as of a phone that is turned, is fitted again, unless somebody has moved the camera.
+    let isFitted = true;
+    const fit = () => { isFitted = true; fitView(viewer, camera); };
+    viewer.controls.addEventListener("start", () => { isFitted = false; });
+    at("fit").onclick = fit;
+    new ResizeObserver(() => {
+      viewer.set_3d_pane_size();
+      if (isFitted) { fit(); }
+    }).observe(at("pane"));
+    fit();
+  }
+
   function showForces(viewer, { path, words }) {
     const label = at("forces");
     const box = label.querySelector("input");
@@ -86,7 +99,6 @@
     seek.oninput = () => jump(Number(seek.value));
     at("speed").onchange = (event) => { animator.mixer.timeScale = Number(event.target.value); };
     document.addEventListener("replayjump", (event) => jump(event.detail));
-    at("fit").onclick = () => fitView(viewer, scene.camera);
     document.addEventListener("keydown", (event) => {
       if (event.code === "Space" && !["BUTTON", "SELECT"].includes(event.target.tagName)) { event.preventDefault(); toggle(); }
     });
@@ -134,7 +146,7 @@
       runBar(viewer, scene);
     }
     if (scene.forces) { showForces(viewer, scene.forces); }
-    fitView(viewer, scene.camera);
+    keepFit(viewer, scene.camera);
     window.viewer = viewer; // for the curious, and for tests
     let meshes = 0;
     viewer.scene.traverse((node) => { meshes += node.isMesh ? 1 : 0; });

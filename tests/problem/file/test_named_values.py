@@ -3,6 +3,7 @@
 import math
 import re
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from mbocp.problem.file.named_values import (
     tangent_from,
     weights_from,
 )
+from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import Robot, load_robot
 
 
@@ -134,3 +136,22 @@ def test_quaternion_is_normalised_with_a_warning(hector: Robot) -> None:
 def test_zero_quaternion_is_refused(hector: Robot) -> None:
     with pytest.raises(MbocpError, match=r"goal\.q\[3:7\].*root_joint.*norm 0"):
         Problem.create(hector, 1.0, 20, goal={"q": [0, 0, 1, 0, 0, 0, 0]})
+
+
+def test_limits_of_a_part_are_those_of_all_its_joints() -> None:
+    parts = [{"name": "left", "robot": "ur5"}, {"name": "load", "mass": 1.0, "sphere": 0.1}]
+    robot = {"part": [*parts, {"name": "table", "mass": 1.0, "free_flyer": False}]}
+    limits: dict[str, Any] = {
+        "velocity": {"left": 2.0, "left/elbow_joint": [-1.0, 0.5], "load": 3.0},
+        "effort": {"left": 40.0},
+        "position": {"left": [-1.0, 1.5]},
+    }
+    given = {"horizon": {"duration": 1.0, "steps": 5}, "goal": {"v": 0.0}}
+    found = problem_from_tables({"robot": robot, "limits": limits, **given}).limits
+    assert found.v_upper.tolist() == [2.0, 2.0, 0.5, 2.0, 2.0, 2.0] + [3.0] * 6
+    assert found.v_lower[2] == -1.0
+    assert found.u_lower.tolist() == [-40.0] * 6
+    assert found.q_upper[:6].tolist() == [1.5] * 6
+    assert not np.isfinite(found.q_upper[6:]).any()
+    with pytest.raises(MbocpError, match="'table'"):  # which has no joints
+        problem_from_tables({"robot": robot, "limits": {"velocity": {"table": 1.0}}, **given})

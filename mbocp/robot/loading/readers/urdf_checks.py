@@ -28,7 +28,6 @@ _MAX_NAMES = 5  # links named in one message
 _NORM_RANGE = (1e-9, 1e9)  # of an axis; far beyond, its square is no number any more
 _TOLERANCE = 0.02  # of the largest moment of inertia: numbers with few digits
 _MAX_RADIUS = 3.0  # [m] of gyration; larger links are rare, and mm in place of m are not
-_MAX_ALIKE = 4  # joints of which the same is said, named in one line
 _WITH_LIMITS = ("revolute", "prismatic")
 
 
@@ -188,12 +187,9 @@ def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[str]:
     for inertial in read_inertials(path, root):
         if inertial.link in moving:
             yield from _of_inertia(inertial)
-    alike: dict[str, list[str]] = {}
     for joint in root.iterfind("joint"):
         for words in _of_joint(joint):
-            alike.setdefault(words, []).append(joint.get("name", ""))
-    for words, names in alike.items():
-        yield f"{'joints' if len(names) > 1 else 'joint'} {list_names(names, _MAX_ALIKE)}: {words}"
+            yield f"joint {show(joint.get('name', ''))}: {words}"
 
 
 def _of_inertia(inertial: Inertial) -> Iterator[str]:
