@@ -308,8 +308,9 @@ def test_rates_are_those_between_the_middles_of_steps() -> None:
     """Jerks and rates of controls across the node where the length changes, by differences of the motion."""
     via = [{"name": "a", "time": "free", "share": 0.25, "q": [0.9, 0.4]}]
     limits = {"jerk": 12.0, "effort_rate": 8.0, "acceleration": 30.0}
-    goal = {"q": [3.0, 0.0], "v": 0, "a": "free"}
+    goal = {"q": [3.0, 0.0], "v": 0, "a": "free", "u": "free"}
     problem = bead(2.0, via, 24, goal=goal, limits=limits, cost={"effort": 1.0, "control_rate": 0.01})
+    problem = problem.with_(start={"u": "free"})
     s = solved(problem)
     middles = (s.t[1:] + s.t[:-1]) / 2.0
     assert np.ptp(np.diff(s.t)) > 0.05

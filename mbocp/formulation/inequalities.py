@@ -17,6 +17,7 @@ from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.motion_rates import rates_along
 from mbocp.problem import Problem
+from mbocp.problem.first_motion import holding_controls
 from mbocp.programme import Iterate
 from mbocp.terms.bounded import MotionAtNodes
 
@@ -56,7 +57,9 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
         rates_along, robot, qs, vs, us, motion.dts, motion.us_at_ends, linear, problem.a_start
     )
     limits = problem.limits_of_rates
-    rates = along_steps() if limits else {}
+    rates = along_steps(problem.u_before) | {"control": motion.us_at_ends} if limits else {}
+    if isinstance(problem.u_after, str) and (held := holding_controls(robot, qs[-1])) is not None:
+        rates["held"] = held
     return np.hstack([np.zeros((len(us), 0)), *along, *(c.values_of(rates, motion.dts) for c in limits)])
 
 

@@ -19,6 +19,7 @@ def rates_along(
     ends: Array | None = None,
     linear: Array | None = None,
     a_start: Array | None = None,
+    u_start: Array | None = None,
 ) -> dict[str, Array]:
     """Rates in every step, by their keys in `[limits]`.
 
@@ -40,13 +41,15 @@ def rates_along(
         Controls at both ends of the steps, where they are linear between: their rates are those in the steps.
     a_start : ndarray, shape (nv,), optional
         Acceleration at the start, zero by default [m/s^2, rad/s^2].
+    u_start : ndarray, shape (nu,), optional
+        Controls before the start; without them the first ones have no rate [N, N m, and the units of drives].
 
     Returns
     -------
     dict of str to ndarray
         ``acceleration`` (v_n - v_{n-1}) / dt and ``jerk`` (a_n - a_{n-1}) / dt with a_0 given, shape (N, nv);
-        ``effort_rate`` (u_n - u_{n-1}) / dt, zero in the first step, and ``power`` at the end of each step,
-        shape (N, nu). Of jerks and rates of controls dt is `spacings`, of the first jerk half the step. Steps
+        ``effort_rate`` (u_n - u_{n-1}) / dt with u_0 given, and ``power`` at the end of each step,
+        shape (N, nu). Of jerks and rates of controls dt is `spacings`, in the first step half of it. Steps
         of no duration, impacts, repeat what the step before them has.
     """
     timed = dts > 0.0
@@ -54,11 +57,13 @@ def rates_along(
     places = np.maximum(np.searchsorted(steps, np.arange(len(dts)), side="right") - 1, 0)
     lengths, between = dts[timed][:, None], spacings(dts[timed])[:, None]
     accelerations, forces = (vs[1:] - vs[:-1])[timed] / lengths, us[timed]
+    between[:1] /= 2.0  # from the start in half of the first step
     before = np.zeros((1, vs.shape[1])) if a_start is None else a_start[None]
+    force_before = forces[:1] if u_start is None else u_start[None]
     rates = {
         "acceleration": accelerations,
-        "jerk": np.diff(accelerations, axis=0, prepend=before) / np.vstack([between[:1] / 2, between[1:]]),
-        "effort_rate": np.diff(forces, axis=0, prepend=forces[:1]) / between,
+        "jerk": np.diff(accelerations, axis=0, prepend=before) / between,
+        "effort_rate": np.diff(forces, axis=0, prepend=force_before) / between,
     }
     rates = {key: values[places] for key, values in rates.items()}
     if linear is not None and linear.size:

@@ -88,7 +88,7 @@ def first_motion(robot: Robot) -> FirstMotion:
 
 def can_rest(robot: Robot, q: Array) -> bool:
     """Whether controls can push the robot in every direction that its constraints leave."""
-    forces = _forces(robot, q)
+    forces = forces_at(robot, q)
     return int(np.linalg.matrix_rank(forces, tol=_RESTING)) == robot.nv if not robot.drives else False
 
 
@@ -114,7 +114,7 @@ def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) 
         )
     )
     wanted = wanted - robot.force_elements(q, still)
-    forces = _forces(robot, q)
+    forces = forces_at(robot, q)
     found = np.linalg.lstsq(forces, wanted, rcond=None)[0]
     if np.abs(forces @ found - wanted).max(initial=0.0) > _RESTING * max(
         1.0, np.abs(wanted).max(initial=0.0)
@@ -123,8 +123,8 @@ def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) 
     return np.array(found[: robot.nu])
 
 
-def _forces(robot: Robot, q: Array) -> Array:
-    """Columns of generalised forces that controls and constraints exert."""
+def forces_at(robot: Robot, q: Array) -> Array:
+    """Columns of generalised forces that controls, and then constraints, exert, shape (nv, nu + nc)."""
     return np.hstack([robot.actuation_matrix(q), robot.constraint_jacobian(q).T])
 
 

@@ -11,10 +11,19 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
 from mbocp.problem.excite import Excite
 from mbocp.problem.found_parameter import Parameter
-from mbocp.problem.goals.end_conditions import check_end_conditions, free_at_end
+from mbocp.problem.goals.end_conditions import (
+    check_end_conditions,
+    controls_at,
+    free_at_end,
+    holds_anywhere,
+    says_whole,
+    stops_whole,
+)
+from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
@@ -23,7 +32,7 @@ from mbocp.problem.integration import Lie, Stabilisation
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.rate_limits import RateLimit, end_jerk_limits, rate_limits
+from mbocp.problem.rate_limits import RateLimit, end_control_limit, end_jerk_limit, rate_limits
 from mbocp.problem.solver import SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
@@ -130,6 +139,8 @@ class ProblemData:
     a_start : ndarray, shape (nv,), optional
         Acceleration before the start, the mean of a step that would end there: limits of jerk hold from it
         on. Zero by default [m/s^2, rad/s^2].
+    u_start : EndControl
+        Controls before the start: limits of their rates hold from these on.
     parameter : tuple of Parameter
         Numbers of the robot that are found with the motion.
     start_free : FreeStart, optional
@@ -187,6 +198,7 @@ class ProblemData:
     q_start: Array
     v_start: Array
     a_start: Array
+    u_start: EndControl
     parameter: tuple[Parameter, ...]
     start_free: FreeStart | None
     guess: Guess
@@ -298,13 +310,46 @@ class ProblemData:
 
     @cached_property
     def end_limits(self) -> tuple[RateLimit, ...]:
-        """The limit of jerks with which accelerations become those at the end, where they are asked for."""
+        """Limits of jerks and rates with which accelerations and controls become those at the end."""
         at_end, goal = self.limits_of_ends[1], self.goal
         timeline = self.timeline
         length = (
             timeline.dt if timeline.has_free_lengths else float(timeline.lengths()[~timeline.is_impact][-1])
         )
-        return end_jerk_limits(self.robot, at_end, goal.a, goal.a_active, length)
+        limits = end_jerk_limit(self.robot, at_end, goal.a, goal.a_active, length)
+        u = self.u_after
+        if u is None:
+            return limits
+        goal_u = None if isinstance(u, str) else u
+        is_linear = self.controls == "linear"
+        return (*limits, *end_control_limit(self.robot, at_end, goal_u, length, is_linear=is_linear))
+
+    @property
+    def u_before(self) -> Array | None:
+        """Controls before the start, shape (nu,), from which limits of their rates lead; None: free."""
+        if "du" not in self.widest_limits.letters:
+            return None
+        begins = not (self.v_start.any() or self.a_start.any()) and self.start_free is None and self._is_known
+        return controls_at(self.robot, self.u_start, self.limits_of_ends[0], self.q_start, rests=begins)
+
+    @property
+    def u_after(self) -> Array | Literal["held"] | None:
+        """Controls after the end, shape (nu,), to which limits of their rates lead; None: free.
+
+        Of open chains with a motor for each joint, wherever these end, what holds them.
+        """
+        said, robot, goal = self.goal.u, self.robot, self.goal
+        if "du" not in self.widest_limits.letters or not (said.rule == "given" or self._is_known):
+            return None
+        follows = COORDINATES[self.coordinates].has_joint_states and holds_anywhere(robot)
+        rests = stops_whole(robot, goal) and (follows or says_whole(robot, goal))
+        u = controls_at(robot, said, self.limits_of_ends[1], goal.q, rests=rests)
+        return "held" if u is not None and follows and said.rule == "rest" else u
+
+    @property
+    def _is_known(self) -> bool:
+        """Whether the robot, and what it stands on, are those of the problem all along."""
+        return not self.parameter and self.timeline.switches is None
 
     @property
     def sets_acceleration(self) -> BoolArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm, SidesInSteps
-from mbocp.terms.rates import RATE_TERMS, JerkAtEnd, RateTerm
+from mbocp.terms.rates import RATE_TERMS, ControlRateAtEnd, JerkAtEnd, RateTerm
 from mbocp.terms.span import Span
 
 
@@ -85,19 +86,22 @@ class RateLimit(BoundedTerm):
 
 
 @dataclass(frozen=True, eq=False)
-class EndJerkLimit(RateLimit):
-    """Bounds on the jerk with which accelerations become those at the end, after the last step's middle.
+class EndRateLimit(RateLimit):
+    """Bounds on the rate with which values become those at the end, after the last step's middle.
 
     Attributes
     ----------
     goal : ndarray, shape (rows,)
-        Accelerations at the end [m/s^2, rad/s^2].
+        Accelerations or controls at the end [m/s^2, rad/s^2, N, N m].
     length : float
         Of the last step, or what lengths that are found are counted in [s].
+    of : str
+        What becomes those, see `RateAtEnd`.
     """
 
     goal: Array
     length: float
+    of: str
 
     @property
     def numbers(self) -> dict[str, Array]:
@@ -117,7 +121,20 @@ class EndJerkLimit(RateLimit):
     def values_of(self, rates: Mapping[str, Array], dts: Array) -> Array:
         """Values as if each step were the last."""
         lengths = np.where(dts > 0.0, dts, self.length)[:, None]
-        return (self.goal - rates["acceleration"][:, self.columns]) / (lengths / 2.0)
+        return (self.goal_of(rates) - rates[self.of][:, self.columns]) / (lengths / 2.0)
+
+    def goal_of(self, rates: Mapping[str, Array]) -> Array:
+        """Values at the end, shape (rows,)."""
+        return self.goal
+
+
+@dataclass(frozen=True, eq=False)
+class EndHoldLimit(EndRateLimit):
+    """Bounds on the rate with which controls become those that hold the robot where it ends."""
+
+    def goal_of(self, rates: Mapping[str, Array]) -> Array:
+        """Of `rates["held"]`, shape (nu,) or (N, nu)."""
+        return rates["held"][..., self.columns]
 
 
 def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
@@ -130,9 +147,9 @@ def rate_limits(robot: Robot, bounds: Bounds) -> tuple[RateLimit, ...]:
     return tuple(found)
 
 
-def end_jerk_limits(
+def end_jerk_limit(
     robot: Robot, bounds: Bounds, goal: Array, asked: BoolArray, length: float
-) -> tuple[EndJerkLimit, ...]:
+) -> tuple[EndRateLimit, ...]:
     """The limit of jerks at the end, of the velocities whose accelerations are asked for there, if any is.
 
     Parameters
@@ -150,7 +167,38 @@ def end_jerk_limits(
     if not columns.size:
         return ()
     limit = _limit(robot, bounds, JerkAtEnd, columns)
-    return (EndJerkLimit(**limit, goal=frozen_array(goal[columns]), length=length),)
+    return (EndRateLimit(**limit, goal=frozen_array(goal[columns]), length=length, of="acceleration"),)
+
+
+_SHARE = 0.01  # of a step, in which linear controls become those after the end
+
+
+def end_control_limit(
+    robot: Robot, bounds: Bounds, goal: Array | None, length: float, *, is_linear: bool
+) -> tuple[EndRateLimit, ...]:
+    """The limit of rates with which controls become those after the end, if there is any.
+
+    Parameters
+    ----------
+    robot : Robot
+    bounds : Bounds
+        Limits at the end.
+    goal : ndarray, shape (nu,), optional
+        Controls after the end [N, N m]; None: those that hold the robot, see `ControlRateAtEnd`.
+    length : float
+        Of the last step, or what lengths that are found are counted in [s].
+    is_linear : bool
+        Whether controls are linear in steps: these are those at the end then.
+    """
+    columns = np.flatnonzero(bounds.finite("du"))
+    if not columns.size:
+        return ()
+    limit = _limit(robot, bounds, ControlRateAtEnd, columns)
+    limit |= {"length": 2.0 * _SHARE * length if is_linear else length, "of": "control"}
+    if goal is not None:
+        return (EndRateLimit(**limit, goal=frozen_array(goal[columns])),)
+    limit["term"] = replace(limit["term"], holds=True)
+    return (EndHoldLimit(**limit, goal=frozen_array(np.zeros(len(columns)))),)
 
 
 def _limit(robot: Robot, bounds: Bounds, term: type[RateTerm], columns: IntArray) -> dict[str, Any]:

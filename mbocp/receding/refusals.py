@@ -38,6 +38,7 @@ def check_can_recede(problem: Problem) -> None:
             bool(problem.goal.a_active.any()) and problem.goal.a_rule == "given",
             "is the mean of a given step; leave it out",
         ),
+        "goal.u": (problem.goal.u.rule == "given", "is of the end of a given motion; leave it out"),
         "parameter": (bool(problem.parameter), "is found for a whole motion; take the robot that was found"),
         "start.free": (problem.start_free is not None, "the state is given in each step; leave it out"),
         "horizon.controls": (

@@ -117,7 +117,8 @@ class Start(OfState):
         """Of the given state alone."""
         formulation, problem = self.formulation, self.problem
         moves = self._moves(problem.q_start)
-        if _begins_with_a_chord(problem) or not _is_plain(problem):
+        is_held = problem.u_before is not None and problem.u_start.rule == "rest"
+        if _begins_with_a_chord(problem) or is_held or not _is_plain(problem):
             return self._formulate_anew(moves)
         found, at = self._none, formulation.layout
         if self.is_configuration:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -19,7 +20,7 @@ from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model
 from mbocp.robot.payload import INERTIA_KEYS, Payload
-from mbocp.sensitivity.change import Change
+from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.parameter import Parameter
 
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
@@ -35,11 +36,18 @@ class OfRobot(Parameter):
         """Derivatives of `robot.varying_values`, a row for each number."""
 
     def change(self) -> Change:
-        """Of the numbers among the parameters of steps and end."""
+        """Of the numbers among the parameters of steps and end, and of controls that hold the robot."""
+        ends = ((self.problem.u_start, self.problem.u_before), (self.problem.goal.u, self.problem.u_after))
+        if any(said.rule == "rest" and isinstance(u, np.ndarray) for said, u in ends):
+            moves = np.eye(len(self.names))
+            return Change.join([change_along(self.formulation, partial(self._move, move)) for move in moves])
         found, layout, slopes = self._none, self.formulation.pieces.parameters, self.in_numbers
         found.theta[:, places(layout.theta)[NUMBERS]] = slopes
         found.rho_terminal[:, places(layout.terminal)[NUMBERS]] = slopes
         return found
+
+    def _move(self, move: Array, size: float) -> Problem:
+        return self.put(self.problem, self.value + size * move.reshape(self.value.shape))
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,6 +175,12 @@ class Duration(Parameter):
 
     def change(self) -> Change:
         """Of the length of a step."""
+        problem = self.problem
+        if problem.end_limits or problem.u_before is not None:  # whose numbers depend on it, too
+            T = problem.duration
+            return change_along(
+                self.formulation, lambda size: self.put(problem, np.array(T * (1.0 + size)))
+            ).along(np.array([1.0 / T]))
         found = self._none
         at = places(self.formulation.pieces.parameters.theta)
         found.theta[0, at["dt"]] = self.problem.dt / self.problem.duration

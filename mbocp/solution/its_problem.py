@@ -121,7 +121,7 @@ def _robot_in(
 
 def facts_of(problem: Problem) -> Facts:
     """Return what a result keeps of a problem in plain values; of several goals the problem of one."""
-    widest = problem.widest_limits
+    widest, before, after = problem.widest_limits, problem.u_before, problem.u_after
     rates = {key: (f"{term.letter}_lower", f"{term.letter}_upper") for key, term in RATE_TERMS.items()}
     return Facts(
         duration_range=problem.duration_range,
@@ -140,6 +140,9 @@ def facts_of(problem: Problem) -> Facts:
         held=tuple(sorted({hold.hold.name for phase in problem.phase for hold in phase.holds})),
         contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
         a_start=_plain(problem.a_start),
+        u_start=() if before is None else _plain(before),
+        u_goal=() if after is None or isinstance(after, str) else _plain(after),
+        ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
         parameters=tuple(
             ParameterValue(one.name, one.start, one.unit, one.lower, one.upper, one.multiplier)

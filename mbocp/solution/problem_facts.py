@@ -140,6 +140,11 @@ class Facts:
         Names of what phases hold, and of constraints whose forces are bounded.
     a_start : tuple of float
         Acceleration before the start, for each velocity.
+    u_start, u_goal : tuple of float
+        Controls before the start and after the end, from and to which limits of rates lead; empty where these
+        are free.
+    ends_held : bool
+        Whether limits of rates lead to the controls that hold the robot where it ends.
     effort_rms : tuple of float
         Limit of the root mean square of each control, infinite where there is none.
     parameters : tuple of ParameterValue
@@ -157,6 +162,9 @@ class Facts:
     held: tuple[str, ...] = ()
     contacts: tuple[str, ...] = ()
     a_start: _Numbers = ()
+    u_start: _Numbers = ()
+    u_goal: _Numbers = ()
+    ends_held: bool = False
     effort_rms: _Numbers = ()
     parameters: tuple[ParameterValue, ...] = ()
     elastic: Mapping[str, str] = field(default_factory=dict)
@@ -185,6 +193,8 @@ class Facts:
             rates={key: bounds for key, bounds in self.rates.items() if fits_rate(key, bounds)},
             along={letter: sides for letter, sides in self.along.items() if fits_steps(letter, sides)},
             a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
+            u_start=self.u_start if len(self.u_start) == sizes["u"] else (),
+            u_goal=self.u_goal if len(self.u_goal) == sizes["u"] else (),
             effort_rms=self.effort_rms if len(self.effort_rms) == sizes["u"] else (),
         )
 

@@ -6,6 +6,7 @@ Path constraints hold at nodes alone, and are looked at between these, too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TypeAlias
 
@@ -223,17 +224,38 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
 def _effort_rates(follower: Follower, along: _Along) -> tuple[Array, Array]:
     """Rates of controls, shape (n, nu), and their times [s]: where accelerations leap those of samples.
 
-    Not within the first and the last step, whose controls no limit ties to those at rest.
+    From the controls before the start, and to those after the end, in the time from one place to the next;
+    where these are free, not within the first and the last step.
     """
-    sent, (times, _, _, controls) = follower.sent, along
+    sent, (times, qs, vs, controls) = follower.sent, along
+    ends = qs[[0, -1]]
     if sent.curves.accelerations is None:
         accelerations, times = differences(sent.curves.at(sent.times)[1], sent.times)
         qs, vs = follower.states(times, *sent.curves.at(times)[:2])
         controls = follower.controls(qs, vs, accelerations)
-    rates, middles = differences(controls, times)
     first, last = sent.slower * np.maximum(np.diff(sent.solution.t)[[0, -1]], sent.mean)
-    is_within = (middles > first) & (middles < sent.curves.nodes[-1] - last)
+    within = [first, sent.curves.nodes[-1] - last]
+    before, after = _controls_beside(follower, ends)
+    if before is not None:
+        controls, times = np.vstack([before, controls]), np.append(2.0 * times[0] - times[1], times)
+        within[0] = -math.inf
+    if after is not None:
+        controls, times = np.vstack([controls, after]), np.append(times, 2.0 * times[-1] - times[-2])
+        within[1] = math.inf
+    rates, middles = differences(controls, times)
+    is_within = (middles > within[0]) & (middles < within[1])
     return rates[is_within], middles[is_within]
+
+
+def _controls_beside(follower: Follower, ends: Array) -> tuple[Array | None, Array | None]:
+    """Controls before the start and after the end, from and to which limits of rates lead, shape (nu,)."""
+    facts = follower.sent.solution.facts
+    before = np.array(facts.u_start) if facts.u_start else None
+    after = np.array(facts.u_goal) if facts.u_goal else None
+    if facts.ends_held:
+        still, joints = np.zeros((1, follower.robot.nv)), np.zeros((1, len(follower.sent.joints)))
+        after = follower.controls(ends[1:], still, joints)[0]
+    return before, after
 
 
 def _of_links(follower: Follower, along: _Along) -> Iterator[Excess]:

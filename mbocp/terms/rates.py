@@ -12,6 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from mbocp._dataclass import dataclass
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ PLACES = {  # where limits may hold beside nodes and means, by key
     "velocity": ("within steps",),
     "acceleration": ("at begins of steps", "at ends of steps"),
     "jerk": ("within steps", AT_END),
+    "effort_rate": (AT_END,),
 }
 
 
@@ -138,10 +141,16 @@ class JerkLimit(RateTerm):
 
 
 @dataclass(frozen=True)
-class JerkAtEnd(JerkLimit):
-    """Change of the mean acceleration of the last step to that at the end, in half the step."""
+class RateAtEnd(RateTerm):
+    """Change of a mean of the last step to its value at the end, in half the step.
 
-    remembers: ClassVar[tuple[str, ...]] = ("acceleration",)
+    Attributes
+    ----------
+    of : str
+        What changes: what a state remembers, and `rates_along` gives, by name.
+    """
+
+    of: ClassVar[str]
 
     @property
     def signature(self) -> dict[str, Any]:
@@ -150,32 +159,86 @@ class JerkAtEnd(JerkLimit):
 
     @property
     def sizes(self) -> Mapping[str, int]:  # type: ignore[override]
-        """Length of the step, or its unit [s]; accelerations at the end."""
-        return {**JerkLimit.sizes, "length": 1, "goal": self.rows}
+        """Length of the step, or its unit [s]; values at the end."""
+        return {**RateTerm.sizes, "length": 1, "goal": self.rows}
 
     @classmethod
     def row_name(cls, name: str) -> str:
-        """What the limit of one velocity is called."""
+        """What the limit of one velocity or control is called."""
         return name_at(cls.key, name, AT_END)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its values, by their scale."""
-        left = p["goal"] - at.remembered["acceleration"][list(self.entries)]
+        left = self.goal(at, p) - self.last(at)[list(self.entries)]
         return left / (p["length"] * at.remembered.get("h", 1.0) / 2.0) / p["scale"]
+
+    def goal(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Values at the end."""
+        return p["goal"]
+
+    @abstractmethod
+    def last(self, at: Point) -> ca.SX:
+        """Means of the last step."""
+
+
+@dataclass(frozen=True)
+class JerkAtEnd(RateAtEnd, JerkLimit):
+    """Change of the mean acceleration of the last step to that at the end, in half the step."""
+
+    remembers: ClassVar[tuple[str, ...]] = ("acceleration",)
+    of = "acceleration"
+
+    def last(self, at: Point) -> ca.SX:
+        """Of every speed [m/s^2, rad/s^2]."""
+        return at.remembered["acceleration"]
 
 
 @dataclass(frozen=True)
 class ControlRateLimit(RateTerm):
-    """Change of a control from step to step, by the step's length; the first control is free."""
+    """Change of a control from step to step, by the way between their middles.
+
+    In the first step it is that from the control before the start, in half the step; none where it is free.
+    """
 
     key = "effort_rate"
     letter = "du"
     over = "u"
-    remembers = ("control", "control_rate")
+    remembers: ClassVar[tuple[str, ...]] = ("control", "control_rate")
 
     def values(self, at: Point) -> ca.SX:
         """Of every control [N/s, N m/s]."""
         return at.remembered["control_rate"]
+
+
+@dataclass(frozen=True)
+class ControlRateAtEnd(RateAtEnd, ControlRateLimit):
+    """Change of the control of the last step to that after the end, in half the step.
+
+    Attributes
+    ----------
+    holds : bool
+        Whether that is what holds the robot, an open chain with a motor for each joint, where it ends.
+    """
+
+    holds: bool = False
+
+    remembers: ClassVar[tuple[str, ...]] = ("control",)
+    of = "control"
+
+    def last(self, at: Point) -> ca.SX:
+        """Of every control [N, N m]."""
+        return at.control
+
+    def goal(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Those of the parameters, or of the configuration."""
+        if not self.holds:
+            return super().goal(at, p)
+        import casadi as ca  # slow to import, and what prints results needs names of limits alone
+
+        still = ca.SX.zeros(at.v.numel()), ca.SX.zeros(at.mechanics.nu)
+        weight = at.mechanics.gravity(at.q) - at.mechanics.force(at.q, *still)
+        inverse = np.linalg.inv(at.mechanics.robot.actuation_matrix(at.mechanics.robot.q0))
+        return (ca.DM(inverse) @ weight)[list(self.entries)]
 
 
 @dataclass(frozen=True)

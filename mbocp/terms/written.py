@@ -87,7 +87,12 @@ def _triple_or_zero(value: Any) -> Any:
     return [0.0, 0.0, 0.0] if is_number(value) and value == 0 else value
 
 
+def _control_or_free(value: Any) -> float | Vector | Named | str:
+    return FREE if value == FREE else _control(value)
+
+
 AUTO = "auto"  # what is written where mbocp is to choose
+FREE = "free"  # what is written where nothing is asked for
 Finite = Annotated[float, Kind("number", finite_number, float)]
 Positive = Annotated[Finite, Takes("number > 0", {"exclusiveMinimum": 0})]
 NonNegative = Annotated[Finite, Takes("number >= 0", {"minimum": 0})]
@@ -101,6 +106,9 @@ VectorOrNamed = Annotated[Any, Kind("vector", read_vector, Vector | Named)]
 VectorOrNumber = Annotated[Any, Kind("number, or list", _vector_or_number, float | Vector)]
 Control = Annotated[Any, Kind("number, vector", _control, float | Vector | Named)]
 ControlWeights = Annotated[Control, Takes("number >= 0, list, table")]
+ControlOrFree = Annotated[
+    Any, Kind(f'number, vector, or `"{FREE}"`', _control_or_free, float | Vector | Named | Literal["free"])
+]
 ControlOrAuto = Annotated[
     Any, Kind(f'number, vector, `"{AUTO}"`', _control_or_auto, float | Vector | Named | Literal["auto"])
 ]

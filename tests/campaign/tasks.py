@@ -344,14 +344,14 @@ def _tables(kind: TaskClass, loaded: Loaded, task: Task) -> dict[str, Any]:
     limits |= further["limits"]
     if "goal_frame" in further:
         goal = {key: value for key, value in goal.items() if key != "q"} | {"frame": further["goal_frame"]}
-    goal["a"] = 0.0 if task.ends_at_rest else "free"
+    goal |= {"a": 0.0 if task.ends_at_rest else "free", "u": "free"}
     if "time" in further:
         cost["time"] = further["time"]
     return {
         "robot": loaded.robot,
         "duration": further.get("duration", task.duration),
         "steps": task.num_steps,
-        "start": {"q": task.q_start},
+        "start": {"q": task.q_start, "u": "free"},  # as those of the motion that limits are taken from
         "goal": goal,
         "cost": cost,
         "limits": limits,

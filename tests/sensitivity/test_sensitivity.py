@@ -84,7 +84,17 @@ def feet_in_contact():
     return example("legged/solo12_jump.toml")
 
 
+def arm_with_slow_torques():
+    limits = {"effort_rate": 120.0}
+    return example("arms/payload.toml", steps=12, limits=limits, integrator={"scheme": "midpoint"})
+
+
 CASES = [
+    (arm_with_slow_torques, "start.q", 1, 2e-4),
+    (arm_with_slow_torques, "goal.q", 2, 2e-4),
+    (arm_with_slow_torques, "horizon.duration", 0, 2e-5),
+    (arm_with_slow_torques, "robot.payload.crate.mass", 0, 1e-3),
+    (arm_with_slow_torques, "limits.effort_rate.upper", 1, 1e-3),
     (arm_within_limits, "start.q", 1, 2e-4),
     (arm_within_limits, "start.v", 0, 2e-4),
     (arm_within_limits, "goal.q", 2, 2e-4),

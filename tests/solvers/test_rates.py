@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import mbocp
@@ -122,6 +123,63 @@ def test_wide_limits_change_nothing() -> None:
     assert np.abs(wide.lam_path).max() < 1e-6
 
 
+def held(problem: Problem, q: np.ndarray) -> np.ndarray:
+    """Torques against the weight, by Pinocchio."""
+    model = problem.robot.model
+    return np.array(pin.computeGeneralizedGravity(model, model.createData(), q))
+
+
+@pytest.mark.parametrize("words", [{}, {"duration": {"min": 0.2, "max": 3.0}, "cost": {"time": 100.0}}])
+@pytest.mark.parametrize("controls", ["constant", "linear"])
+def test_torques_begin_and_end_with_those_that_hold_the_robot(controls: str, words: dict[str, Any]) -> None:
+    """Before, the first and the last one were free: they leap by more than the limit of a step."""
+    scheme = "gauss2" if controls == "linear" else "midpoint"
+    integrator = {"integrator": {"scheme": scheme}, "scheme": scheme, "controls": controls}
+    words = {"duration": 0.25, "start": {"q": [1.2, -0.4]}, **integrator, **words}
+    words["cost"] = {"effort": 1.0, **words.get("cost", {})}
+    ends = {"start": {**words["start"], "u": "free"}, "goal": {**GOAL, "u": "free"}}
+    limited, free = (pendulum({"effort_rate": 40.0}, **{**words, **own}) for own in ({}, ends))
+    s, other = solved(limited), solved(free)
+    for solution, keeps in ((s, True), (other, False)):
+        before, after = held(limited, solution.qs[0]), held(limited, solution.qs[-1])
+        if controls == "linear":
+            leaps = np.array([solution.u_values[0, 0] - before, solution.u_values[-1, -1] - after])
+            most = 0.05 * 40.0 * np.diff(solution.t)[0]
+        else:
+            leaps = np.array([solution.us[0] - before, solution.us[-1] - after])
+            most = 40.0 * np.diff(solution.t)[0] / 2.0 * (1.0 + 1e-7)
+        assert (np.abs(leaps).max(axis=1) <= most).all() == keeps
+    assert s.limit_violation < 1e-6
+    assert sum(name.endswith("at the end") for name in s.path_names) == limited.robot.nu
+    assert not any(name.endswith("at the end") for name in other.path_names)
+    ipopt = solved(limited, solver="ipopt")
+    assert ipopt.cost == pytest.approx(s.cost, rel=1e-6)
+
+
+def test_controls_beside_a_motion_are_said_or_free(tmp_path: Path) -> None:
+    limits = {"effort_rate": 40.0}
+    problem = pendulum(limits, start={"u": [3.0, -1.0]}, goal={**GOAL, "u": {"joint1": 2.0, "joint2": 0.5}})
+    assert problem.u_before.tolist() == [3.0, -1.0]
+    assert problem.u_after.tolist() == [2.0, 0.5]
+    s, most = solved(problem), 40.0 * problem.dt / 2.0 * (1.0 + 1e-7)
+    assert np.abs(s.us[0] - [3.0, -1.0]).max() <= most
+    assert np.abs(s.us[-1] - [2.0, 0.5]).max() <= most
+    for one in (problem, pendulum(limits, start={"u": "free"}, goal={**GOAL, "u": "free"}), pendulum(limits)):
+        (tmp_path / "again.toml").write_text(problem_to_toml(one))
+        again = mbocp.load_problem(tmp_path / "again.toml")
+        assert (again.u_start.rule, again.goal.u.rule) == (one.u_start.rule, one.goal.u.rule)
+        np.testing.assert_array_equal(again.u_start.value, one.u_start.value)
+    with pytest.raises(MbocpError, match=r"goal\.u: says nothing of joint2; give all controls"):
+        pendulum(limits, goal={**GOAL, "u": {"joint1": 2.0}})
+    # Nothing is known of controls beside a motion that moves, that ends anywhere, or without such limits.
+    assert pendulum(limits, start={"v": [0.1, 0.0]}).u_before is None
+    assert pendulum(limits, goal={"q": [0.6, 0.3]}).u_after is None
+    assert pendulum(limits, start={"free": "q"}).u_before is None
+    assert pendulum({"velocity": 9.0}).u_before is pendulum({"velocity": 9.0}).u_after is None
+    low = pendulum({**limits, "effort": 0.3}, start={"q": [1.2, 0.0]})
+    assert low.u_before is None  # which cannot hold it
+
+
 ROBOTS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("free_flyer/drone_flip", {"scheme": "se1"}, ("effort_rate", "acceleration")),
     ("loops/four_bar", {"scheme": "se1"}, ("acceleration", "jerk")),
@@ -135,7 +193,7 @@ def test_robots_of_all_kinds(name: str, integrator: dict[str, Any], keys: tuple[
     robot, free = problem.robot, solved(problem)
     rates = rates_along(robot, free.qs, free.vs, free.us, np.diff(free.t))
     limits = {key: (0.98 * np.abs(rates[key]).max(axis=0) + 1e-3).tolist() for key in keys}
-    limited = problem.with_(limits=limits)
+    limited = problem.with_(limits=limits, start={"u": "free"}, goal={"u": "free"})  # as they were
     begun = solved(limited, solver="monolithic", warm_start=free)
     own, ipopt = (solved(limited, solver=method) for method in ("monolithic", "ipopt"))
     assert own.cost == pytest.approx(ipopt.cost, rel=1e-6)

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from mbocp.problem import Problem
 
 
+_SHARE = 0.01  # of a step, in which the limit of the rate leads from the control before the start
+
+
 @dataclass(frozen=True)
 class ControlValues(Feature):
     """Controls of the robot; every problem has them.
@@ -108,6 +111,8 @@ class ControlValues(Feature):
                 begins[0] = rows[0]
                 blocks = [begins, ends]
             sides.append(np.hstack(blocks))
+        if self.is_continuous:
+            _begin(problem, *sides)
         return {"own": (sides[0], sides[1])}
 
     def control_words(self, problem: Problem) -> Sequence[str]:
@@ -168,3 +173,13 @@ class ControlValues(Feature):
             return multipliers
         found: Array = multipliers.reshape(len(multipliers), self.count, -1).sum(axis=1)
         return found
+
+
+def _begin(problem: Problem, lower: Array, upper: Array) -> None:
+    """Narrow the first value to those that limits of rates lead to from the controls before it."""
+    u, own = problem.u_before, slice(0, problem.robot.nu)
+    if u is not None:
+        bounds = problem.limits_of_ends[0]
+        spare = _SHARE * problem.dt * np.minimum(-bounds.du_lower, bounds.du_upper)
+        lower[0, own] = np.maximum(lower[0, own], u - spare)
+        upper[0, own] = np.minimum(upper[0, own], u + spare)

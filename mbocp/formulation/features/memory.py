@@ -10,9 +10,9 @@ controls and dt the length of the step from one state to the next, the blocks an
     \text{jerk} \quad & (a - a^-) / \delta t
 
 where a minus means what was remembered before, and delta t is the time from the middle of the step before to
-that of this one: dt where steps are as long as each other, and dt/2 for the jerk of the first step. All begin
-with zero, but for the acceleration at the start where a problem gives one; the control of the first step has
-no rate. Rates count in units of
+that of this one: dt where steps are as long as each other, and dt/2 for the jerk of the first step, and the
+rate of its control. All begin with zero, but for the acceleration and the control before the start where a
+problem has some; without these the control of the first step has no rate. Rates count in units of
 the size of their limits, so that the numbers that solvers see are of ordinary size.
 """
 
@@ -70,10 +70,18 @@ def _control_rate(at: Passage) -> Any:
     return at.has_before * change / (at.spacing * at.units["control_rate"])
 
 
+def _control_rate_from_start(at: Passage) -> Any:
+    change = at.units_of_u * (at.u - at.before["control"])
+    return change / (_spacing_from_start(at) * at.units["control_rate"])
+
+
 def _jerk(at: Passage) -> Any:
     change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
-    spacing = at.spacing * (1.0 + at.has_before) / 2.0  # from the start in half of the first step
-    return change / (spacing * at.units["jerk"])
+    return change / (_spacing_from_start(at) * at.units["jerk"])
+
+
+def _spacing_from_start(at: Passage) -> Any:
+    return at.spacing * (1.0 + at.has_before) / 2.0  # from the start in half of the first step
 
 
 RULES: Mapping[str, Rule] = MappingProxyType(
@@ -94,16 +102,29 @@ def order_blocks(names: set[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Memory(Feature):
-    """Names of what is remembered; functions of two steps, such as rates, are functions of one state then."""
+    """Names of what is remembered; functions of two steps, such as rates, are functions of one state then.
+
+    Attributes
+    ----------
+    names : tuple of str
+    has_control_before : bool
+        Whether the rate of the first control is that from a control before the start.
+    """
 
     names: tuple[str, ...]
+    has_control_before: bool = False
 
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> Memory | None:
         """Return what the cost, the path constraints, the end, and linear controls look at."""
         of_cost = {"control"} if asked.couples_steps or problem.controls == "linear" else set()
         names = order_blocks(of_cost | asked.remembers)
-        return cls(names) if names else None
+        return cls(names, _control_before(problem, names) is not None) if names else None
+
+    @property
+    def stage_key(self) -> Mapping[str, Any]:
+        """From where the first control has a rate."""
+        return {"control_before": True} if self.has_control_before else {}
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One for each name."""
@@ -120,6 +141,8 @@ class Memory(Feature):
 
     def following(self, name: str, step: Passage) -> Any:
         """By the rule of the block."""
+        if name == "control_rate" and self.has_control_before:
+            return _control_rate_from_start(step)
         return RULES[name].following(step)
 
     def units(self, problem: Problem) -> Mapping[str, float]:
@@ -127,16 +150,25 @@ class Memory(Feature):
         return memory_units(problem)
 
     def first(self, problem: Problem) -> Mapping[str, Array]:
-        """The acceleration at the start."""
-        if "acceleration" not in self.names or not problem.a_start.any():
-            return {}
-        return {"acceleration": problem.a_start / memory_units(problem)["acceleration"]}
+        """The acceleration at the start, and the control before it."""
+        found = {}
+        if "acceleration" in self.names and problem.a_start.any():
+            found["acceleration"] = problem.a_start / memory_units(problem)["acceleration"]
+        if (u := _control_before(problem, self.names)) is not None:
+            found["control"] = u
+        return found
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Which control or speed they are of."""
         labels = {"u": problem.robot.u_labels, "s": speeds}
         rules = [RULES[name] for name in self.names]
         return [f"{rule.words} {label.name}" for rule in rules for label in labels[rule.of]]
+
+
+def _control_before(problem: Problem, names: tuple[str, ...]) -> Array | None:
+    """That from which the first control has a rate; linear controls begin with it, see `ControlValues`."""
+    has_rate = "control_rate" in names and problem.controls != "linear"
+    return problem.u_before if has_rate else None
 
 
 def memory_units(problem: Problem) -> dict[str, float]:

@@ -20,6 +20,8 @@ from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import (
     configuration_from,
     control_from,
+    end_control_from,
+    end_control_table,
     joint_values,
     rate_from,
     with_motors_at_rest,
@@ -30,7 +32,7 @@ from mbocp.problem.goals.ends import without_driven_velocities
 from mbocp.problem.goals.goal import ENFORCE, RATES, REDUNDANT, Goal, of_member
 from mbocp.problem.problem_data import ProblemData
 from mbocp.robot import Robot
-from mbocp.terms.written import Control, VectorOrNamed
+from mbocp.terms.written import Control, ControlOrFree, VectorOrNamed
 
 
 class ExciteTable(Table):
@@ -94,6 +96,14 @@ class GoalMemberTable(Table):
             "acceleration at the end",
             "m/s^2, rad/s^2",
             "0 of joints that stop and have limited jerk, else nothing",
+        ),
+    ] = None
+    u: Annotated[
+        ControlOrFree,
+        Key(
+            "controls after it, for limits of their rates",
+            "N, N m",
+            "what holds the robot at rest, else free",
         ),
     ] = None
     frame: Annotated[
@@ -172,6 +182,7 @@ def _goal(table: GoalMemberTable, robot: Robot, q_start: Array) -> Goal:
         a=a,
         a_active=a_active,
         a_rule="free" if is_free else "given",
+        u=end_control_from(robot, table.u, "goal.u"),
         q_active=q_active,
         rate=rate,
         value=value,
@@ -231,6 +242,8 @@ def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
         table["a"] = "free"
     elif goal.a_active.any() and goal.a_rule == "given":
         table["a"] = _written(robot, goal.a, goal.a_active)
+    if (u := end_control_table(goal.u)) is not None:
+        table["u"] = u
     if goal.periodic is not None:
         table["periodic"] = periodic_table(goal.periodic)
     if goal.frames:

@@ -20,9 +20,11 @@ from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.messages import locate
+from mbocp.problem.goals.end_control import EndControl
 from mbocp.robot import Robot
 from mbocp.robot.joints import JointPlace
 from mbocp.robot.parts import Label
+from mbocp.terms.written import FREE
 
 Written: TypeAlias = Sequence[float] | Mapping[str, float | Sequence[float]]
 
@@ -228,6 +230,23 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
 def _no_actuator(robot: Robot, key: str, name: str) -> Exception:
     names = [label.name for label in robot.u_labels]
     return ProblemError(f"{key}: robot {robot.name!r} has no actuator {name!r}: {suggest(name, names)}")
+
+
+def end_control_from(robot: Robot, written: Any, key: str) -> EndControl:
+    """Return what is said of controls before the start or after the end; of a table all of them."""
+    if written is None or written == FREE:
+        return EndControl("rest" if written is None else "free")
+    if isinstance(written, Mapping):
+        named = control_from(robot, dict.fromkeys(written, 1.0), key)
+        missing = [label.name for label, has in zip(robot.u_labels, named, strict=True) if not has]
+        if missing:
+            raise ProblemError(f"{key}: says nothing of {', '.join(missing)}; give all controls, or a list")
+    return EndControl("given", control_from(robot, written, key))
+
+
+def end_control_table(said: EndControl) -> Any:
+    """Return the key that reads back as the same; None: nothing has to be written."""
+    return {"rest": None, "free": FREE, "given": said.value}[said.rule]
 
 
 def _by_part(robot: Robot, written: Written, key: str, *sizes: Sequence[int]) -> Any:

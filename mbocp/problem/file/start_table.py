@@ -14,15 +14,21 @@ from mbocp.mechanisms.completion import assembled_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.file.frame_table import FramePoseTable, frames_from
 from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import configuration_from, rate_from
+from mbocp.problem.file.named_values import (
+    configuration_from,
+    end_control_from,
+    end_control_table,
+    rate_from,
+)
 from mbocp.problem.file.periodic_table import free_from, free_table
 from mbocp.problem.file.value_kinds import SEVERAL, Free, Rate
 from mbocp.problem.found_parameter import Parameter, start_of_loops
+from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.frames import start_at
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.problem_data import ProblemData
 from mbocp.robot import Robot
-from mbocp.terms.written import VectorOrNamed
+from mbocp.terms.written import ControlOrFree, VectorOrNamed
 
 
 class StartTable(Table):
@@ -37,6 +43,14 @@ class StartTable(Table):
         Rate,
         Key(
             "acceleration, for [limits of jerk](#accelerations-jerks-rates-and-powers)", "m/s^2, rad/s^2", "0"
+        ),
+    ] = None
+    u: Annotated[
+        ControlOrFree,
+        Key(
+            "controls before it, for [limits of their rates](#accelerations-jerks-rates-and-powers)",
+            "N, N m",
+            "what holds the robot at rest, else free",
         ),
     ] = None
     frame: Annotated[
@@ -54,12 +68,13 @@ class StartTable(Table):
 
 def read_start(
     start_table: StartTable, robot: Robot, parameter: tuple[Parameter, ...]
-) -> tuple[Array, Array, Array, FreeStart | None]:
-    """Return what is said of q, v, a, and of what is free."""
+) -> tuple[Array, Array, Array, EndControl, FreeStart | None]:
+    """Return what is said of q, v, a, of the controls before, and of what is free."""
     q, v = _start_state(start_table, robot)
     has_a = start_table.a is not None
     a = rate_from(robot, start_table.a, "start.a")[0] if has_a else np.zeros(0)
-    return q, v, a, free_from(robot, start_table.free) or start_of_loops(robot, parameter)
+    u = end_control_from(robot, start_table.u, "start.u")
+    return q, v, a, u, free_from(robot, start_table.free) or start_of_loops(robot, parameter)
 
 
 def _start_state(table: StartTable, robot: Robot) -> tuple[Array, Array]:
@@ -97,5 +112,6 @@ def write_start(problem: ProblemData) -> dict[str, Any]:
         "q": problem.q_start,
         "v": problem.v_start,
         "a": problem.a_start if problem.a_start.any() else None,
+        "u": end_control_table(problem.u_start),
         "free": free_table(problem.robot, problem.start_free),
     }

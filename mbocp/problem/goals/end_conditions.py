@@ -12,9 +12,11 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._linear import null_space
-from mbocp._tolerances import RANK_TOLERANCE
+from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, allowed_velocities, tangent_space
+from mbocp.problem.first_motion import forces_at, holding_controls
+from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
@@ -147,9 +149,69 @@ def at_rest(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> Goal:
 
 def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolArray:
     """Velocity components that end at zero and have a limit of jerk, shape (nv,)."""
-    none = np.zeros(robot.nv, dtype=np.bool_)
     limited = limits.finite("j")
-    if not (goal.is_exact and limited.any()):
+    return _stops(robot, goal, free) & limited if limited.any() else limited
+
+
+def stops_whole(robot: Robot, goal: Goal) -> bool:
+    """Whether a goal says that all of the robot ends at rest."""
+    is_whole = goal.periodic is None and goal.is_exact
+    return is_whole and bool(_stops(robot, goal, tangent_space(robot, goal.q)).all())
+
+
+def says_whole(robot: Robot, goal: Goal) -> bool:
+    """Whether a goal says where all joints end; poses of frames do not, which several configurations have."""
+    free = tangent_space(robot, goal.q)
+    return _scaled_rank(np.eye(robot.nv)[goal.q_active] @ free) == _scaled_rank(free)
+
+
+def holds_anywhere(robot: Robot) -> bool:
+    """Whether controls, one for each velocity of an open chain, hold the robot wherever it is."""
+    if robot.nc or robot.drives or robot.nu != robot.nv or not robot.actuation.is_constant:
+        return False
+    return _scaled_rank(robot.actuation_matrix(robot.q0)) == robot.nv
+
+
+def controls_at(robot: Robot, said: EndControl, limits: Bounds, q: Array, *, rests: bool) -> Array | None:
+    """Return the controls before a start, or after an end; None where they are free.
+
+    Those that hold a robot at rest are free, too, where several do, or none within their limits.
+
+    Parameters
+    ----------
+    robot : Robot
+    said : EndControl
+    limits : Bounds
+        There.
+    q : ndarray, shape (nq,)
+        Configuration there.
+    rests : bool
+        Whether the robot is at rest there.
+
+    Returns
+    -------
+    u : ndarray, shape (nu,), optional
+        [N, N m, and the units of drives].
+    """
+    if said.rule == "given":
+        return said.value
+    has_one = said.rule == "rest" and rests and not robot.drives
+    if not has_one or null_space(forces_at(robot, q), RANK_TOLERANCE).size:
+        return None
+    u = holding_controls(robot, q)
+    if (
+        u is None
+        or (u < limits.u_lower - BOUND_TOLERANCE).any()
+        or (u > limits.u_upper + BOUND_TOLERANCE).any()
+    ):
+        return None
+    return u
+
+
+def _stops(robot: Robot, goal: Goal, free: Array) -> BoolArray:
+    """Velocity components that end at zero, shape (nv,)."""
+    none = np.zeros(robot.nv, dtype=np.bool_)
+    if not goal.is_exact:
         return none
     asked = goal.rate_active
     rests = not goal.value[asked].any()
@@ -159,7 +221,7 @@ def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolA
         rests and not frame_rates(goal).any() and _scaled_rank(rows) == _scaled_rank(free)
     ):  # frames stop every joint
         stops = ~none
-    return stops & limited
+    return stops
 
 
 def _is_set(robot: Robot, goal: Goal, stops: BoolArray, free: Array) -> bool:

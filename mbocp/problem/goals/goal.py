@@ -15,6 +15,7 @@ from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite
+from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.periodic import Periodic
 from mbocp.terms.frame_goal import FrameGoal
 
@@ -60,6 +61,8 @@ class Goal:
         Why: as it is ``given``; or nothing is asked for, and all shall be ``free``; or a `Problem` asks for
         a = 0 of the joints that stop, since their jerk is limited: ``rest``, see
         `mbocp.problem.goals.end_conditions`.
+    u : EndControl
+        Controls after the end: limits of their rates lead to these.
     frames : tuple of FrameGoal
         Poses and velocities of frames. Where they ask for a pose, entries of `q` that are not active hold a
         configuration at it, one near the start; see `mbocp.problem.goals.frames`.
@@ -93,6 +96,7 @@ class Goal:
     )
     a_rule: AccelerationRule = "given"
     q_is_reached: bool = False
+    u: EndControl = field(default_factory=EndControl)
 
     def __post_init__(self) -> None:
         for key, name in (("q", "goal.q"), ("value", f"goal.{self.rate}")):

@@ -124,7 +124,8 @@ def rate_limit_panels(
     ends = solution.us_at_ends
     before = np.array(facts.a_start) if facts.a_start else None
     motion = (solution.qs, solution.vs, solution.us, np.diff(solution.t), ends, linear)
-    rates = rates_along(robot, *motion, before)
+    control = np.array(facts.u_start) if facts.u_start else None
+    rates = rates_along(robot, *motion, before, control)
     for key in keys:
         term = RATE_TERMS[key]
         labels = solution.labels.v if term.over == "v" else solution.labels.u
