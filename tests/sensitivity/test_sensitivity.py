@@ -89,7 +89,12 @@ def arm_with_slow_torques():
     return example("arms/payload.toml", steps=12, limits=limits, integrator={"scheme": "midpoint"})
 
 
+def arm_with_smooth_end():
+    return example("arms/payload.toml", steps=12, limits={"jerk": 400.0}, integrator={"scheme": "midpoint"})
+
+
 CASES = [
+    (arm_with_smooth_end, "horizon.duration", 0, 2e-5),
     (arm_with_slow_torques, "start.q", 1, 2e-4),
     (arm_with_slow_torques, "goal.q", 2, 2e-4),
     (arm_with_slow_torques, "horizon.duration", 0, 2e-5),
