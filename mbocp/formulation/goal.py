@@ -123,13 +123,13 @@ def end_condition_rows(
     if ties is None or goal.q_active.all() or goal.q_is_reached:
         D_rate = independent_rows(goal.rate_active, moments, reachable)
     else:
-        D_rate = _chosen_rates(robot, goal.rate_active, moments)
+        D_rate = _choose_rates(robot, goal.rate_active, moments)
     to_rate = robot.mass_matrix(goal.q) if goal.rate == "p" else np.eye(robot.nv)
     frames = frame_projections(robot, goal, D_q, D_rate @ to_rate @ reachable, reachable, basis)
     return EndRows(D_q, D_rate, frames)
 
 
-def _chosen_rates(robot: Robot, active: BoolArray, moments: Array) -> Array:
+def _choose_rates(robot: Robot, active: BoolArray, moments: Array) -> Array:
     """Entries of rates that say all others, those of robots before those of loads, shape (rows, nv)."""
     chosen: list[int] = []
     left = moments

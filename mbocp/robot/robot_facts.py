@@ -92,10 +92,10 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
             found += [line for line in lines if not line.startswith(mended)]
         except MbocpError:  # the file has changed, or is no longer there
             continue
-    return tuple(_joined(found))
+    return tuple(_join_alike(found))
 
 
-def _joined(lines: Iterable[str]) -> Iterator[str]:
+def _join_alike(lines: Iterable[str]) -> Iterator[str]:
     """Say in one line what is said of several joints."""
     alike: dict[str, list[str]] = {}
     for line in dict.fromkeys(lines):
