@@ -10,6 +10,7 @@ Each strategy is frozen, has one method, `run(job)`, and holds those that it run
             OtherWays       on one way around obstacles, or else on others
               RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
                 WithinSteps with limits that hold within steps
+                RoomForSpeeds  or within lower limits of speeds, where these are left between nodes
                   ClearOfObstacles or OneSolve
 """
 
@@ -17,15 +18,19 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from mbocp._arrays import frozen_array
 from mbocp._dataclass import dataclass
 from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import PathConstraint, Problem
-from mbocp.problem.between_nodes import can_hold_within, is_followed, letter_of
+from mbocp.problem.between_nodes import GROSS_EXCESS, can_hold_within, is_followed, letter_of
 from mbocp.solution import Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
@@ -37,6 +42,7 @@ _ROUNDS = 6  # of solving again with more reserve, ...
 _MORE = 1.5  # ... by so much of what is missing: where steps cut another corner then, they cut less of it
 _SPARE, _PARTS = 1e-4, 10  # [rad/s] that a reserve may fall short by between nodes; parts of a step
 _FROM_START = 40  # iterations from a warm start, before other guesses: most take less than half of them
+_LOWER = 0.25  # of a limit of speeds, by which it may be lower: steps that leave it by more resolve no motion
 _WITHIN = 250  # iterations with limits within steps, before without: most take less than a fifth of them
 
 
@@ -47,6 +53,7 @@ def strategy_for(job: Job) -> Strategy:
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
     once = WithinSteps(once) if can_hold_within(problem) and problem.robust is None else once
+    once = RoomForSpeeds(once) if _leaves_speeds(problem) else once
     once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
     strategy: Strategy = WarmStart(once, OtherWays(once) if has_rows else once)
     if problem.robust is not None:
@@ -145,6 +152,57 @@ class WithinSteps:
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution
+
+
+@dataclass(frozen=True)
+class RoomForSpeeds:
+    """Solve; where a speed leaves its limit between nodes by far, again with so much lower a limit at nodes.
+
+    Attributes
+    ----------
+    once : Strategy
+        For each.
+    """
+
+    once: Strategy
+
+    def run(self, job: Job) -> Solution:
+        """Solve up to seven times."""
+        solution, problem, lowered = self.once.run(job), job.problem, dict[str, float]()
+        for _ in range(_ROUNDS):
+            of = solution.limit_excess_of
+            is_left = solution.status is Status.UNDER_RESOLVED and solution.limit_excess > GROSS_EXCESS
+            if job.rough or job.is_late or not is_left or letter_of(of) != "v":
+                break
+            lowered[of] = lowered.get(of, 0.0) + _MORE * (solution.limit_excess - GROSS_EXCESS)
+            if lowered[of] > _LOWER:
+                break
+            problem = _with_lower_speeds(job.problem, lowered)
+            again = self.once.run(replace(job, problem=problem, start=solution))
+            if not (again.is_stationary and again.limit_excess < solution.limit_excess):
+                return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+            solution = after(solution, again, "higher speeds at nodes")
+            told = ", ".join(f"the {of} by {100.0 * share:.2g} %" for of, share in lowered.items())
+            words = f"limits at nodes were lowered to hold nearly between them, too: {told}"
+            solution = retold(solution, advice=f"{solution.advice}; {words}")
+        return solution
+
+
+def _leaves_speeds(problem: Problem) -> bool:
+    """Whether speeds have limits that are known to be left between nodes, and cannot hold there."""
+    has_limits = "v" in problem.widest_limits.letters and problem.robust is None
+    return has_limits and is_followed(problem) and "v" not in can_hold_within(problem)
+
+
+def _with_lower_speeds(problem: Problem, lowered: Mapping[str, float]) -> Problem:
+    """The problem with limits of speeds that are lower, by a part of the larger side of each."""
+    limits, names = problem.limits, [f"speed of {label.name}" for label in problem.robot.v_labels]
+    lower, upper = np.array(limits.v_lower), np.array(limits.v_upper)
+    for of, share in lowered.items():
+        k = names.index(of)
+        size = max(abs(side) for side in (lower[k], upper[k]) if np.isfinite(side))
+        lower[k], upper[k] = lower[k] + share * size, upper[k] - share * size
+    return replace(problem, limits=replace(limits, v_lower=frozen_array(lower), v_upper=frozen_array(upper)))
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,8 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         told = attempt.left_out + _suffix(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
-        status, advice, excess = judge(formulation, motion, t, result.status, result.advice)
+        judged = replace(formulation, problem=replace(problem, limits=asked.limits))
+        status, advice, excess = judge(judged, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with time_phase(phases, "gains"):

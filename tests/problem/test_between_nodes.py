@@ -131,6 +131,28 @@ def ways_of(s: mbocp.Solution) -> np.ndarray:
     return np.diff(s.qs, axis=0) / np.diff(s.t)[:, None]
 
 
+def test_speeds_have_lower_limits_at_nodes_where_they_cannot_hold_within_steps() -> None:
+    problem = swing("constant", 12, "midpoint")
+    alone, s = OneSolve().run(Job.of(problem)), mbocp.solve(problem)
+    assert (alone.status, alone.limit_excess_of) == (Status.UNDER_RESOLVED, "speed of joint1")
+    assert s.converged
+    largest = np.abs(s.vs).max(axis=0)
+    assert largest[0] < LIMIT - 1.4 * (alone.limit_excess - GROSS_EXCESS) * LIMIT
+    assert largest[1] == pytest.approx(LIMIT, abs=1e-4)
+    assert s.cost < 1.01 * alone.cost
+    assert s.problem.limits.v_upper == pytest.approx([LIMIT, LIMIT])
+    excess = largest_excess(problem, s.t, s.qs, s.vs, s.us)
+    assert (0.0 if excess is None else excess.ratio) == s.limit_excess < GROSS_EXCESS
+    assert "lowered to hold nearly between them, too: the speed of joint1 by 5.2 %" in s.advice
+
+
+def test_steps_that_leave_a_speed_too_far_are_not_solved_again() -> None:
+    problem = swing("constant", 8, "midpoint")
+    alone, s = OneSolve().run(Job.of(problem)), mbocp.solve(problem)
+    assert alone.limit_excess > 1.0
+    assert (s.status, s.limit_excess, s.iterations) == (alone.status, alone.limit_excess, alone.iterations)
+
+
 def test_states_remember_the_middle_of_a_step() -> None:
     """3 m - v0 - v1, as the motion has it."""
     problem = replace(swing("stages"), limits_within="v")
