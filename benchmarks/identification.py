@@ -3,7 +3,9 @@
 Logs of robots with other inertias than their files are simulated, with friction and with noise in positions
 and torques, each run with another robot, motion and noise. Stated intervals are those of the base parameters,
 from the log alone, by themselves and together (their ellipsoid), and those of all parameters of real bodies,
-which hold the file for a measurement. Beside them, the errors of a regression along the smoothed positions.
+which hold the file for a measurement. Squares of errors by the inverse covariance, over the number of
+parameters, are 1 in the mean and the sharpest test: whatever correlates, they are independent. Beside them,
+the errors of a regression along the smoothed positions.
 Shares are given with the standard error of their mean: errors of one log are correlated, so that few logs say
 little, however many parameters they have. With `--short` logs are short, for many runs in little time.
 """
@@ -36,8 +38,8 @@ CASES: dict[str, dict[str, Any]] = {
     "delta": {"duration": 10.0, "period": 5.0, "amplitude": 0.3, "rate": 50.0},
 }
 COLUMNS = (
-    *("base parameters in 95 %", "together", "all in 95 %", "error by deviation", "that of a regression"),
-    *("held out by noise", "time [s]"),
+    *("base parameters in 95 %", "together", "all in 95 %", "squares by covariance", "error by deviation"),
+    *("that of a regression", "held out by noise", "time [s]"),
 )
 
 
@@ -62,6 +64,7 @@ def run(name: str, seed: int, position_noise: float, *, short: bool = False) -> 
         float(np.mean(np.abs(off) < 1.96)),
         float(distance < chi2.ppf(0.95, len(off))),
         float(inside.mean()),
+        distance / len(off),
         float(np.mean(off**2)),
         float(np.mean(plain**2)),
         left,
@@ -92,9 +95,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             [run(name, seed, asked.position_noise, short=asked.short) for seed in range(asked.runs)]
         )
         errors = rows.std(axis=0, ddof=1) / np.sqrt(asked.runs)
-        *shares, off, plain, left, taken = rows.mean(axis=0)
+        *shares, squares, off, plain, left, taken = rows.mean(axis=0)
         numbers = (
             *(f"{100 * share:.1f} +- {100 * e:.1f} %" for share, e in zip(shares, errors, strict=False)),
+            f"{squares:.2f} +- {errors[3]:.2f}",
             f"{off**0.5:.2f}",
             f"{plain**0.5:.2f}",
         )
