@@ -35,9 +35,8 @@ from mbocp.solvers import SolverSettings, Start, run_strategy
 from mbocp.terms import running_cost, terminal_cost
 
 __all__ = [
-    "BIPED",
+    "GAITS",
     "PROBLEMS",
-    "WALK",
     "Solved",
     "arm",
     "gait_problem",
@@ -96,87 +95,113 @@ def quadrotor() -> mbocp.Problem:
     )
 
 
-_CONE = {"friction": 0.7 * 2**0.5, "facets": 4, "min_normal": 0.0}  # a pyramid about the cone of 0.7
-
-
-@dataclass(frozen=True)
-class Gait:
-    """A walk of Crocoddyl's `SimpleQuadrupedalGaitProblem` and `SimpleBipedGaitProblem`.
-
-    Weights are halved in the cost; those of the base are of its rotation and of its velocity.
-    """
-
-    robot: str
-    standing: str  # reference configuration
-    feet: tuple[str, ...]  # frames
-    swings: tuple[tuple[int, float, bool], ...]  # foot, length [m], whether all stand before it
-    height: float  # [m]
-    steps: int  # of a swing
-    support: int  # steps in which all stand
-    dt: float  # [s]
-    hold: str  # "point" or "weld"
-    joint_velocity: float
-    landing: tuple[float, float, float]  # of the foot, the base's place, and the joints
-    is_standing_at_end: bool
-    sole: Mapping[str, Any] = field(default_factory=dict)
-
-
-WALK = Gait(
-    robot="anymal",
-    standing="standing",
-    feet=("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"),
-    swings=((3, 0.125, True), (1, 0.125, False), (2, 0.25, True), (0, 0.25, False)),
-    height=0.15,
-    steps=25,
-    support=2,
-    dt=1e-2,
-    hold="point",
-    joint_velocity=10.0,
-    landing=(1e7, 10.0, 1e3),
-    is_standing_at_end=True,
-)
-BIPED = Gait(
-    robot="talos_legs",
-    standing="half_sitting",
-    feet=("right_sole_link", "left_sole_link"),
-    swings=((0, 0.3, True), (1, 0.6, True)),
-    height=0.1,
-    steps=15,
-    support=4,
-    dt=3e-2,
-    hold="weld",
-    joint_velocity=1e3,
-    landing=(1e8, 10.0, 0.1),
-    is_standing_at_end=False,
-    sole={"pressure": [0.1, 0.05], "yaw_friction": 0.7 * (0.05 + 0.025)},
-)
+# A pyramid about the cone of 0.7; impacts have none.
+_CONE = {"friction": 0.7 * 2**0.5, "facets": 4, "min_normal": 0.0, "impulses": False}
 
 
 @dataclass(frozen=True)
 class Swing:
-    """One foot in the air: the frame, its place and that of the centre of mass before, its first step."""
+    """Some feet swing, after `support` steps in which all stand; all of them: the robot jumps."""
 
-    foot: str
-    place: Array
-    com: Array
-    length: float
+    feet: tuple[int, ...]
+    way: tuple[float, float, float]  # [m] of the feet
+    height: float  # [m] of the feet, in a jump of the centre of mass
+    steps: int
+    support: int
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A gait of Crocoddyl's `SimpleQuadrupedalGaitProblem` or `SimpleBipedGaitProblem`, from standing.
+
+    Weights are halved in the cost; those of the base are of its rotation and of its velocity.
+    """
+
+    swings: tuple[Swing, ...]
+    robot: str = "anymal"
+    standing: str = "standing"  # reference configuration
+    feet: tuple[str, ...] = ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT")  # frames
+    dt: float = 1e-2  # [s]
+    hold: str = "point"  # or "weld"
+    joint_velocity: float = 10.0
+    landing: tuple[float, float, float] = (1e7, 10.0, 1e3)  # of the foot, the base's place, and the joints
+    landed: int = 0  # steps after the last swing, in which the centre of mass is to be above the feet
+    is_standing_at_end: bool = True
+    sole: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _step(length: float, height: float, support: int, *feet: int) -> Swing:
+    return Swing(feet, (length, 0.0, 0.0), height, 25, support)
+
+
+_LF, _RF, _LH, _RH = range(4)
+GAITS: Mapping[str, Gait] = {
+    "walk": Gait(
+        (
+            _step(0.125, 0.15, 2, _RH),
+            _step(0.125, 0.15, 0, _RF),
+            _step(0.25, 0.15, 2, _LH),
+            _step(0.25, 0.15, 0, _LF),
+        )
+    ),
+    "trot": Gait((_step(0.075, 0.1, 2, _RF, _LH), _step(0.15, 0.1, 2, _LF, _RH))),
+    "pace": Gait((_step(0.075, 0.1, 5, _RF, _RH), _step(0.15, 0.1, 5, _LF, _LH))),
+    "bound": Gait((_step(0.15, 0.1, 5, _LF, _RF), _step(0.15, 0.1, 5, _LH, _RH))),
+    "jump": Gait((Swing((_LF, _RF, _LH, _RH), (0.0, 0.3, 0.0), 0.15, 40, 10),), landed=9),
+    "biped": Gait(
+        (Swing((0,), (0.3, 0.0, 0.0), 0.1, 15, 4), Swing((1,), (0.6, 0.0, 0.0), 0.1, 15, 4)),
+        robot="talos_legs",
+        standing="half_sitting",
+        feet=("right_sole_link", "left_sole_link"),
+        dt=3e-2,
+        hold="weld",
+        joint_velocity=1e3,
+        landing=(1e8, 10.0, 0.1),
+        is_standing_at_end=False,
+        sole={"pressure": [0.1, 0.05], "yaw_friction": 0.7 * (0.05 + 0.025)},
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A swing in its place: its first step, places of its feet and of the centre of mass before it [m]."""
+
+    swing: Swing
     first: int
-    is_first: bool  # after a phase in which all stand
+    feet: Mapping[str, Array]
+    com: Array
+    com_way: Array
+    is_jump: bool  # all feet are in the air
+
+    def feet_at(self, k: Any) -> dict[str, Any]:
+        """Where the feet are to be after step `k` of the swing [m]; in a jump they go straight."""
+        swing = self.swing
+        up = 0 if self.is_jump else swing.height * (1 - ca.fabs(2 * k / swing.steps - 1))
+        moved = ca.DM(swing.way) * (k + 1) / swing.steps + ca.vertcat(0, 0, up)
+        return {foot: place + moved for foot, place in self.feet.items()}
+
+    def com_at(self, k: Any) -> Any:
+        """Where the centre of mass is to be [m]; the first half of a jump leads it up."""
+        way = ca.DM(self.com_way + np.array([0, 0, 2 * self.swing.height * self.is_jump]))
+        return self.com + way * (k + 1) / self.swing.steps
 
 
-def swings_of(gait: Gait, robot: mbocp.Robot) -> list[Swing]:
-    """The swings one after the other, as `createWalkingProblem` plans them."""
+def plan(gait: Gait, robot: mbocp.Robot) -> list[Planned]:
+    """The swings one after the other, as `createWalkingProblem` and the like plan them."""
     q, model, data = robot.model.referenceConfigurations[gait.standing], robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
-    places = [data.oMf[robot.frame_id(foot)].translation.copy() for foot in gait.feet]
-    com = np.mean(places, axis=0)
+    places = {foot: data.oMf[robot.frame_id(foot)].translation.copy() for foot in gait.feet}
+    com = np.mean([*places.values()], axis=0)
     com[2] = pin.centerOfMass(model, data, q)[2]
     found, first = [], 0
-    for foot, length, stands in gait.swings:
-        first += gait.support * stands
-        found.append(Swing(gait.feet[foot], places[foot], com.copy(), length, first, stands))
-        com[0] += length / len(gait.feet)
-        first += gait.steps
+    for swing in gait.swings:
+        first += swing.support
+        feet = {gait.feet[k]: places[gait.feet[k]] for k in swing.feet}
+        share = len(feet) / len(gait.feet)
+        found.append(Planned(swing, first, feet, com, share * np.array(swing.way), share == 1.0))
+        com = com + found[-1].com_way
+        first += swing.steps
     return found
 
 
@@ -184,42 +209,51 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     """Costs of Crocoddyl's, but those of cones, which are constraints here."""
     robot = mbocp.load_robot(gait.robot)
     q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
-    swings, joints = swings_of(gait, robot), nv - 6
+    planned, joints = plan(gait, robot), nv - 6
     of_q = np.array([0.0] * 3 + [2.5e6] * 3 + [1e-3] * joints)
     of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
     of_foot, of_base, of_joints = gait.landing
-    landed = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
+    of_landing = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
+    last = planned[-1]
+    landed = last.first + last.swing.steps  # the step that follows
 
     def state(at: Any, of_q: Array, of_v: Array) -> Any:
         away = at.mechanics.space.difference(ca.SX(ca.DM(q)), at.q)
         return (ca.dot(of_q, away**2) + ca.dot(of_v, at.v**2)) / 2
 
-    def missed(at: Any, foot: str, place: Any) -> Any:
-        return ca.sumsqr(at.pose_error(foot, place) if gait.hold == "weld" else at.position(foot) - place)
+    def missed(at: Any, feet: Mapping[str, Any]) -> Any:
+        def one(foot: str, place: Any) -> Any:
+            return at.pose_error(foot, place) if gait.hold == "weld" else at.position(foot) - place
+
+        return sum((ca.sumsqr(one(foot, place)) for foot, place in feet.items()), ca.SX(0))
 
     def swinging(at: Any) -> Any:
         v = at.v + gait.dt * at.a
         end = replace(at, q=at.mechanics.space.integrate(at.q, gait.dt * v), v=v)  # before an impact
-        com, landing, total = at.centre_of_mass(), state(end, *landed), ca.SX(0)
-        for swing in swings:
-            k = at.t / gait.dt - swing.first  # within the swing
-            forward = swing.length * (k + 1) / gait.steps
-            above = gait.height * (1 - ca.fabs(2 * k / gait.steps - 1))
-            goal = ca.vertcat(swing.com[0] + forward / len(gait.feet), *swing.com[1:])
-            place = swing.place + ca.vertcat(forward, 0, above)
-            missing = missed(at, swing.foot, place) + ca.sumsqr(com - goal)
-            total += ca.if_else(ca.fabs(k + 0.5 - gait.steps / 2) < gait.steps / 2, 1e6 / 2 * missing, 0)
-            landing_there = landing + of_foot / 2 * missed(end, swing.foot, place)
-            total += ca.if_else(ca.fabs(k + 1 - gait.steps) < 0.5, landing_there / gait.dt, 0)
+        landing, com, total = state(end, *of_landing), at.centre_of_mass(), ca.SX(0)
+        for one in planned:
+            k, steps = at.t / gait.dt - one.first, one.swing.steps  # within the swing
+            feet, length = one.feet_at(k), steps / 2 if one.is_jump else steps
+            off = ca.sumsqr(com - one.com_at(k)) + (0 if one.is_jump else missed(at, feet))
+            total += ca.if_else(ca.fabs(k + 0.5 - length / 2) < length / 2, 1e6 / 2 * off, 0)
+            landing_there = landing + of_foot / 2 * missed(end, feet)
+            total += ca.if_else(ca.fabs(k + 1 - steps) < 0.5, landing_there / gait.dt, 0)
+        if gait.landed:
+            total += ca.if_else(at.t / gait.dt > landed - 0.5, above_feet(at), 0)
         return total
 
+    def above_feet(at: Any) -> Any:
+        return 1e6 / 2 * ca.sumsqr(at.centre_of_mass() - last.com - last.com_way)
+
     def standing(at: Any) -> Any:
-        return state(at, of_q, of_v)
+        if gait.landed:
+            return state(at, of_q, of_v) + above_feet(at)
+        return state(after_impact(at, [*last.feet]), of_q, of_v)
 
     weights = {"tracking_weights": np.append(of_q, np.zeros(nv)), "target": {"q": q, "p": np.zeros(nv)}}
     return mbocp.Problem.create(
         robot,
-        phase=[phase for swing in swings for phase in phases_of(gait, swing)],
+        phase=phases_of(gait),
         path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in gait.feet],
         start={"q": q},
         cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
@@ -228,16 +262,30 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     )
 
 
-def phases_of(gait: Gait, swing: Swing) -> list[dict[str, Any]]:
-    """All stand, then one swings."""
+def after_impact(at: Any, feet: Sequence[str]) -> Any:
+    """The state after these feet were stopped: at the end of a motion, where no phase follows."""
+    mechanics = at.mechanics
+    jacobians = [mechanics.frame_translation_jacobian(at.robot.frame_id(foot), at.q) for foot in feet]
+    J = ca.vertcat(*jacobians)
+    moved = mechanics.inverse_mass_matrix(at.q) @ J.T
+    return replace(at, v=at.v - moved @ ca.solve(J @ moved, J @ at.v))
 
-    def phase(name: str, steps: int, feet: Sequence[str]) -> dict[str, Any]:
+
+def phases_of(gait: Gait) -> list[dict[str, Any]]:
+    """All stand, then some swing, and so on."""
+    found: list[dict[str, Any]] = []
+
+    def add(name: str, steps: int, in_air: Sequence[int] = ()) -> None:
+        feet = [foot for k, foot in enumerate(gait.feet) if k not in in_air]
         held = [{"name": foot, "frame": foot, "kind": gait.hold} for foot in feet]
-        return {"name": name, "steps": steps, "duration": steps * gait.dt, "hold": held}
+        phase = {"name": f"{name} {len(found) + 1}", "steps": steps, "duration": steps * gait.dt}
+        found.extend([{**phase, "hold": held}] * (steps > 0))
 
-    standing = [foot for foot in gait.feet if foot != swing.foot]
-    swinging = phase(f"swing of {swing.foot}", gait.steps, standing)
-    return [*([phase(f"stand before {swing.foot}", gait.support, gait.feet)] * swing.is_first), swinging]
+    for swing in gait.swings:
+        add("stand", swing.support)
+        add("swing", swing.steps, swing.feet)
+    add("stand", gait.landed)
+    return found
 
 
 PROBLEMS: Mapping[str, Callable[[], mbocp.Problem]] = {
@@ -245,8 +293,12 @@ PROBLEMS: Mapping[str, Callable[[], mbocp.Problem]] = {
     "arm_manipulation_invdyn": arm,
     "quadrotor_fwddyn": quadrotor,
     "quadrotor_invdyn": quadrotor,
-    "quadrupedal_gaits_fwddyn": lambda: gait_problem(WALK),
-    "bipedal_gaits_fwddyn": lambda: gait_problem(BIPED),
+    "quadrupedal_gaits_fwddyn walk": lambda: gait_problem(GAITS["walk"]),
+    "quadrupedal_gaits_fwddyn trot": lambda: gait_problem(GAITS["trot"]),
+    "quadrupedal_gaits_fwddyn pace": lambda: gait_problem(GAITS["pace"]),
+    "quadrupedal_gaits_fwddyn bound": lambda: gait_problem(GAITS["bound"]),
+    "quadrupedal_gaits_fwddyn jump": lambda: gait_problem(GAITS["jump"]),
+    "bipedal_gaits_fwddyn": lambda: gait_problem(GAITS["biped"]),
 }
 
 

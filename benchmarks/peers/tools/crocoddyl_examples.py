@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,12 +96,24 @@ def quadrotor(*, inverse: bool = False) -> Example:
     )
 
 
-def gait(robot: str, standing: str, feet: Sequence[str], walk: Sequence[float]) -> Example:
-    """First motion of `quadrupedal_gaits_fwddyn.py` or `bipedal_gaits_fwddyn.py`, a walk from standing."""
+def quadruped(gait: str, *numbers: Any) -> Example:
+    """A motion of `quadrupedal_gaits_fwddyn.py`, from standing: of createWalkingProblem and the like."""
+    feet = ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT")
+    model, x0 = _standing("anymal", "standing")
+    problems = SimpleQuadrupedalGaitProblem(model, *feet)
+    return Example(getattr(problems, f"create{gait}Problem")(x0, *numbers), crocoddyl.SolverFDDP)
+
+
+def biped() -> Example:
+    """First motion of `bipedal_gaits_fwddyn.py`, a walk from standing."""
+    model, x0 = _standing("talos_legs", "half_sitting")
+    problems = SimpleBipedGaitProblem(model, "right_sole_link", "left_sole_link")
+    return Example(problems.createWalkingProblem(x0, 0.6, 0.1, 0.03, 15, 4), crocoddyl.SolverFDDP)
+
+
+def _standing(robot: str, name: str) -> tuple[pin.Model, Array]:
     model = example_robot_data.load(robot).model
-    x0 = np.concatenate([model.referenceConfigurations[standing], np.zeros(model.nv)])
-    kind = SimpleQuadrupedalGaitProblem if len(feet) == 4 else SimpleBipedGaitProblem
-    return Example(kind(model, *feet).createWalkingProblem(x0, *walk), crocoddyl.SolverFDDP)
+    return model, np.concatenate([model.referenceConfigurations[name], np.zeros(model.nv)])
 
 
 def _cost(state: Any, residual: Any, weights: Array | None = None) -> Any:
@@ -135,12 +147,12 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "arm_manipulation_invdyn": lambda: arm(inverse=True),
     "quadrotor_fwddyn": quadrotor,
     "quadrotor_invdyn": lambda: quadrotor(inverse=True),
-    "quadrupedal_gaits_fwddyn": lambda: gait(
-        "anymal", "standing", ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT"), (0.25, 0.15, 1e-2, 25, 2)
-    ),
-    "bipedal_gaits_fwddyn": lambda: gait(
-        "talos_legs", "half_sitting", ("right_sole_link", "left_sole_link"), (0.6, 0.1, 0.03, 15, 4)
-    ),
+    "quadrupedal_gaits_fwddyn walk": lambda: quadruped("Walking", 0.25, 0.15, 1e-2, 25, 2),
+    "quadrupedal_gaits_fwddyn trot": lambda: quadruped("Trotting", 0.15, 0.1, 1e-2, 25, 2),
+    "quadrupedal_gaits_fwddyn pace": lambda: quadruped("Pacing", 0.15, 0.1, 1e-2, 25, 5),
+    "quadrupedal_gaits_fwddyn bound": lambda: quadruped("Bounding", 0.15, 0.1, 1e-2, 25, 5),
+    "quadrupedal_gaits_fwddyn jump": lambda: quadruped("Jumping", 0.15, [0.0, 0.3, 0.0], 1e-2, 10, 20),
+    "bipedal_gaits_fwddyn": biped,
 }
 
 
