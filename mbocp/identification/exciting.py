@@ -266,7 +266,7 @@ class _Search:
         blocks = [
             np.einsum("kc,kji->kjci", B, part[:, finite]) for B, part in zip(self.values, parts, strict=True)
         ]
-        slope = np.sum(blocks, axis=0).reshape(len(values) * len(finite), -1)
+        slope = np.sum(blocks, axis=0).reshape(len(values) * len(finite), self.line.size)
         tight = np.where(np.arange(values.shape[1]) < values.shape[1] - len(self.others), _TIGHT, 1.0)
         lower, upper = (tight * side - values for side in self.ranges)
         return _stack(

@@ -156,16 +156,6 @@ class _Bounded(PathTerm):
     has_velocity = True
     measure = SQUARE  # smooth at zero
 
-    @classmethod
-    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
-        """Bounds."""
-        return one_bound(given, key)
-
-    @classmethod
-    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
-        """Bounds."""
-        return finite_bounds(given)
-
 
 @dataclass(frozen=True)
 class Speed(_Bounded):
@@ -212,6 +202,7 @@ class Orientation(PathTerm):
     unit = "rad"
     measure = COSINE
     sizes: ClassVar[Mapping[str, int]] = {"axis": 3, "direction": 3}
+    defaults: ClassVar[Mapping[str, Any]] = dict.fromkeys(sizes, (0.0, 0.0, 1.0))
 
     class Keys(Table):
         """Keys."""
@@ -227,18 +218,6 @@ class Orientation(PathTerm):
         direction: Triple = None
         min: Annotated[Bound, Key("of an orientation, or to a path", "rad", beside=("max",))] = None
         max: Bound = None
-
-    @classmethod
-    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
-        """Axis, direction and bounds."""
-        along_z = [0.0, 0.0, 1.0]
-        vectors = {name: given.get(name, along_z) for name in cls.sizes}
-        return {**vectors, **one_bound(given, key)}
-
-    @classmethod
-    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
-        """Axis, direction and bounds."""
-        return {**{name: given.number(name) for name in cls.sizes}, **finite_bounds(given)}
 
     @classmethod
     def check(cls, given: PathNumbers, key: str) -> None:

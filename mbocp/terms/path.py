@@ -96,6 +96,8 @@ class PathTerm(Structure, ABC):
         Of its bounds.
     sizes : mapping
         Size of each parameter.
+    defaults : mapping
+        Keys that are its parameters as they are written, and what they are where nothing is written.
     measure : Measure
         What its expression is of the value, where that is the same in all rows.
     leads : bool
@@ -112,6 +114,7 @@ class PathTerm(Structure, ABC):
 
     unit: ClassVar[str]
     sizes: ClassVar[Mapping[str, int]] = {}
+    defaults: ClassVar[Mapping[str, Any]] = {}
     measure: ClassVar[Measure] = VALUE
     leads: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
@@ -143,14 +146,15 @@ class PathTerm(Structure, ABC):
         return dict(given)
 
     @classmethod
-    @abstractmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
         """Arguments of `PathConstraint` from the keys that are written, beside name, kind and frame."""
+        numbers = {name: given.get(name, default) for name, default in cls.defaults.items()}
+        return {**numbers, **one_bound(given, key)}
 
     @classmethod
-    @abstractmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
         """Keys that read back as the same, beside name, kind and frame."""
+        return {**{name: given.number(name) for name in cls.defaults}, **finite_bounds(given)}
 
     @abstractmethod
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:

@@ -375,13 +375,13 @@ WRONG: dict[str, tuple[str, type[MbocpError], str]] = {
         RobotFileError, r"drive\[0\]: frame needs direction \(in its own axes\) and joints",
     ),
     "no direction": (
-        FORWARD.replace("3, 4", "0, 0"), RobotFileError, r"drive\[0\]: direction must not be zero"
+        FORWARD.replace("3, 4", "0, 0"), RobotFileError, r"drive\[0\]\.direction: must not be zero"
     ),
     "direction too long to have a length": (
         FORWARD.replace("3, 4", "1, 1e308"), RobotFileError, r"drive\[0\]\.direction\[1\]: got 1e\+308"
     ),
     "direction too short to have a length": (
-        FORWARD.replace("3, 4", "0, 1e-320"), RobotFileError, r"drive\[0\]: direction must not be zero"
+        FORWARD.replace("3, 4", "0, 1e-320"), RobotFileError, r"drive\[0\]\.direction: must not be zero"
     ),
     "no control": (LONG, RobotFileError, r"drive\[0\]\.control: this key is required"),
     "force": (

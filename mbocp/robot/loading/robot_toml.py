@@ -8,7 +8,15 @@ from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BaseModel, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    FiniteFloat,
+    PositiveFloat,
+    ValidationError,
+    model_validator,
+)
 
 from mbocp._files import read_toml
 from mbocp._measured import Measured
@@ -17,6 +25,7 @@ from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, MotorTable, PayloadTable
 from mbocp.robot.loading.table_types import (
     Component,
+    Direction,
     FramePair,
     Length,
     Metres,
@@ -29,7 +38,6 @@ from mbocp.robot.loading.table_types import (
     Table,
     Vector3,
     first_complaint,
-    is_zero,
     refusal,
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS
@@ -51,9 +59,10 @@ class ActuationTable(Table):
 Efforts: TypeAlias = PositiveFloat | tuple[FiniteFloat, FiniteFloat]  # the largest of both signs, or a range
 
 
-def _check_range(effort: Efforts | None) -> None:
+def _rising(effort: Efforts) -> Efforts:
     if isinstance(effort, tuple) and not effort[0] < effort[1]:
-        raise ValueError(f"effort: got {list(effort)}, expected [lower, upper] with lower < upper")
+        raise ValueError(f"got {list(effort)}, expected [lower, upper] with lower < upper")
+    return effort
 
 
 class JointActuator(Table):
@@ -61,12 +70,7 @@ class JointActuator(Table):
 
     type: Literal["joint"]
     joint: str
-    effort: Annotated[Efforts, Measured("N, N m")] | None = None
-
-    @model_validator(mode="after")
-    def _effort_is_a_range(self) -> JointActuator:
-        _check_range(self.effort)
-        return self
+    effort: Annotated[Efforts, Measured("N, N m"), AfterValidator(_rising)] | None = None
 
 
 class Wrench(Table):
@@ -93,17 +97,10 @@ class Thruster(Table):
     type: Literal["thruster"]
     frame: str
     name: str | None = None
-    axis: Vector3 = (0.0, 0.0, 1.0)
+    axis: Direction = (0.0, 0.0, 1.0)
     position: Place = (0.0, 0.0, 0.0)
     torque_ratio: Annotated[Number, Measured("m")] = 0.0
-    effort: Annotated[Efforts, Measured("N")] | None = None
-
-    @model_validator(mode="after")
-    def _axis_has_a_direction(self) -> Thruster:
-        if is_zero(self.axis):
-            raise ValueError("axis must not be zero")
-        _check_range(self.effort)
-        return self
+    effort: Annotated[Efforts, Measured("N"), AfterValidator(_rising)] | None = None
 
 
 class DriveTable(Table):
@@ -112,7 +109,7 @@ class DriveTable(Table):
     name: str | None = None
     joint: str | None = None
     frame: str | None = None
-    direction: Vector3 | None = None
+    direction: Direction | None = None
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     control: Literal["velocity", "acceleration"]
     limit: Annotated[PositiveFloat, Measured("those of the number")] | None = None  # of the control
@@ -125,8 +122,6 @@ class DriveTable(Table):
             raise ValueError("direction and joints go with frame, not with joint")
         if self.frame is not None and (self.direction is None or self.joints is None):
             raise ValueError("frame needs direction (in its own axes) and joints (those that it is moved by)")
-        if self.direction is not None and is_zero(self.direction):
-            raise ValueError("direction must not be zero")
         return self
 
 

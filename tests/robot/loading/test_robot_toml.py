@@ -234,10 +234,10 @@ WRONG = {
     r"constraint\[0\]\.length: got 1e\+160: .*less than or equal": (
         '[[constraint]]\ntype = "rod"\nframes = ["l1", "l2"]\nlength = 1e160'
     ),
-    r"actuator\[0\]: axis must not be zero": (
+    r"actuator\[0\]\.axis: must not be zero": (
         '[[actuator]]\ntype = "thruster"\nframe = "l1"\naxis = [0, 0, 0]'
     ),
-    r"actuator\[0\]: effort: got \[8\.0, 0\.0\], expected \[lower, upper\] with lower < upper": (
+    r"actuator\[0\]\.effort: got \[8\.0, 0\.0\], expected \[lower, upper\] with lower < upper": (
         '[[actuator]]\ntype = "thruster"\nframe = "l1"\neffort = [8, 0]'
     ),
     r"actuator\[0\]: effort has 2 numbers for 1 components": (

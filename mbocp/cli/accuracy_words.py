@@ -1,0 +1,78 @@
+"""How far steps are from the motion of the robot, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from mbocp.solution import Accuracy, Solution
+
+
+def coarse_words(solution: Solution) -> Text:
+    """What has to be known before everything else: that the steps are too long for the motion."""
+    found = solution.accuracy
+    if not found.is_known or found.is_small:
+        return Text()
+    words = (
+        f"the errors of the steps are {_percent(found.share)} of the way of {found.way_joint}: a robot "
+        "under these controls moves otherwise; take more steps, or a scheme of higher order (see accuracy)"
+    )
+    return Text(words, style="bold yellow")
+
+
+def _feedback(found: Accuracy, size: Callable[[float, str], str]) -> list[str]:
+    """What a feedback leaves of the errors."""
+    if math.isnan(found.tracked_error):
+        return []
+    if math.isinf(found.tracked_error):
+        return ["with the feedback of the optimum, held over each step, errors grow too fast to be told"]
+    missed = size(found.tracked_error, found.tracked_joint)
+    return [f"with the feedback of the optimum they miss it by {missed}"]
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
+
+
+def accuracy_words(solution: Solution) -> str:
+    """Errors of single steps, of their sum, and of a replay."""
+    found = solution.accuracy
+    if not found.is_known:
+        return ""
+    units = {column.name: column.unit.removesuffix("/s") for column in solution.labels.v}
+
+    def size(value: float, joint: str) -> str:
+        return f"{value:.2g} {units.get(joint, '')}".rstrip() + f" ({joint})"
+
+    missed = "more than can be told, for errors grow too fast"
+    if math.isfinite(found.replay_error):
+        missed = size(found.replay_error, found.replay_joint)
+    lines = [
+        *_horizon_and_solver(solution),
+        f"a step is wrong by {size(found.local_error, found.local_joint)} at most, to t = "
+        f"{found.local_time:.4g} s; all of them by {_percent(found.share)} of the way of {found.way_joint}",
+        f"the controls alone, without feedback, miss the end by {missed}",
+        *_feedback(found, size),
+        f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
+        f"{found.energy_range:.3g} J",
+    ]
+    return "\n".join(lines)
+
+
+def _horizon_and_solver(solution: Solution) -> list[str]:
+    """What was asked for, and how many steps it took."""
+    found = solution.accuracy
+    if math.isnan(found.asked):
+        return []
+    rounds = "1 round" if found.rounds == 1 else f"{found.rounds} rounds"
+    lengths = np.diff(solution.t)
+    wrong = f"the cost is wrong by {found.cost_error:.1g} of it" if found.cost_error else "the cost is zero"
+    return [
+        f"{found.asked:g} was asked for: {solution.num_steps} steps of {lengths.min():.3g} to "
+        f"{lengths.max():.3g} s, found in {rounds}; {wrong}"
+    ]
