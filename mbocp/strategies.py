@@ -10,7 +10,7 @@ Each strategy is frozen, has one method, `run(job)`, and holds those that it run
             OtherWays       on one way around obstacles, or else on others
               RoomToBrake   again with larger reserves of braking joints, where they fall short between nodes
                 WithinSteps with limits that hold within steps
-                RoomForSpeeds  or within lower limits of speeds, where these are left between nodes
+                RoomForSpeeds  or among obstacles with lower limits of speeds, where these are left
                   ClearOfObstacles or OneSolve
 """
 
@@ -53,7 +53,7 @@ def strategy_for(job: Job) -> Strategy:
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
     once = WithinSteps(once) if can_hold_within(problem) and problem.robust is None else once
-    once = RoomForSpeeds(once) if _leaves_speeds(problem) else once
+    once = RoomForSpeeds(once) if has_rows and _leaves_speeds(problem) else once
     once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
     strategy: Strategy = WarmStart(once, OtherWays(once) if has_rows else once)
     if problem.robust is not None:
@@ -183,7 +183,7 @@ class RoomForSpeeds:
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "higher speeds at nodes")
             told = ", ".join(f"the {of} by {100.0 * share:.2g} %" for of, share in lowered.items())
-            words = f"limits at nodes were lowered to hold nearly between them, too: {told}"
+            words = f"it is one within limits that were lowered at nodes, to hold nearly between them: {told}"
             solution = retold(solution, advice=f"{solution.advice}; {words}")
         return solution
 

@@ -82,7 +82,7 @@ def test_a_command_that_cannot_be_loaded_is_told(
     monkeypatch: pytest.MonkeyPatch, run: Run, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broken = EntryPoint("gone", "no_such_module:app", "mbocp.commands")
-    monkeypatch.setattr("mbocp.cli.app.entry_points", lambda group: [broken])
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [broken])
     done = run("--help")
     assert done.exit_code == 0
     assert "solve" in done.stdout

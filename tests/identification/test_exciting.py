@@ -134,7 +134,7 @@ def test_the_slope_along_loops_is_that_of_differences(name: str) -> None:
     assert np.abs(search.dynamics.robot.closure_along(motion.qs)[0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["four_bar", "five_bar"])
+@pytest.mark.parametrize("name", ["four_bar", pytest.param("five_bar", marks=pytest.mark.slow)])
 def test_loops_tell_more_than_along_random_motions(name: str) -> None:
     """Joints that follow keep their limits, too, and a log says more by what the information promises."""
     problem = linkage(name)
