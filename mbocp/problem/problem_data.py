@@ -324,7 +324,7 @@ class ProblemData:
         is_linear = self.controls == "linear"
         return (*limits, *end_control_limit(self.robot, at_end, goal_u, length, is_linear=is_linear))
 
-    @property
+    @cached_property
     def u_before(self) -> Array | None:
         """Controls before the start, shape (nu,), from which limits of their rates lead; None: free."""
         if "du" not in self.widest_limits.letters:
@@ -332,7 +332,7 @@ class ProblemData:
         begins = not (self.v_start.any() or self.a_start.any()) and self.start_free is None and self._is_known
         return controls_at(self.robot, self.u_start, self.limits_of_ends[0], self.q_start, rests=begins)
 
-    @property
+    @cached_property
     def u_after(self) -> Array | Literal["held"] | None:
         """Controls after the end, shape (nu,), to which limits of their rates lead; None: free.
 
