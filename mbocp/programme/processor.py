@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from functools import cache
 from pathlib import Path
 
@@ -12,9 +13,15 @@ _NEEDED = {4: frozenset({"avx2", "fma"}), 8: frozenset({"avx2", "fma", "avx512f"
 _WIDTHS = (1, 4, 8)  # doubles of a vector register that functions are written for
 
 
-@cache
 def _features() -> frozenset[str]:
     """Names of what the processor has; told by Linux alone."""
+    return _features_of(platform.machine())
+
+
+@cache
+def _features_of(machine: str) -> frozenset[str]:
+    if machine not in ("x86_64", "AMD64"):  # an emulated program reads of the processor beneath it
+        return frozenset()
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="ascii", errors="replace")
     except OSError:

@@ -30,6 +30,12 @@ def test_the_number_of_lanes_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> N
     assert number_of_lanes() in ((4, 8) if has_avx2() else (1,))
 
 
+def test_another_kind_of_processor_has_no_avx2(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "aarch64")
+    assert not has_avx2()
+    assert number_of_lanes() == 1
+
+
 def evaluated(problem: mbocp.Problem, number: int, monkeypatch: pytest.MonkeyPatch) -> dict[str, Array]:
     """What the kernel makes of the problem's first guess, moved at random."""
     monkeypatch.setenv("MBOCP_LANES", str(number))
