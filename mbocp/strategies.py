@@ -110,10 +110,10 @@ class OneSolve:
 
 @dataclass(frozen=True)
 class WithinSteps:
-    """Solve so that speeds and accelerations keep their limits between nodes, too.
+    """Solve so that speeds, accelerations and what falls with a speed keep their limits between nodes, too.
 
-    Limits of accelerations hold there from the first; those of speeds alone, or where that comes to nothing,
-    only if the motion leaves them by far.
+    Limits of accelerations hold there from the first, and others with them; those of speeds and motors alone,
+    or where that comes to nothing, only if the motion leaves them by far.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class WithinSteps:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to four times."""
+        """Solve up to five times."""
         can = can_hold_within(job.problem)
         if "a" not in can or job.rough:
             return self._solve_in_turn(job)
@@ -136,7 +136,7 @@ class WithinSteps:
         return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
 
     def _solve_in_turn(self, job: Job) -> Solution:
-        """Up to three times; a motion that keeps its limits already begins with them."""
+        """Up to four times; a motion that keeps its limits already begins with them."""
         can = can_hold_within(job.problem)
         begun = job.start.iterate if isinstance(job.start, Solution) else None
         within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
@@ -148,7 +148,7 @@ class WithinSteps:
             within = "".join(sorted(within + letter))
             start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
             again = WarmStart(self.once, self.once).run(replace(job.with_limits_within(within), start=start))
-            if not (again.is_stationary and again.limit_excess < solution.limit_excess):
+            if not again.is_stationary or again.limit_excess >= solution.limit_excess:
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution

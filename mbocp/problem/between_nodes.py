@@ -32,9 +32,9 @@ from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
+from mbocp.problem.speed_lines import over_speed, speed_lines, steps_held
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot
-from mbocp.terms.kinds import Motor
 from mbocp.terms.rates import RATE_TERMS
 
 GROSS_EXCESS = (
@@ -109,11 +109,19 @@ def can_hold_within(problem: Problem) -> str:
     """Letters of the limits that can be had within steps, too, where the motion is that of cubics.
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
-    Jerks of controls that leap at nodes are no limits of cubics.
+    Jerks of controls that leap at nodes are no limits of cubics. Limits that fall with a speed, "m", hold at
+    the begins of steps, too, whatever the scheme.
     """
-    is_cubic = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2 and not problem.robot.drives
     letters = "ajv" if problem.controls == "linear" and _resolves_jerks(problem) else "av"
-    return "".join(letter for letter in letters if is_cubic and letter in problem.widest_limits.letters)
+    has_limits = [letter for letter in letters if letter in problem.widest_limits.letters]
+    found = [*(has_limits if has_cubics(problem) else ()), *("m" if speed_lines(problem) else "")]
+    return "".join(sorted(found))
+
+
+def has_cubics(problem: Problem) -> bool:
+    """Whether what speeds do within steps is that of cubics, to a higher order than steps are wrong by."""
+    is_precise = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2
+    return is_precise and not problem.robot.drives
 
 
 def _resolves_jerks(problem: Problem) -> bool:
@@ -125,7 +133,7 @@ def _resolves_jerks(problem: Problem) -> bool:
 
 def letter_of(excess: str) -> str:
     """Letter of the limit that is left, by `LimitExcess.of`; "" where it cannot be had within steps."""
-    return {"speed": "v", "acceleration": "a"}.get(excess.partition(" ")[0], "")
+    return {"speed": "v", "acceleration": "a", "torque": "m"}.get(excess.partition(" ")[0], "")
 
 
 def largest_excess(
@@ -146,7 +154,7 @@ def largest_excess(
     """
     limits = {letter: sides for letter, sides in problem.limits_along().items() if np.isfinite(sides).any()}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
-    motors = tuple(path for path in problem.frame_constraints if path.kind == Motor.kind)
+    motors = over_speed(problem)
     if not ((limits or motors) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
@@ -296,9 +304,7 @@ class _Steps:
         Where the robot does not follow cubics, at the begins alone.
         """
         problem = self.problem
-        at_nodes = motor.span.nodes(problem.num_steps, problem.dt)
-        held = np.append(motor.span.has_start, at_nodes)
-        held = held[steps] & held[steps + 1]
+        held = steps_held(motor, problem)[steps]
         if not held.any():
             return
         shares = np.linspace(0.0, 1.0, _PLACES) if is_followed(problem) else np.zeros(1)

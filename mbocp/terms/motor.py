@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -25,24 +25,79 @@ _ROUND_OFF = 1e-9  # relative, by which slopes of a table may be less steep than
 
 
 @dataclass(frozen=True)
-class Motor(PathTerm):
+class OverSpeed(PathTerm):
+    r"""What falls with the speed v of a joint: rows x + k v of something x, one for each line of a table.
+
+    Where a table has several lines all hold at once, so that the values of the table fall ever faster.
+
+    Attributes
+    ----------
+    points : int
+        Rows of the table.
+    excess : str
+        What leaves its limit, in a word.
+    """
+
+    points: int
+
+    has_velocity = True
+    of_joint = True
+    excess: ClassVar[str]
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> OverSpeed:
+        """With so many rows of its table."""
+        return cls(given.frame, len(given.further.get("speeds", (0.0, 0.0))))
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """The table."""
+        return {"curve": np.column_stack([given.number("speeds"), given.number("values")]).tolist()}
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse what is no such table."""
+        _check_curve(np.column_stack([given.number("speeds"), given.number("values")]), f"{key}: curve")
+
+    @classmethod
+    def slopes(cls, given: PathNumbers) -> Array:
+        """The k of each row."""
+        found: Array = _slopes(given.number("speeds"), given.number("values"))
+        return found
+
+    @property
+    def sizes(self) -> dict[str, int]:  # type: ignore[override]
+        """Of the two columns of the table."""
+        return {"speeds": self.points, "values": self.points}
+
+    @property
+    def rows(self) -> int:
+        """One for each line."""
+        return self.points - 1
+
+    @classmethod
+    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
+        """The number of the line behind the name, where there are several."""
+        lines = len(given.number("speeds")) - 1
+        names = [given.name] if lines == 1 else [f"{given.name}.{n}" for n in range(1, lines + 1)]
+        return tuple(Label(name, cls.unit) for name in names)
+
+
+@dataclass(frozen=True)
+class Motor(OverSpeed):
     r"""Torque with the voltage of a motor, seen behind its gear; of a `[[robot.motor]]` before it.
 
     .. math:: -\tau_0 \le \tau + \frac{\tau_0}{v_0} v \le \tau_0
 
     At rest it is the stall torque tau_0 at most, at the no-load speed v_0 none; where the motor brakes the
     voltage helps, and a limit of effort says what the current allows. It holds for the control of each step
-    with the velocity at its end. A table of torques over speeds is such a line for each two of its rows: all
-    hold at once, so that the torques have to fall ever faster.
+    with the velocity at its end. A table of torques over speeds is such a line for each two of its rows.
     """
-
-    points: int
 
     kind = "motor"
     unit = "N m"
-    has_velocity = True
-    of_joint = True
     remembers = ("control",)
+    excess = "torque"
 
     class Keys(Table):
         """Keys."""
@@ -64,11 +119,6 @@ class Motor(PathTerm):
         ] = None
 
     @classmethod
-    def of(cls, given: PathNumbers) -> Motor:
-        """With so many rows of its table."""
-        return cls(given.frame, len(given.further.get("speeds", (0.0, 0.0))))
-
-    @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
         """Bounds, of the sizes of the torques that lines have at rest, and numbers."""
         if "curve" in given:
@@ -83,44 +133,22 @@ class Motor(PathTerm):
                 if not (given[name] > 0.0 and np.isfinite(given[name])):
                     raise InvalidValue(f"{key}: {name}", float(given[name]), "above 0, and finite")
             speeds, torques = np.array([0.0, given["no_load"]]), np.array([given["stall"], 0.0])
-        at_rest = torques[:-1] + _slopes(speeds, torques) * speeds[:-1]
-        return {"lower": -at_rest, "upper": at_rest, "speeds": speeds, "torques": torques}
+        at_rest = _at_rest(speeds, torques)
+        return {"lower": -at_rest, "upper": at_rest, "speeds": speeds, "values": torques}
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
         """Numbers."""
-        speeds, torques = given.number("speeds"), given.number("torques")
+        speeds, torques = given.number("speeds"), given.number("values")
         if len(speeds) == 2 and torques[1] == 0.0:
             return {"stall": float(torques[0]), "no_load": float(speeds[1])}
-        return {"curve": np.column_stack([speeds, torques]).tolist()}
-
-    @classmethod
-    def check(cls, given: PathNumbers, key: str) -> None:
-        """Refuse torques and speeds that are none."""
-        _check_curve(np.column_stack([given.number("speeds"), given.number("torques")]), f"{key}: curve")
-
-    @property
-    def sizes(self) -> dict[str, int]:  # type: ignore[override]
-        """Of the two columns of the table."""
-        return {"speeds": self.points, "torques": self.points}
-
-    @property
-    def rows(self) -> int:
-        """One for each line."""
-        return self.points - 1
-
-    @classmethod
-    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
-        """The number of the line behind the name, where there are several."""
-        lines = len(given.number("speeds")) - 1
-        names = [given.name] if lines == 1 else [f"{given.name}.{n}" for n in range(1, lines + 1)]
-        return tuple(Label(name, cls.unit) for name in names)
+        return super().write(given, robot)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Torque that the voltage would give at rest, by each line [N m]."""
         place, n = _gear(self.frame, at)
         torque = (at.pushes() @ at.control)[place] / n
-        slopes: ca.SX = _slopes(p["speeds"], p["torques"])
+        slopes: ca.SX = _slopes(p["speeds"], p["values"])
         return torque + slopes * n * at.joint_velocity()[place]
 
 
@@ -178,13 +206,19 @@ def falling_lines(curve: Array, key: str) -> Array:
     if first + 1 == len(speeds):
         return np.zeros((0, 2))
     left = np.array(curve[first:], dtype=np.float64)
-    left[0] = 0.0, torques[first] + _slopes(speeds, torques)[first] * speeds[first]
+    left[0] = 0.0, _at_rest(speeds, torques)[first]
     return left
 
 
-def _slopes(speeds: Any, torques: Any) -> Any:
-    """By how much torques fall with the speed in each line [N m s/rad]."""
-    return (torques[:-1] - torques[1:]) / (speeds[1:] - speeds[:-1])
+def _slopes(speeds: Any, values: Any) -> Any:
+    """By how much values fall with the speed in each line, by [rad/s]."""
+    return (values[:-1] - values[1:]) / (speeds[1:] - speeds[:-1])
+
+
+def _at_rest(speeds: Array, values: Array) -> Array:
+    """What each line, gone on with, has at rest."""
+    found: Array = values[:-1] + _slopes(speeds, values) * speeds[:-1]
+    return found
 
 
 def _check_curve(curve: Array, key: str) -> tuple[Array, Array]:
