@@ -30,7 +30,13 @@ from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import PathConstraint, Problem
-from mbocp.problem.between_nodes import GROSS_EXCESS, can_hold_within, is_followed, letter_of
+from mbocp.problem.between_nodes import (
+    GROSS_EXCESS,
+    can_hold_within,
+    is_followed,
+    letter_of,
+    limits_accelerations,
+)
 from mbocp.solution import Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
@@ -126,7 +132,7 @@ class WithinSteps:
     def run(self, job: Job) -> Solution:
         """Solve up to five times."""
         can = can_hold_within(job.problem)
-        if "a" not in can or job.rough:
+        if not limits_accelerations(job.problem) or job.rough:
             return self._solve_in_turn(job)
         solution = self.once.run(replace(job.with_limits_within(can), brief=job.brief or _WITHIN))
         asked = job.problem.solver.max_iterations

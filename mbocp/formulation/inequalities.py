@@ -74,7 +74,8 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
     names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
     progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))
-    nodes = MotionAtNodes(np.cumsum(motion.dts), states, lams, progress)
+    means = rates_along(None, motion.qs, motion.vs, motion.us, motion.dts)["acceleration"]
+    nodes = MotionAtNodes(np.cumsum(motion.dts), states, means, lams, progress)
     return [one.values_in_motion(problem.robot, nodes) for one in problem.path]
 
 

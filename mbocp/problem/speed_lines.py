@@ -1,4 +1,4 @@
-"""Limits that fall with a speed, as rows that are linear in a control and that speed."""
+"""Limits that fall with a speed, as rows that are linear in that speed and a control or an acceleration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.terms.kinds import PATH_TERMS
-from mbocp.terms.motor import OverSpeed
+from mbocp.terms.motor import Motor, OverSpeed
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SpeedLines:
-    """Rows c u + k v of a path constraint.
+    """Rows c u + k v, or a + k v, of a path constraint.
 
     Attributes
     ----------
     path : PathConstraint
-    control, dof : int
-        Places of u among the controls, and of v among the velocities.
+    control : int or None
+        Place of u among the controls; None: they are about the acceleration.
+    dof : int
+        Place of v among the velocities.
     gain : float
         c: torque of the motor for a control of 1.
     slopes : ndarray, shape (rows,)
@@ -34,7 +36,7 @@ class SpeedLines:
     """
 
     path: PathConstraint
-    control: int
+    control: int | None
     dof: int
     gain: float
     slopes: Array
@@ -42,15 +44,21 @@ class SpeedLines:
     @classmethod
     def of(cls, path: PathConstraint, robot: Robot) -> SpeedLines | None:
         """Those of a constraint; None where torques of its joint are not those of one control alone."""
-        dof = int(robot.model.joints[robot.model.frames[path.frame].parentJoint].idx_v)
+        dof, kind = joint_of(path, robot), kind_of(path)
+        if not issubclass(kind, Motor):
+            return cls(path, None, dof, 1.0, kind.slopes(path))
         pushes = robot.actuation.selection[dof]
         (controls,) = np.nonzero(pushes)
         is_found = any(motor.dof == dof for motor in robot.found_gears)
         if len(controls) != 1 or robot.actuation.frame_actuators or is_found:
             return None
         gear = next((motor.gear_ratio for motor in robot.motors if motor.dof == dof), 1.0)
-        slopes = _kind_of(path).slopes(path) * gear
-        return cls(path, int(controls[0]), dof, float(pushes[controls[0]]) / gear, slopes)
+        return cls(path, int(controls[0]), dof, float(pushes[controls[0]]) / gear, kind.slopes(path) * gear)
+
+
+def joint_of(path: PathConstraint, robot: Robot) -> int:
+    """Place among the velocities of that of the joint that a constraint is about."""
+    return int(robot.model.joints[robot.model.frames[path.frame].parentJoint].idx_v)
 
 
 def over_speed(problem: Problem) -> tuple[PathConstraint, ...]:
@@ -58,7 +66,8 @@ def over_speed(problem: Problem) -> tuple[PathConstraint, ...]:
     return tuple(path for path in problem.frame_constraints if issubclass(PATH_TERMS[path.kind], OverSpeed))
 
 
-def _kind_of(path: PathConstraint) -> type[OverSpeed]:
+def kind_of(path: PathConstraint) -> type[OverSpeed]:
+    """The class of such a constraint."""
     kind = PATH_TERMS[path.kind]
     assert issubclass(kind, OverSpeed)
     return kind

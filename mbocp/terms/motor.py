@@ -1,4 +1,4 @@
-"""A kind of path constraint: motors whose torque falls with their speed."""
+"""Kinds of path constraints: torques of motors, and accelerations, that fall with the speed of a joint."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from mbocp.terms.written import Bound, Finite
 
 _Row = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 _MAX_ROWS = 50
+_UNIT = "rad/s; N m, rad/s^2"
 _ROUND_OFF = 1e-9  # relative, by which slopes of a table may be less steep than the one before
 
 
@@ -36,6 +37,8 @@ class OverSpeed(PathTerm):
         Rows of the table.
     excess : str
         What leaves its limit, in a word.
+    values : str
+        What messages call the values of the table.
     """
 
     points: int
@@ -43,6 +46,7 @@ class OverSpeed(PathTerm):
     has_velocity = True
     of_joint = True
     excess: ClassVar[str]
+    values: ClassVar[str]
 
     @classmethod
     def of(cls, given: PathNumbers) -> OverSpeed:
@@ -57,7 +61,8 @@ class OverSpeed(PathTerm):
     @classmethod
     def check(cls, given: PathNumbers, key: str) -> None:
         """Refuse what is no such table."""
-        _check_curve(np.column_stack([given.number("speeds"), given.number("values")]), f"{key}: curve")
+        curve = np.column_stack([given.number("speeds"), given.number("values")])
+        _check_curve(curve, f"{key}: curve", cls.values)
 
     @classmethod
     def slopes(cls, given: PathNumbers) -> Array:
@@ -98,6 +103,7 @@ class Motor(OverSpeed):
     unit = "N m"
     remembers = ("control",)
     excess = "torque"
+    values = "torques"
 
     class Keys(Table):
         """Keys."""
@@ -113,7 +119,7 @@ class Motor(OverSpeed):
             Annotated[list[_Row] | None, Field(max_length=_MAX_ROWS)],
             Key(
                 "of a motor in place of both: rows [speed, torque] from rest on, which fall ever faster",
-                "rad/s; N m",
+                _UNIT,
                 takes="list of pairs",
             ),
         ] = None
@@ -125,7 +131,9 @@ class Motor(OverSpeed):
             for name in ("stall", "no_load"):
                 if name in given:
                     raise ProblemError(f"{key}: curve and {name}; which of the two? Give one")
-            speeds, torques = _check_curve(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve")
+            speeds, torques = _check_curve(
+                np.array(given["curve"]).reshape(-1, 2), f"{key}.curve", cls.values
+            )
         else:
             for name in ("stall", "no_load"):
                 if name not in given:
@@ -150,6 +158,85 @@ class Motor(OverSpeed):
         torque = (at.pushes() @ at.control)[place] / n
         slopes: ca.SX = _slopes(p["speeds"], p["values"])
         return torque + slopes * n * at.joint_velocity()[place]
+
+
+@dataclass(frozen=True)
+class AccelerationOverSpeed(OverSpeed):
+    r"""Acceleration of a joint that falls with its speed, where it speeds up and where it slows down.
+
+    .. math:: |a| + k |v| \le a_0
+
+    It holds for the mean acceleration of each step with the velocity at its end.
+
+    Attributes
+    ----------
+    has_plateau : bool
+        Whether the first line does not fall, so that its rows for both ways are one.
+    """
+
+    has_plateau: bool
+
+    kind = "acceleration"
+    unit = "rad/s^2"
+    remembers = ("acceleration",)
+    excess = "value"
+    values = "accelerations"
+
+    class Keys(Table):
+        """Keys."""
+
+        curve: Annotated[
+            Annotated[list[_Row] | None, Field(max_length=_MAX_ROWS)],
+            Key(
+                'of an `"acceleration"` of a joint, `frame`: rows [speed, acceleration]',
+                _UNIT,
+                takes="list of pairs",
+            ),
+        ] = None
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> AccelerationOverSpeed:
+        """With so many rows of its table."""
+        values = given.further.get("values", (0.0, 0.0))
+        return cls(given.frame, len(values), bool(values[0] == values[1]))
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Bounds, of the sizes of the accelerations that lines have at rest, and numbers."""
+        if "curve" not in given:
+            raise ProblemError(f"{key}.curve: this key is missing")
+        speeds, values = _check_curve(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve", cls.values)
+        at_rest = _at_rest(speeds, values)
+        at_rest = np.append(at_rest, at_rest[int(values[0] == values[1]) :])
+        return {"lower": -at_rest, "upper": at_rest, "speeds": speeds, "values": values}
+
+    @property
+    def rows(self) -> int:
+        """Of each line one for speeding up and one for slowing down."""
+        return 2 * (self.points - 1) - self.has_plateau
+
+    @classmethod
+    def slopes(cls, given: PathNumbers) -> Array:
+        """The k of each row."""
+        slopes = super().slopes(given)
+        return np.append(slopes, -slopes[cls.of(given).has_plateau :])
+
+    @classmethod
+    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
+        """Which way, and the number of the line."""
+        names = [label.name for label in super().labels(given)]
+        flat, falling = names[: cls.of(given).has_plateau], names[cls.of(given).has_plateau :]
+        ways = [f"{name} {way}" for way in ("speeding up", "slowing down") for name in falling]
+        return tuple(Label(name, cls.unit) for name in (*flat, *ways))
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Acceleration that each line would have at rest [rad/s^2]."""
+        place = _place(self.frame, at)
+        change: ca.SX = _slopes(p["speeds"], p["values"]) * at.joint_velocity()[place]
+        rows: ca.SX = at.remembered["acceleration"][place] + ca.vertcat(
+            change, -change[int(self.has_plateau) :]
+        )
+        return rows
 
 
 @dataclass(frozen=True)
@@ -186,27 +273,40 @@ class MotorSpeed(PathTerm):
 
 def _gear(frame: int, at: Point) -> tuple[int, ca.SX]:
     """Where a joint has its velocity, and the ratio of its gear."""
-    model = at.mechanics.robot.model
-    place = int(model.joints[model.frames[frame].parentJoint].idx_v)
+    place = _place(frame, at)
     return place, at.mechanics.gear_ratio(place)
 
 
-def falling_lines(curve: Array, key: str) -> Array:
-    """Rows of a table of speeds and torques, shape (n, 2), without the flat part that a limit of effort is.
+def _place(frame: int, at: Point) -> int:
+    """Where a joint has its velocity."""
+    model = at.mechanics.robot.model
+    return int(model.joints[model.frames[frame].parentJoint].idx_v)
+
+
+def falling_lines(curve: Array, key: str, kind: str) -> Array:
+    """Rows of a table over speeds, shape (n, 2), without the flat part that a limit along the motion is.
 
     The first line goes on to rest; no row is left of a table that is flat.
+
+    Parameters
+    ----------
+    curve : ndarray, shape (m, 2)
+        Speeds and values.
+    key : str
+        What messages call it.
+    kind : {"motor", "acceleration"}
 
     Raises
     ------
     InvalidValue
-        If it is no table of a motor.
+        If it is no such table.
     """
-    speeds, torques = _check_curve(curve, key)
-    first = int(np.searchsorted(-torques, -torques[0], side="right")) - 1
+    speeds, values = _check_curve(curve, key, "torques" if kind == Motor.kind else "accelerations")
+    first = int(np.searchsorted(-values, -values[0], side="right")) - 1
     if first + 1 == len(speeds):
         return np.zeros((0, 2))
     left = np.array(curve[first:], dtype=np.float64)
-    left[0] = 0.0, _at_rest(speeds, torques)[first]
+    left[0] = 0.0, _at_rest(speeds, values)[first]
     return left
 
 
@@ -221,24 +321,25 @@ def _at_rest(speeds: Array, values: Array) -> Array:
     return found
 
 
-def _check_curve(curve: Array, key: str) -> tuple[Array, Array]:
-    """Speeds and torques of a table."""
-    speeds, torques = curve.T
+def _check_curve(curve: Array, key: str, what: str) -> tuple[Array, Array]:
+    """Speeds and values of a table, which messages call `what`."""
+    speeds, values = curve.T
     if len(curve) < 2 or not np.isfinite(curve).all():
-        raise InvalidValue(key, show(curve.tolist()), "two or more rows [speed, torque] of finite numbers")
+        expected = f"two or more rows [speed, {what.removesuffix('s')}] of finite numbers"
+        raise InvalidValue(key, show(curve.tolist()), expected)
     if speeds[0] != 0.0 or not (np.diff(speeds) > 0.0).all():
         raise InvalidValue(key, f"speeds {show(speeds.tolist())}", "speeds that rise from 0 on")
-    if not (torques[0] > 0.0 and (torques >= 0.0).all() and (np.diff(torques) <= 0.0).all()):
+    if not (values[0] > 0.0 and (values >= 0.0).all() and (np.diff(values) <= 0.0).all()):
         raise InvalidValue(
-            key, f"torques {show(torques.tolist())}", "one above 0 at rest, and none that rises or is below 0"
+            key, f"{what} {show(values.tolist())}", "one above 0 at rest, and none that rises or is below 0"
         )
-    slopes = _slopes(speeds, torques)
+    slopes = _slopes(speeds, values)
     flatter = np.flatnonzero(np.diff(slopes) < -_ROUND_OFF * slopes.max())
     if flatter.size:
         raise InvalidValue(
             key,
-            f"torques that fall less steeply after {speeds[flatter[0] + 1]:g}",
-            "torques that fall ever faster: a limit that is not concave is not the least of several lines; "
+            f"{what} that fall less steeply after {speeds[flatter[0] + 1]:g}",
+            f"{what} that fall ever faster: a limit that is not concave is not the least of several lines; "
             "leave rows out so that it is, on the safe side",
         )
-    return speeds, torques
+    return speeds, values
