@@ -11,8 +11,8 @@ from mbocp._dataclass import dataclass
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
-from mbocp.terms.kinds import PATH_TERMS
-from mbocp.terms.motor import Motor, OverSpeed
+from mbocp.terms.kinds import PATH_TERMS, Motor
+from mbocp.terms.over_speed import OverSpeed
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem

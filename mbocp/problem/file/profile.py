@@ -25,13 +25,17 @@ from mbocp.exceptions import ProblemError, Unreadable, suggest
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.limits import is_plain
 from mbocp.robot import Robot
-from mbocp.terms.motor import falling_lines
+from mbocp.terms.kinds import AccelerationOverSpeed, Motor
+from mbocp.terms.over_speed import OverSpeed, falling_lines
 from mbocp.terms.written import range_of, read_side
 
 _FOLDER = Path(__file__).parents[2] / "profiles"
 _OF_CONTROLS = ("effort", "effort_rate", "power")
 _OF_ANGLES = ("position", "velocity", "acceleration", "jerk")
-_OVER_SPEEDS = {"effort": "motor", "acceleration": "acceleration"}  # kinds of path constraints, by key
+_OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
+    "effort": Motor,
+    "acceleration": AccelerationOverSpeed,
+}  # by key
 _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
@@ -149,10 +153,10 @@ class Profile:
 
     def paths(self, robot: Robot) -> list[dict[str, Any]]:
         """Return the tables of `[[path]]` for a robot."""
-        over_speed = chain(*(self._over_speed(key, kind, robot) for key, kind in _OVER_SPEEDS.items()))
+        over_speed = chain(*(self._over_speed(key, term, robot) for key, term in _OVER_SPEEDS.items()))
         return [*over_speed, *self._braking(robot)]
 
-    def _over_speed(self, key: str, kind: str, robot: Robot) -> list[dict[str, Any]]:
+    def _over_speed(self, key: str, term: type[OverSpeed], robot: Robot) -> list[dict[str, Any]]:
         """What falls with the speeds of joints and motors, beyond that at rest, which `[limits]` has.
 
         Raises
@@ -170,11 +174,16 @@ class Profile:
         for name, i in self._joints(robot).items():
             curve = np.column_stack([speeds, values[:, i]])
             where = f"limits.profile: {show(self.name)}: {key} of {self.table.joints[i]}"
-            lines = falling_lines(curve, where, kind)
+            lines = falling_lines(curve, where, term.values)
             motor = moved.get(name, name)
             if len(lines) and self._has(key, motor, robot, controls):
                 found.append(
-                    {"name": f"{kind} of {name}", "kind": kind, "frame": motor, "curve": lines.tolist()}
+                    {
+                        "name": f"{term.kind} of {name}",
+                        "kind": term.kind,
+                        "frame": motor,
+                        "curve": lines.tolist(),
+                    }
                 )
         return found
 
