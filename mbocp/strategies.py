@@ -29,7 +29,7 @@ from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
-from mbocp.problem import PathConstraint, Problem
+from mbocp.problem import Bounds, PathConstraint, Problem
 from mbocp.problem.between_nodes import (
     GROSS_EXCESS,
     can_hold_within,
@@ -201,14 +201,20 @@ def _leaves_speeds(problem: Problem) -> bool:
 
 
 def _with_lower_speeds(problem: Problem, lowered: Mapping[str, float]) -> Problem:
-    """The problem with limits of speeds that are lower, by a part of the larger side of each."""
-    limits, names = problem.limits, [f"speed of {label.name}" for label in problem.robot.v_labels]
-    lower, upper = np.array(limits.v_lower), np.array(limits.v_upper)
-    for of, share in lowered.items():
-        k = names.index(of)
-        size = max(abs(side) for side in (lower[k], upper[k]) if np.isfinite(side))
-        lower[k], upper[k] = lower[k] + share * size, upper[k] - share * size
-    return replace(problem, limits=replace(limits, v_lower=frozen_array(lower), v_upper=frozen_array(upper)))
+    """The problem, and its phases, with limits of speeds lower by a part of the larger side of each."""
+    names = [f"speed of {label.name}" for label in problem.robot.v_labels]
+    shares = np.array([lowered.get(name, 0.0) for name in names])
+
+    def lower(limits: Bounds) -> Bounds:
+        if "v" not in limits.letters:
+            return limits
+        sides = limits.sides("v")
+        size = np.max([np.where(np.isfinite(side), np.abs(side), 0.0) for side in sides], axis=0)
+        low, high = sides[0] + shares * size, sides[1] - shares * size
+        return replace(limits, v_lower=frozen_array(low), v_upper=frozen_array(high))
+
+    phases = tuple(replace(phase, limits=lower(phase.limits)) for phase in problem.timeline.phases)
+    return replace(problem, limits=lower(problem.limits), timeline=replace(problem.timeline, phases=phases))
 
 
 @dataclass(frozen=True)
