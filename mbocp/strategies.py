@@ -221,6 +221,8 @@ def _with_lower_speeds(problem: Problem, lowered: Mapping[str, float]) -> Proble
 class RoomToBrake:
     """Solve; where a braking joint has less than its reserve between nodes, again with so much more at nodes.
 
+    Where that leads to no motion, the advice names the joints.
+
     Attributes
     ----------
     once : Strategy
@@ -238,9 +240,12 @@ class RoomToBrake:
             wider = _with_reserves(problem, job.problem, solution)
             if wider is None:
                 break
-            again = self.once.run(replace(job, problem=wider, start=solution))
+            again = WarmStart(self.once, self.once).run(replace(job, problem=wider, start=solution))
             if not again.is_stationary:
-                return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+                short = f"between nodes a joint falls short of its reserve: {_short(wider, problem)}"
+                words = f"{solution.advice}; {short}"
+                spent = solution.wall_time_s + again.wall_time_s
+                return retold(solution, advice=words, wall_time_s=spent)
             solution, problem = after(solution, again, "reserves at nodes"), wider
         return solution
 
@@ -264,6 +269,17 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
             reserve = own.number("reserve") + _MORE * missing
             path[k] = replace(own, further={**own.further, "reserve": reserve})
     return None if is_enough else replace(problem, path=tuple(path))
+
+
+def _short(wider: Problem, problem: Problem) -> str:
+    """Which path constraints ask for more reserve in one problem than in another, and by how much."""
+    pairs = zip(wider.frame_constraints, problem.frame_constraints, strict=True)
+    more = {
+        one.name: float((one.number("reserve") - other.number("reserve"))[0]) / _MORE
+        for one, other in pairs
+        if one is not other
+    }
+    return ", ".join(f"{name} by {missing:.2g} rad/s" for name, missing in more.items())
 
 
 @dataclass(frozen=True)
