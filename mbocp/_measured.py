@@ -64,7 +64,7 @@ class Measured:
         if ";" in self.unit and isinstance(value, list) and all(isinstance(row, list) for row in value):
             columns = [Measured(unit) for unit in self.unit.split("; ")]
             return [
-                [_floats(one.check(entry, f" in row {n}")) for entry, one in zip(row, cycle(columns))]
+                [one.plain(one.check(entry, f" in row {n}")) for entry, one in zip(row, cycle(columns))]
                 for n, row in enumerate(value)
             ]
         if isinstance(value, list | tuple):
@@ -79,6 +79,10 @@ class Measured:
             }
         return value
 
+    def plain(self, checked: Any) -> Any:
+        """Return a value with plain numbers, where there is no other unit that they could be in."""
+        return _floats(checked) if len(self.units) == 1 else checked
+
     def _read(self, value: Any, inner: Callable[[Any], Any]) -> Any:
         checked = self.check(value)
         try:
@@ -91,9 +95,7 @@ class Measured:
             raise
         if type(checked) is float or (type(checked) is list and all(type(one) is float for one in checked)):
             return read  # no quantity
-        if len(self.units) == 1:
-            return _floats(read)
-        return _quantities_in(read, checked)
+        return _floats(read) if len(self.units) == 1 else _quantities_in(read, checked)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read numbers with units before anything else."""

@@ -29,8 +29,14 @@ from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt
 from mbocp.job import Job, Strategy
-from mbocp.problem import PathConstraint, Problem
-from mbocp.problem.between_nodes import GROSS_EXCESS, can_hold_within, is_followed, letter_of
+from mbocp.problem import Bounds, PathConstraint, Problem
+from mbocp.problem.between_nodes import (
+    GROSS_EXCESS,
+    can_hold_within,
+    is_followed,
+    letter_of,
+    limits_accelerations,
+)
 from mbocp.solution import Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
@@ -110,10 +116,10 @@ class OneSolve:
 
 @dataclass(frozen=True)
 class WithinSteps:
-    """Solve so that speeds and accelerations keep their limits between nodes, too.
+    """Solve so that speeds, accelerations and what falls with a speed keep their limits between nodes, too.
 
-    Limits of accelerations hold there from the first; those of speeds alone, or where that comes to nothing,
-    only if the motion leaves them by far.
+    Limits of accelerations hold there from the first, and others with them; those of speeds and motors alone,
+    or where that comes to nothing, only if the motion leaves them by far.
 
     Attributes
     ----------
@@ -124,9 +130,9 @@ class WithinSteps:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to four times."""
+        """Solve up to five times."""
         can = can_hold_within(job.problem)
-        if "a" not in can or job.rough:
+        if not limits_accelerations(job.problem) or job.rough:
             return self._solve_in_turn(job)
         solution = self.once.run(replace(job.with_limits_within(can), brief=job.brief or _WITHIN))
         asked = job.problem.solver.max_iterations
@@ -136,7 +142,7 @@ class WithinSteps:
         return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
 
     def _solve_in_turn(self, job: Job) -> Solution:
-        """Up to three times; a motion that keeps its limits already begins with them."""
+        """Up to four times; a motion that keeps its limits already begins with them."""
         can = can_hold_within(job.problem)
         begun = job.start.iterate if isinstance(job.start, Solution) else None
         within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
@@ -148,7 +154,7 @@ class WithinSteps:
             within = "".join(sorted(within + letter))
             start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
             again = WarmStart(self.once, self.once).run(replace(job.with_limits_within(within), start=start))
-            if not (again.is_stationary and again.limit_excess < solution.limit_excess):
+            if not again.is_stationary or again.limit_excess >= solution.limit_excess:
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution
@@ -195,19 +201,27 @@ def _leaves_speeds(problem: Problem) -> bool:
 
 
 def _with_lower_speeds(problem: Problem, lowered: Mapping[str, float]) -> Problem:
-    """The problem with limits of speeds that are lower, by a part of the larger side of each."""
-    limits, names = problem.limits, [f"speed of {label.name}" for label in problem.robot.v_labels]
-    lower, upper = np.array(limits.v_lower), np.array(limits.v_upper)
-    for of, share in lowered.items():
-        k = names.index(of)
-        size = max(abs(side) for side in (lower[k], upper[k]) if np.isfinite(side))
-        lower[k], upper[k] = lower[k] + share * size, upper[k] - share * size
-    return replace(problem, limits=replace(limits, v_lower=frozen_array(lower), v_upper=frozen_array(upper)))
+    """The problem, and its phases, with limits of speeds lower by a part of the larger side of each."""
+    names = [f"speed of {label.name}" for label in problem.robot.v_labels]
+    shares = np.array([lowered.get(name, 0.0) for name in names])
+
+    def lower(limits: Bounds) -> Bounds:
+        if "v" not in limits.letters:
+            return limits
+        sides = limits.sides("v")
+        size = np.max([np.where(np.isfinite(side), np.abs(side), 0.0) for side in sides], axis=0)
+        low, high = sides[0] + shares * size, sides[1] - shares * size
+        return replace(limits, v_lower=frozen_array(low), v_upper=frozen_array(high))
+
+    phases = tuple(replace(phase, limits=lower(phase.limits)) for phase in problem.timeline.phases)
+    return replace(problem, limits=lower(problem.limits), timeline=replace(problem.timeline, phases=phases))
 
 
 @dataclass(frozen=True)
 class RoomToBrake:
     """Solve; where a braking joint has less than its reserve between nodes, again with so much more at nodes.
+
+    Where that leads to no motion, the advice names the joints.
 
     Attributes
     ----------
@@ -226,9 +240,12 @@ class RoomToBrake:
             wider = _with_reserves(problem, job.problem, solution)
             if wider is None:
                 break
-            again = self.once.run(replace(job, problem=wider, start=solution))
+            again = WarmStart(self.once, self.once).run(replace(job, problem=wider, start=solution))
             if not again.is_stationary:
-                return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
+                short = f"between nodes a joint falls short of its reserve: {_short(wider, problem)}"
+                words = f"{solution.advice}; {short}"
+                spent = solution.wall_time_s + again.wall_time_s
+                return retold(solution, advice=words, wall_time_s=spent)
             solution, problem = after(solution, again, "reserves at nodes"), wider
         return solution
 
@@ -252,6 +269,17 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
             reserve = own.number("reserve") + _MORE * missing
             path[k] = replace(own, further={**own.further, "reserve": reserve})
     return None if is_enough else replace(problem, path=tuple(path))
+
+
+def _short(wider: Problem, problem: Problem) -> str:
+    """Which path constraints ask for more reserve in one problem than in another, and by how much."""
+    pairs = zip(wider.frame_constraints, problem.frame_constraints, strict=True)
+    more = {
+        one.name: float((one.number("reserve") - other.number("reserve"))[0]) / _MORE
+        for one, other in pairs
+        if one is not other
+    }
+    return ", ".join(f"{name} by {missing:.2g} rad/s" for name, missing in more.items())
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import block_within, names_within
@@ -27,12 +28,17 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
     problem = formulation.problem
     path = _path_of(formulation, iterate, motion)
     names = tuple(label.name for constraint in problem.inequalities for label in constraint.labels)
-    names += names_within(problem)
+    names += _names_within(problem)
     return {
         **_multipliers(formulation, iterate, path),
         "path_names": names,
         "limit_violation": _violation(problem, motion, path),
     }
+
+
+def _names_within(problem: Problem) -> tuple[str, ...]:
+    """Of all limits that hold within steps, too."""
+    return (*names_within(problem), *names_of_lines(problem))
 
 
 def limit_violation(formulation: Formulation, iterate: Iterate, motion: Motion) -> float:
@@ -68,7 +74,8 @@ def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
     names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
     progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))
-    nodes = MotionAtNodes(np.cumsum(motion.dts), states, lams, progress)
+    means = rates_along(None, motion.qs, motion.vs, motion.us, motion.dts)["acceleration"]
+    nodes = MotionAtNodes(np.cumsum(motion.dts), states, means, lams, progress)
     return [one.values_in_motion(problem.robot, nodes) for one in problem.path]
 
 
@@ -98,7 +105,7 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_qs = np.zeros((N + 1, robot.nq))
     bounds = iterate.bounds
     if bounds is None:
-        nh = path.shape[1] + len(names_within(problem))
+        nh = path.shape[1] + len(_names_within(problem))
         return {
             "lam_us": np.zeros((N, robot.nu)),
             "lam_qs": lam_qs,
@@ -120,7 +127,9 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_us = formulation.pieces.signature.control_values.sum_up(own)
     of_path = [bounds.path * slopes]
     states = formulation.layout.states
-    of_path += [bounds.xs[1:, states[block_within(letter)]] for letter in problem.limits_within]
+    within = [block_within(letter) for letter in problem.limits_within if letter != "m"]
+    within += [LINES_WITHIN] if "m" in problem.limits_within else []
+    of_path += [bounds.xs[1:, states[name]] for name in within]
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 

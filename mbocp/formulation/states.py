@@ -84,6 +84,7 @@ class States:
         forces = np.where(is_impact[:, None], lams / problem.dt, lams)
         units = join(feature.units(problem) for feature in features)
         given = join(feature.stage_numbers(problem) for feature in features)
+        for_all = join(feature.numbers(problem) for feature in features)
 
         def passage(taken: BoolArray, before: Mapping[str, Any]) -> Passage:
             dts, speeds = motion.dts[taken], xs[:, at.s]
@@ -98,7 +99,7 @@ class States:
                 before=before,
                 units=units,
                 controls={name: us[:, where][taken] for name, where in at.controls.items()},
-                given={name: rows[taken] for name, rows in given.items()},
+                given={**for_all, **{name: rows[taken] for name, rows in given.items()}},
                 forces=lambda rows: forces[taken][:, list(rows) if forces.size else []],
                 way=lambda: self._ways(xs, taken),
                 begin=motion.values[taken, 0] if problem.controls == "linear" else None,

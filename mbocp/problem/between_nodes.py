@@ -4,7 +4,7 @@ Positions, speeds and accelerations are those of the cubics through the nodes, s
 chains and schemes of order two accelerations at the nodes take part. Limits of
 accelerations hold for the mean of a step, those of controls that vary within steps where these have values,
 and those of powers at the end of a step: what a step does elsewhere is looked at, too. So are path
-constraints of motors, whose torques hold with the speed at the end of a step. Jerks and rates of
+constraints that fall with a speed, and hold with that at the end of a step. Jerks and rates of
 controls are differences of steps by their definition, and have no value between nodes.
 
 Where cubics leave a limit of speed by more than they are exact, or are kept within it, steps are followed
@@ -32,9 +32,9 @@ from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
+from mbocp.problem.speed_lines import kind_of, over_speed, speed_lines, steps_held
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label, Robot
-from mbocp.terms.kinds import Motor
 from mbocp.terms.rates import RATE_TERMS
 
 GROSS_EXCESS = (
@@ -58,9 +58,9 @@ class LimitExcess:
 
     Attributes
     ----------
-    kind : {"speed", "position", "acceleration", "effort", "power", "torque"}
+    kind : {"speed", "position", "acceleration", "effort", "power", "torque", "value"}
     name : str
-        Of the joint's direction, the control, or the row of a motor.
+        Of the joint's direction, the control, or the row of what falls with a speed.
     value, bound : float
         There, and the limit that is left [unit].
     time : float
@@ -109,11 +109,24 @@ def can_hold_within(problem: Problem) -> str:
     """Letters of the limits that can be had within steps, too, where the motion is that of cubics.
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
-    Jerks of controls that leap at nodes are no limits of cubics.
+    Jerks of controls that leap at nodes are no limits of cubics. Limits that fall with a speed, "m", hold at
+    the begins of steps, too, whatever the scheme.
     """
-    is_cubic = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2 and not problem.robot.drives
     letters = "ajv" if problem.controls == "linear" and _resolves_jerks(problem) else "av"
-    return "".join(letter for letter in letters if is_cubic and letter in problem.widest_limits.letters)
+    has_limits = [letter for letter in letters if letter in problem.widest_limits.letters]
+    found = [*(has_limits if has_cubics(problem) else ()), *("m" if speed_lines(problem) else "")]
+    return "".join(sorted(found))
+
+
+def limits_accelerations(problem: Problem) -> bool:
+    """Whether limits of accelerations, all along or by the speed, can hold within steps."""
+    return "a" in can_hold_within(problem) or any(one.control is None for one in speed_lines(problem))
+
+
+def has_cubics(problem: Problem) -> bool:
+    """Whether what speeds do within steps is that of cubics, to a higher order than steps are wrong by."""
+    is_precise = problem.scheme in PAIRS and SCHEMES[problem.scheme].order > 2
+    return is_precise and not problem.robot.drives
 
 
 def _resolves_jerks(problem: Problem) -> bool:
@@ -125,7 +138,7 @@ def _resolves_jerks(problem: Problem) -> bool:
 
 def letter_of(excess: str) -> str:
     """Letter of the limit that is left, by `LimitExcess.of`; "" where it cannot be had within steps."""
-    return {"speed": "v", "acceleration": "a"}.get(excess.partition(" ")[0], "")
+    return {"speed": "v", "acceleration": "a", "torque": "m", "value": "m"}.get(excess.partition(" ")[0], "")
 
 
 def largest_excess(
@@ -146,15 +159,15 @@ def largest_excess(
     """
     limits = {letter: sides for letter, sides in problem.limits_along().items() if np.isfinite(sides).any()}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
-    motors = tuple(path for path in problem.frame_constraints if path.kind == Motor.kind)
-    if not ((limits or motors) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
+    of_speeds = over_speed(problem)
+    if not ((limits or of_speeds) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
     motion = _Steps(
         problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
     )
     of_limits = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
-    looks = chain(of_limits, *(motion.look_at_motor(motor, steps) for motor in motors))
+    looks = chain(of_limits, *(motion.look_at_lines(path, steps) for path in of_speeds))
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
 
@@ -290,15 +303,13 @@ class _Steps:
         labels = tuple(Label(label.name, rates.unit(label.unit)) for label in robot.u_labels)
         yield _Look("power", values, self.cubics.times(np.zeros(values.shape)), sides, labels)
 
-    def look_at_motor(self, motor: PathConstraint, steps: IntArray) -> Iterator[_Look]:
-        """At its rows, in the steps of some numbers at both of whose ends these hold.
+    def look_at_lines(self, path: PathConstraint, steps: IntArray) -> Iterator[_Look]:
+        """At rows that fall with a speed, in the steps of some numbers at both of whose ends these hold.
 
-        Where the robot does not follow cubics, at the begins alone.
+        Where the robot does not follow cubics, at the begins alone, with the means of accelerations.
         """
         problem = self.problem
-        at_nodes = motor.span.nodes(problem.num_steps, problem.dt)
-        held = np.append(motor.span.has_start, at_nodes)
-        held = held[steps] & held[steps + 1]
+        held = steps_held(path, problem)[steps]
         if not held.any():
             return
         shares = np.linspace(0.0, 1.0, _PLACES) if is_followed(problem) else np.zeros(1)
@@ -306,9 +317,12 @@ class _Steps:
         vs = np.vstack([self.cubics.speeds(s)[held] for s in shares])
         us = np.vstack([self._controls(s)[held] for s in shares])
         times = np.vstack([self.cubics.times(s)[held] for s in shares])
-        values = motor.values_along(problem.robot, qs, vs, us)
-        lower, upper, times = (np.broadcast_to(x, values.shape) for x in (motor.lower, motor.upper, times))
-        yield _Look("torque", values, times, (lower, upper), motor.labels)
+        means = (self.cubics.v1 - self.cubics.v0) / self.cubics.lengths
+        is_cubic = has_cubics(problem)
+        rates = [self.cubics.accelerations(float(s)) if is_cubic else means for s in shares]
+        values = path.values_along(problem.robot, qs, vs, us, np.vstack([rate[held] for rate in rates]))
+        lower, upper, times = (np.broadcast_to(x, values.shape) for x in (path.lower, path.upper, times))
+        yield _Look(kind_of(path).excess, values, times, (lower, upper), path.labels)
 
     def _configurations(self, s: Array) -> Array:
         """At a share of each step, shape (n, nq)."""

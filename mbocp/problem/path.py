@@ -147,17 +147,19 @@ class PathConstraint(BoundedTerm):
         function = self.function(robot, {"progress": s}, s).map(len(qs))
         return self.value(np.asarray(function(qs.T, vs.T, progress[None])).T)
 
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+    def values_along(
+        self, robot: Robot, qs: Array, vs: Array, us: Array, accelerations: Array | None = None
+    ) -> Array:
         """Values at each of n states, shape (n, rows) [m, m/s]; where they are along a path is found."""
         if self.follows:
             return self.values_on_path(robot, qs, vs, self.progress(robot, qs))
-        return super().values_along(robot, qs, vs, us)
+        return super().values_along(robot, qs, vs, us, accelerations)
 
     def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Values with the progress along a path that the motion has."""
         if self.follows:
             return self.values_on_path(robot, *nodes.states[:2], nodes.progress[self.name])
-        return self.values_along(robot, *nodes.states)
+        return super().values_in_motion(robot, nodes)
 
     @property
     def follows(self) -> bool:

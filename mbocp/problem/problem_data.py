@@ -154,8 +154,8 @@ class ProblemData:
     name : str
         What the problem is called in output; the stem of the file.
     limits_within : str
-        Letters of the limits that are to hold within steps, too, "v" for speeds and "a" for accelerations:
-        solves ask for it where they would not.
+        Letters of the limits that are to hold within steps, too, "v" for speeds, "a" for accelerations and
+        "m" for what falls with a speed: solves ask for it where they would not.
     tube : Tube, optional
         By how much limits are tightened: solves find it, see `mbocp.robust`.
 

@@ -48,6 +48,7 @@ def check_parameters(
 def check_inequalities(
     robot: Robot,
     scheme: str,
+    coordinates: str,
     controls: str,
     cost: Cost,
     limits: Bounds,
@@ -66,6 +67,14 @@ def check_inequalities(
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
     check_path(robot, path, q_start, v_start, goal, timeline)
     frames = [one for one in path if isinstance(one, PathConstraint)]
+    for one in frames:
+        if "acceleration" not in one.term.remembers:
+            continue
+        if robot.drives or not COORDINATES[coordinates].has_joint_states:
+            raise ProblemError(
+                f"path {one.name!r}: accelerations of joints are those of joint coordinates, and of robots "
+                'whose controls are forces and torques; leave it out, or take coordinates = "joint"'
+            )
     warn_alternating(frames, goal, scheme, timeline)
     warn_held_anywhere(robot, timeline, frames)
 

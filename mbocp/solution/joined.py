@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ def join_motions(first: SolutionData, node: int, second: SolutionData) -> Soluti
     -------
     SolutionData
         Times, states, momenta, controls and adjoints; limits and facts are those of the first motion, words
-        and numbers about the solve those of the second.
+        and numbers about the solve, and the controls after the end, those of the second.
 
     Raises
     ------
@@ -48,6 +49,9 @@ def join_motions(first: SolutionData, node: int, second: SolutionData) -> Soluti
         name: np.concatenate([getattr(first, name)[:node], getattr(second, name)])
         for name in ("us", "lams", "zetas", *(("u_values",) if first.u_shares.size else ()))
     }
+    facts, of_end = first.facts_kept, second.facts
+    if facts is not None:
+        facts = replace(facts, u_goal=of_end.u_goal, ends_held=of_end.ends_held)
     return SolutionData(
         status=second.status,
         solver=second.solver,
@@ -64,6 +68,6 @@ def join_motions(first: SolutionData, node: int, second: SolutionData) -> Soluti
         limits_q=first.limits_q,
         robot_name=first.robot_name,
         problem_name=first.problem_name,
-        facts_kept=first.facts_kept,
+        facts_kept=facts,
         labels=first.labels,
     )

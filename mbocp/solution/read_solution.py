@@ -105,7 +105,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         told = attempt.left_out + _suffix(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
-        judged = replace(formulation, problem=replace(problem, limits=asked.limits))
+        judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
@@ -158,6 +158,13 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     alone["iterate"] = carried
     alone["facts_kept"] = partial(facts_of, problem)
     return defer(Solution, now, rest, alone)
+
+
+def _with_limits_of(problem: Problem, asked: Problem) -> Problem:
+    """A problem that may have lower limits at nodes, with those that were asked for."""
+    pairs = zip(problem.timeline.phases, asked.timeline.phases, strict=True)
+    phases = tuple(replace(own, limits=said.limits) for own, said in pairs)
+    return replace(problem, limits=asked.limits, timeline=replace(problem.timeline, phases=phases))
 
 
 def _with_robot_of(formulation: Formulation, iterate: Iterate, asked: Problem) -> tuple[Formulation, Problem]:

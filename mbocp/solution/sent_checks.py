@@ -71,7 +71,8 @@ class _Motion:
     ----------
     t : ndarray, shape (n,)
         From its start [s].
-    qs, vs, us : ndarray, shapes (n, nq), (n, nv) and (n, nu)
+    qs, vs, us, rates : ndarray, shapes (n, nq), (n, nv), (n, nu) and (n, nv)
+        With the accelerations.
     nodes : ndarray, shape (n,)
         Where this is along the nodes 0..N of the solution: 1.5 is amid the second step.
     """
@@ -80,6 +81,7 @@ class _Motion:
     qs: Array
     vs: Array
     us: Array
+    rates: Array
     nodes: Array
 
     @classmethod
@@ -95,7 +97,7 @@ class _Motion:
         others = between(problem.robot, solution.qs[step], solution.qs[step + 1], nodes - step)
         qs, vs = follower.states(t, positions, velocities, others)
         us = follower.controls(qs, vs, accelerations) if follower.has_controls else sent.controls(t)
-        return cls(t, qs, vs, us, nodes)
+        return cls(t, qs, vs, us, follower.rates(accelerations), nodes)
 
     def within(self, held: BoolArray) -> BoolArray:
         """Where rows that hold at some of the nodes 0..N, shape (N + 1, rows), hold, shape (n, rows)."""
@@ -107,11 +109,12 @@ class _Motion:
 
 def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) -> BoolArray:
     """Which rows of a constraint follow from joints that are sent, and controls."""
-    symbols = {"progress": ca.SX.sym("s"), "control": ca.SX.sym("u", problem.robot.nu)}
+    sizes = {"acceleration": problem.robot.nv, "progress": 1, "control": problem.robot.nu}
+    symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     if not set(constraint.structure("quaternion").remembers) <= set(symbols):
         return np.zeros(constraint.rows, dtype=bool)
     function = constraint.function(problem.robot, symbols, *symbols.values())
-    unknown = [~of for of in follower.known]
+    unknown = [~of for of in (*follower.known, follower.known[1])]
     asked = [np.asarray(function.jac_sparsity(0, k), dtype=bool)[:, of] for k, of in enumerate(unknown)]
     return np.asarray(~np.hstack(asked).any(axis=1))
 
@@ -120,7 +123,7 @@ def _beyond(constraint: BoundedTerm, motion: _Motion, problem: Problem, rows: Bo
     at_nodes = np.logical_and(constraint.nodes(problem.num_steps, problem.dt), rows)
     at_start = np.logical_and(at_nodes[:1], constraint.span.has_start)
     held = motion.within(np.vstack([at_start, at_nodes]))
-    values = constraint.values_along(problem.robot, motion.qs, motion.vs, motion.us)
+    values = constraint.values_along(problem.robot, motion.qs, motion.vs, motion.us, motion.rates)
     for k, label in enumerate(constraint.labels):
         row, bounds = held[:, k], np.array([constraint.lower[k], constraint.upper[k]])
         tolerance, size = TOLERANCES.get(label.unit, _PART), 1.0 if label.unit in TOLERANCES else None

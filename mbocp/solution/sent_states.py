@@ -90,11 +90,14 @@ class Follower:
 
     def controls(self, qs: Array, vs: Array, accelerations: Array) -> Array:
         """Controls by inverse dynamics, shape (n, nu) [N, N m], of accelerations of joints that are sent."""
-        robot = self.robot
-        _, rates = self._place(accelerations, accelerations, None)
+        robot, rates = self.robot, self.rates(accelerations)
         driven = np.setdiff1d(np.arange(robot.nv), self._link_v)
         forces = np.array([self._forces(*at)[driven] for at in zip(qs, vs, rates, strict=True)])
         return np.asarray(np.linalg.solve(robot.actuation_matrix(robot.q0)[driven], forces.T).T)
+
+    def rates(self, accelerations: Array) -> Array:
+        """Accelerations of joints that are sent in their places, shape (n, nv), zero in others."""
+        return self._place(accelerations, accelerations, None)[1]
 
     @property
     def _link_q(self) -> list[int]:

@@ -46,6 +46,7 @@ class MotionAtNodes(NamedTuple):
 
     ts: Array  # [s]
     states: tuple[Array, Array, Array]  # configurations, velocities and controls
+    accelerations: Array  # means of the steps that led there
     lams: Array  # forces of constraints
     progress: Mapping[str, Array]  # along paths that are followed, by the names of their constraints
 
@@ -125,15 +126,21 @@ class BoundedTerm:
         found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
         return found
 
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
-        """Values at each of n states and controls, shape (n, rows), by the expression that solvers see."""
-        u = ca.SX.sym("u", robot.nu)
-        function = self.function(robot, {"control": u}, u).map(len(qs))
-        return self.value(np.asarray(function(qs.T, vs.T, us.T)).T)
+    def values_along(
+        self, robot: Robot, qs: Array, vs: Array, us: Array, accelerations: Array | None = None
+    ) -> Array:
+        """Values at each of n states, controls and accelerations, shape (n, rows), as solvers see them.
+
+        They are NaN where they ask for accelerations and these are not given.
+        """
+        u, a = ca.SX.sym("u", robot.nu), ca.SX.sym("a", robot.nv)
+        rates = np.full_like(vs, np.nan) if accelerations is None else accelerations
+        function = self.function(robot, {"control": u, "acceleration": a}, u, a).map(len(qs))
+        return self.value(np.asarray(function(qs.T, vs.T, us.T, rates.T)).T)
 
     def values_in_motion(self, robot: Robot, nodes: MotionAtNodes) -> Array:
         """Values at the nodes 1..N of a motion, shape (N, rows)."""
-        return self.values_along(robot, *nodes.states)
+        return self.values_along(robot, *nodes.states, nodes.accelerations)
 
     def function(self, robot: Robot, remembered: Mapping[str, ca.SX], *more: ca.SX) -> ca.Function:
         """The expression as a function of configuration, velocity, and symbols of what is remembered."""

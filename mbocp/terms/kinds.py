@@ -27,6 +27,7 @@ from mbocp.terms.end import (
 from mbocp.terms.path import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import Position as Position
 from mbocp.terms.braking import Braking as Braking
+from mbocp.terms.over_speed import AccelerationOverSpeed as AccelerationOverSpeed
 from mbocp.terms.motor import Motor as Motor
 from mbocp.terms.kept_poses import Line as Line
 from mbocp.terms.follow import Follow as Follow

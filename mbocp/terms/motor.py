@@ -1,4 +1,4 @@
-"""A kind of path constraint: motors whose torque falls with their speed."""
+"""Kinds of path constraints: motors whose torque falls with their speed, and which have a largest speed."""
 
 from __future__ import annotations
 
@@ -7,42 +7,41 @@ from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
-from pydantic import Field
 
-from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
-from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.robot import Label, Robot
+from mbocp.robot import Robot
+from mbocp.terms.over_speed import (
+    CURVE_UNIT,
+    Curve,
+    OverSpeed,
+    check_curve,
+    place_of,
+    slopes_of,
+    values_at_rest,
+)
 from mbocp.terms.path import PathNumbers, PathTerm
 from mbocp.terms.point import Point
-from mbocp.terms.written import Bound, Finite
-
-_Row = Annotated[list[Finite], Field(min_length=2, max_length=2)]
-_MAX_ROWS = 50
-_ROUND_OFF = 1e-9  # relative, by which slopes of a table may be less steep than the one before
+from mbocp.terms.written import Bound
 
 
 @dataclass(frozen=True)
-class Motor(PathTerm):
+class Motor(OverSpeed):
     r"""Torque with the voltage of a motor, seen behind its gear; of a `[[robot.motor]]` before it.
 
     .. math:: -\tau_0 \le \tau + \frac{\tau_0}{v_0} v \le \tau_0
 
     At rest it is the stall torque tau_0 at most, at the no-load speed v_0 none; where the motor brakes the
     voltage helps, and a limit of effort says what the current allows. It holds for the control of each step
-    with the velocity at its end. A table of torques over speeds is such a line for each two of its rows: all
-    hold at once, so that the torques have to fall ever faster.
+    with the velocity at its end. A table of torques over speeds is such a line for each two of its rows.
     """
-
-    points: int
 
     kind = "motor"
     unit = "N m"
-    has_velocity = True
-    of_joint = True
     remembers = ("control",)
+    excess = "torque"
+    values = "torques"
 
     class Keys(Table):
         """Keys."""
@@ -55,18 +54,13 @@ class Motor(PathTerm):
             Bound, Key("of a motor: speed without torque", "rad/s", "required, but with a curve")
         ] = None
         curve: Annotated[
-            Annotated[list[_Row] | None, Field(max_length=_MAX_ROWS)],
+            Curve,
             Key(
                 "of a motor in place of both: rows [speed, torque] from rest on, which fall ever faster",
-                "rad/s; N m",
+                CURVE_UNIT,
                 takes="list of pairs",
             ),
         ] = None
-
-    @classmethod
-    def of(cls, given: PathNumbers) -> Motor:
-        """With so many rows of its table."""
-        return cls(given.frame, len(given.further.get("speeds", (0.0, 0.0))))
 
     @classmethod
     def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
@@ -75,7 +69,7 @@ class Motor(PathTerm):
             for name in ("stall", "no_load"):
                 if name in given:
                     raise ProblemError(f"{key}: curve and {name}; which of the two? Give one")
-            speeds, torques = _check_curve(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve")
+            speeds, torques = check_curve(np.array(given["curve"]).reshape(-1, 2), f"{key}.curve", cls.values)
         else:
             for name in ("stall", "no_load"):
                 if name not in given:
@@ -83,44 +77,22 @@ class Motor(PathTerm):
                 if not (given[name] > 0.0 and np.isfinite(given[name])):
                     raise InvalidValue(f"{key}: {name}", float(given[name]), "above 0, and finite")
             speeds, torques = np.array([0.0, given["no_load"]]), np.array([given["stall"], 0.0])
-        at_rest = torques[:-1] + _slopes(speeds, torques) * speeds[:-1]
-        return {"lower": -at_rest, "upper": at_rest, "speeds": speeds, "torques": torques}
+        at_rest = values_at_rest(speeds, torques)
+        return {"lower": -at_rest, "upper": at_rest, "speeds": speeds, "values": torques}
 
     @classmethod
     def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
         """Numbers."""
-        speeds, torques = given.number("speeds"), given.number("torques")
+        speeds, torques = given.number("speeds"), given.number("values")
         if len(speeds) == 2 and torques[1] == 0.0:
             return {"stall": float(torques[0]), "no_load": float(speeds[1])}
-        return {"curve": np.column_stack([speeds, torques]).tolist()}
-
-    @classmethod
-    def check(cls, given: PathNumbers, key: str) -> None:
-        """Refuse torques and speeds that are none."""
-        _check_curve(np.column_stack([given.number("speeds"), given.number("torques")]), f"{key}: curve")
-
-    @property
-    def sizes(self) -> dict[str, int]:  # type: ignore[override]
-        """Of the two columns of the table."""
-        return {"speeds": self.points, "torques": self.points}
-
-    @property
-    def rows(self) -> int:
-        """One for each line."""
-        return self.points - 1
-
-    @classmethod
-    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
-        """The number of the line behind the name, where there are several."""
-        lines = len(given.number("speeds")) - 1
-        names = [given.name] if lines == 1 else [f"{given.name}.{n}" for n in range(1, lines + 1)]
-        return tuple(Label(name, cls.unit) for name in names)
+        return super().write(given, robot)
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Torque that the voltage would give at rest, by each line [N m]."""
         place, n = _gear(self.frame, at)
         torque = (at.pushes() @ at.control)[place] / n
-        slopes: ca.SX = _slopes(p["speeds"], p["torques"])
+        slopes: ca.SX = slopes_of(p["speeds"], p["values"])
         return torque + slopes * n * at.joint_velocity()[place]
 
 
@@ -158,53 +130,5 @@ class MotorSpeed(PathTerm):
 
 def _gear(frame: int, at: Point) -> tuple[int, ca.SX]:
     """Where a joint has its velocity, and the ratio of its gear."""
-    model = at.mechanics.robot.model
-    place = int(model.joints[model.frames[frame].parentJoint].idx_v)
+    place = place_of(frame, at)
     return place, at.mechanics.gear_ratio(place)
-
-
-def falling_lines(curve: Array, key: str) -> Array:
-    """Rows of a table of speeds and torques, shape (n, 2), without the flat part that a limit of effort is.
-
-    The first line goes on to rest; no row is left of a table that is flat.
-
-    Raises
-    ------
-    InvalidValue
-        If it is no table of a motor.
-    """
-    speeds, torques = _check_curve(curve, key)
-    first = int(np.searchsorted(-torques, -torques[0], side="right")) - 1
-    if first + 1 == len(speeds):
-        return np.zeros((0, 2))
-    left = np.array(curve[first:], dtype=np.float64)
-    left[0] = 0.0, torques[first] + _slopes(speeds, torques)[first] * speeds[first]
-    return left
-
-
-def _slopes(speeds: Any, torques: Any) -> Any:
-    """By how much torques fall with the speed in each line [N m s/rad]."""
-    return (torques[:-1] - torques[1:]) / (speeds[1:] - speeds[:-1])
-
-
-def _check_curve(curve: Array, key: str) -> tuple[Array, Array]:
-    """Speeds and torques of a table."""
-    speeds, torques = curve.T
-    if len(curve) < 2 or not np.isfinite(curve).all():
-        raise InvalidValue(key, show(curve.tolist()), "two or more rows [speed, torque] of finite numbers")
-    if speeds[0] != 0.0 or not (np.diff(speeds) > 0.0).all():
-        raise InvalidValue(key, f"speeds {show(speeds.tolist())}", "speeds that rise from 0 on")
-    if not (torques[0] > 0.0 and (torques >= 0.0).all() and (np.diff(torques) <= 0.0).all()):
-        raise InvalidValue(
-            key, f"torques {show(torques.tolist())}", "one above 0 at rest, and none that rises or is below 0"
-        )
-    slopes = _slopes(speeds, torques)
-    flatter = np.flatnonzero(np.diff(slopes) < -_ROUND_OFF * slopes.max())
-    if flatter.size:
-        raise InvalidValue(
-            key,
-            f"torques that fall less steeply after {speeds[flatter[0] + 1]:g}",
-            "torques that fall ever faster: a limit that is not concave is not the least of several lines; "
-            "leave rows out so that it is, on the safe side",
-        )
-    return speeds, torques

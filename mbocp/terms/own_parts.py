@@ -203,7 +203,9 @@ class OwnPathConstraint(BoundedTerm):
         """Refuse what does not fit a robot."""
         self.own.check(robot)
 
-    def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
+    def values_along(
+        self, robot: Robot, qs: Array, vs: Array, us: Array, accelerations: Array | None = None
+    ) -> Array:
         """Values at each of n states and controls, shape (n, rows)."""
         mechanics = ForwardMechanics(robot)
         q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)

@@ -146,6 +146,19 @@ def test_speeds_have_lower_limits_at_nodes_where_they_cannot_hold_within_steps()
     assert "lowered at nodes, to hold nearly between them: the speed of joint1 by 5.2 %" in s.advice
 
 
+def test_limits_of_speeds_that_phases_have_are_lowered_likewise() -> None:
+    """As those of the whole motion are, and told by what was asked for."""
+    whole = swing("constant", 12, "midpoint")
+    part = {"steps": 6, "duration": 0.6, "limits": {"velocity": LIMIT}}
+    parts = [{"name": name, **part} for name in ("first", "second")]
+    problem = whole.with_(phase=parts, limits={"velocity": 100.0 * LIMIT}, duration=None, steps=None)
+    one, s = RoomForSpeeds(OneSolve()).run(Job.of(whole)), RoomForSpeeds(OneSolve()).run(Job.of(problem))
+    assert s.converged
+    np.testing.assert_allclose(s.vs, one.vs, atol=1e-5)
+    assert s.limit_excess == pytest.approx(one.limit_excess, abs=1e-6)
+    assert "the speed of joint1 by 5.2 %" in s.advice
+
+
 def test_steps_that_leave_a_speed_too_far_are_not_solved_again() -> None:
     problem = swing("constant", 8, "midpoint")
     alone, s = OneSolve().run(Job.of(problem)), RoomForSpeeds(OneSolve()).run(Job.of(problem))

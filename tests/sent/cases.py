@@ -12,6 +12,7 @@ import numpy as np
 import ruckig
 
 import mbocp
+from mbocp.integrators.controls import ControlKind
 from mbocp.problem import Problem
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
@@ -52,17 +53,19 @@ def problem_of(name: str, seed: int, *, with_torques: bool) -> Problem:
     )
 
 
-def row_of(name: str, seed: int, *, with_torques: bool = False) -> dict[str, Any]:
+def row_of(
+    name: str, seed: int, *, controls: ControlKind = "constant", with_torques: bool = False
+) -> dict[str, Any]:
     """Solve, write, read back."""
-    problem = problem_of(name, seed, with_torques=with_torques)
-    begun = time.perf_counter()
+    problem = problem_of(name, seed, with_torques=with_torques).with_(controls=controls)
+    begun = time.process_time()
     solution = mbocp.solve(problem)
     row = {
         "robot": name,
         "seed": seed,
         "status": str(solution.status),
         "iterations": solution.iterations,
-        "seconds": time.perf_counter() - begun,
+        "seconds": time.process_time() - begun,
         "found": solution.duration,
         "least": least_time(problem),
         "excess": solution.limit_excess,

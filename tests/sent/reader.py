@@ -32,13 +32,18 @@ def limits_of(profile: Path, **more: float) -> dict[str, np.ndarray]:
     return sides
 
 
-def violation_of_samples(file: Path, rate: float, limits: dict[str, np.ndarray]) -> dict[str, float]:
-    """The largest excess of each limit, relative to its size, as differences of the sampled positions."""
+def samples_of(file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and positions."""
     with file.open() as lines:
         header, *rows = csv.reader(lines)
     table = np.array(rows, dtype=float)
     columns = [k for k, name in enumerate(header) if (m := _COLUMN.match(name)) and m[1] == "q"]
-    t, q = table[:, 0], table[:, columns]
+    return table[:, 0], table[:, columns]
+
+
+def violation_of_samples(file: Path, rate: float, limits: dict[str, np.ndarray]) -> dict[str, float]:
+    """The largest excess of each limit, relative to its size, as differences of the sampled positions."""
+    t, q = samples_of(file)
     steps = np.diff(t)
     assert np.allclose(steps[:-1], 1.0 / rate, rtol=1e-6), f"{file}: samples are not {1e3 / rate:g} ms apart"
     still = np.repeat(q[:1], 3, axis=0), np.repeat(q[-1:], 3, axis=0)  # at rest before and after

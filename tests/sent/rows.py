@@ -18,6 +18,7 @@ Row = dict[str, Any]
 def add_options(parser: argparse.ArgumentParser, count: int, out: str) -> None:
     """Add what says which rows there are, and where they stand."""
     parser.add_argument("--count", type=int, default=count, help="of each robot")
+    parser.add_argument("--first", type=int, default=0, help="seed")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("-o", "--out", type=Path, default=Path(out), help="rows; resumed")
@@ -29,7 +30,8 @@ def rows_of(options: argparse.Namespace, work: Callable[[str, int], Row]) -> lis
     lines = options.out.read_text().splitlines() if options.out.exists() else []
     rows = [json.loads(line) for line in lines]
     done = {(row["robot"], row["seed"]) for row in rows}
-    left = [(name, k) for name in options.robots for k in range(options.count) if (name, k) not in done]
+    seeds = range(options.first, options.first + options.count)
+    left = [(name, k) for name in options.robots for k in seeds if (name, k) not in done]
     with options.out.open("a") as file, ProcessPool(max_workers=options.workers) as pool:
         for row in pool.map(work, *zip(*left, strict=True), chunksize=1).result() if left else ():
             rows.append(row)

@@ -39,6 +39,19 @@ def test_both_are_one_motion() -> None:
     np.testing.assert_array_equal(joined.facts.bounds_of_rate("jerk"), motion.facts.bounds_of_rate("jerk"))
 
 
+def test_controls_after_the_end_are_those_of_the_stop() -> None:
+    motion = swing()
+    stop = stop_from(motion, NODE)
+    motion = replace(motion, facts_kept=replace(motion.facts, u_start=(0.5,), u_goal=(1.0,)))
+    for facts in (
+        replace(stop.facts, u_goal=(3.0,)),
+        replace(stop.facts, u_goal=(), ends_held=True),
+    ):
+        joined = join_motions(motion, NODE, replace(stop, facts_kept=facts)).facts
+        assert joined.u_start == (0.5,)
+        assert (joined.u_goal, joined.ends_held) == (facts.u_goal, facts.ends_held)
+
+
 def test_it_is_sent_as_the_motion_was() -> None:
     motion = swing()
     sent = motion_as_sent(motion, is_joined=True, fit=True)

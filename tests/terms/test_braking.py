@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,10 @@ import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.job import Job
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.solution import Status
 from mbocp.solution.curves import Curves
-from mbocp.strategies import OneSolve
+from mbocp.solution.later import retold
+from mbocp.strategies import OneSolve, RoomToBrake
 from mbocp.terms.kinds import Braking
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -99,28 +103,59 @@ def test_a_joint_that_slides_is_refused() -> None:
         Problem.create(robot, 1.0, 10, path=[{**BRAKING, "frame": name}])
 
 
-def test_it_holds_between_nodes_too() -> None:
-    """Where long steps cut a corner, nodes get more reserve until the cubics between them keep it."""
-    robot = mbocp.load_robot("double_pendulum", damping=False)
-    braking = {**BRAKING, "reserve": 0.0, "min": -9.0}
-    problem = Problem.create(
-        robot,
+def cut_corner() -> Problem:
+    """In steps so long that they cut a corner of the limit."""
+    return Problem.create(
+        mbocp.load_robot("double_pendulum", damping=False),
         {"min": 0.2, "max": 4.0},
         16,
         start={"q": [-1.0, 0.0]},
         goal={"q": [0.9, 0.0], "v": 0},
         cost={"time": 1.0, "effort": 1e-4},
         limits={"acceleration": 12.0, "velocity": 2.0},
-        path=[braking],
+        path=[{**BRAKING, "reserve": 0.0, "min": -9.0}],
     )
+
+
+def missing_reserve(s: mbocp.Solution) -> float:
+    q, v = (x[:, 0] for x in curves_of(s).places(20)[1][:2])
+    return Braking.missing_reserve(cut_corner().path[0], q, v)
+
+
+@dataclass(frozen=True)
+class Reluctant:
+    """Solves from no motion that is known already, or never with more reserve than was asked for."""
+
+    needs_guess: bool
+
+    def run(self, job: Job) -> mbocp.Solution:
+        found = OneSolve().run(job)
+        has_more = job.problem.path[0].number("reserve")[0] > 0.0
+        fails = job.start is not None if self.needs_guess else has_more
+        return retold(found, status=Status.LINE_SEARCH_FAILED) if fails else found
+
+
+def test_more_reserve_is_had_from_the_guess_where_it_is_not_from_the_motion() -> None:
+    s = RoomToBrake(Reluctant(needs_guess=True)).run(Job.of(cut_corner()))
+    assert s.is_stationary
+    assert missing_reserve(s) <= 2e-4
+
+
+def test_a_reserve_that_is_not_had_is_told() -> None:
+    s = RoomToBrake(Reluctant(needs_guess=False)).run(Job.of(cut_corner()))
+    assert s.is_stationary
+    told = re.search(r"falls short of its reserve: braking of joint1 by ([0-9.]+) rad/s", s.advice)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(missing_reserve(s), rel=0.2)
+
+
+def test_it_holds_between_nodes_too() -> None:
+    """Where long steps cut a corner, nodes get more reserve until the cubics between them keep it."""
+    problem = cut_corner()
     s = mbocp.solve(problem, check=True)
     alone = OneSolve().run(Job.of(problem))
-    missing = [
-        Braking.missing_reserve(problem.path[0], *(x[:, 0] for x in curves_of(one).places(20)[1][:2]))
-        for one in (alone, s)
-    ]
-    assert missing[0] > 0.01
-    assert missing[1] <= 2e-4
+    assert missing_reserve(alone) > 0.01
+    assert missing_reserve(s) <= 2e-4
     assert alone.duration < s.duration < 1.1 * alone.duration
     assert any(phase.name == "reserves at nodes" for phase in s.phases)
     (constraint,) = s.load_problem().path

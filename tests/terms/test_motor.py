@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,11 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import formulate
+from mbocp.job import Job
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.strategies import OneSolve
+from tests.formulation.stages import check_derivatives
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -66,8 +71,6 @@ def test_no_speed_above_that_without_load_is_reached(rotor: mbocp.Robot) -> None
 
 
 def test_another_motor_compiles_nothing_and_files_say_the_same(rotor: mbocp.Robot) -> None:
-    from mbocp.formulation import formulate
-
     other = {**MOTOR, "stall": 3.0, "no_load": 7.0}
     one, two = spin(rotor, 1.0), spin(rotor, 1.0, path=[other])
     assert formulate(one).pieces.signature == formulate(two).pieces.signature
@@ -98,7 +101,7 @@ def test_rows_of_a_table_take_the_unit_of_each_column(rotor: mbocp.Robot) -> Non
     curve: list[Any] = [[0, "2000 N mm"], ["60 rpm", 1.5], [7, "1 N m"]]
     (constraint,) = spin(rotor, 1.0, path=[{"kind": "motor", "frame": "axle", "curve": curve}]).path
     np.testing.assert_allclose(constraint.number("speeds"), [0.0, 2.0 * np.pi, 7.0])
-    np.testing.assert_allclose(constraint.number("torques"), [2.0, 1.5, 1.0])
+    np.testing.assert_allclose(constraint.number("values"), [2.0, 1.5, 1.0])
 
 
 NOT_CONCAVE = "curve: got torques that fall less steeply after 2, expected torques that fall ever faster"
@@ -149,26 +152,32 @@ def lifting(tmp_path: Any) -> mbocp.Robot:
     return mbocp.load_robot(file)
 
 
+def slow_down(lifting: mbocp.Robot, path: dict[str, Any], steps: int, **words: Any) -> Problem:
+    """Lift the weight to a height in the least time, which is too heavy for the speed that it begins with."""
+    return Problem.create(
+        lifting,
+        {"min": 0.05, "max": 2.0},
+        steps,
+        start={"v": [4.5]},
+        goal={"q": [1.0]},
+        cost={"time": 1.0, "effort": 1e-6},
+        path=[path],
+        **words,
+    )
+
+
+PATHS = [MOTOR, {"kind": "motor", "frame": "axle", "curve": CURVE}]
+
+
 @pytest.mark.parametrize("scheme", ["se1", "gauss2"])
-@pytest.mark.parametrize("path", [MOTOR, {"kind": "motor", "frame": "axle", "curve": CURVE}])
+@pytest.mark.parametrize("path", PATHS)
 def test_a_motor_that_slows_down_is_looked_at_between_nodes(
     lifting: mbocp.Robot, scheme: str, path: dict[str, Any]
 ) -> None:
     """A torque that is right for the speed at the end of a step is too large for that at its begin."""
     for steps, is_gross in ((3, True), (40, False)):
-        s = mbocp.solve(
-            Problem.create(
-                lifting,
-                {"min": 0.05, "max": 2.0},
-                steps,
-                start={"v": [4.5]},
-                goal={"q": [1.0]},
-                cost={"time": 1.0, "effort": 1e-6},
-                path=[path],
-                scheme=scheme,
-            )
-        )
-        (motor,) = s.problem.path
+        s = OneSolve().run(Job.of(slow_down(lifting, path, steps, scheme=scheme)))
+        (motor,) = s.problem.frame_constraints
         at_begins = motor.values_along(lifting, s.qs[:-1], s.vs[:-1], s.us)
         at_ends = motor.values_along(lifting, s.qs[1:], s.vs[1:], s.us)
         assert (at_ends <= motor.upper * (1.0 + 1e-5)).all()
@@ -177,3 +186,70 @@ def test_a_motor_that_slows_down_is_looked_at_between_nodes(
         assert s.limit_excess_of.startswith("torque of motor of axle")
         assert (s.limit_excess > 0.05) is is_gross
         assert (str(s.status) == "under_resolved") is is_gross, s.advice
+
+
+def rows_within(s: mbocp.Solution) -> np.ndarray:
+    """A motor's rows over their bounds, on the cubics of the steps, shape (N, places, rows)."""
+    (motor,) = s.problem.frame_constraints
+    robot, h, found = s.problem.robot, np.diff(s.t)[:, None], []
+    means = (s.qs[1:] - s.qs[:-1]) / h
+    for share in np.linspace(0.0, 1.0, 41):
+        bent = 6.0 * share * (1.0 - share)
+        v = (1 - 4 * share + 3 * share**2) * s.vs[:-1] + (3 * share**2 - 2 * share) * s.vs[1:] + bent * means
+        us = s.controls_at(s.t[:-1] + share * (1.0 - 1e-12) * h[:, 0])
+        found.append(motor.values_along(robot, s.qs[:-1], v, us) / motor.upper)
+    return np.stack(found, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "controls"),
+    [
+        ("se1", "constant"),
+        ("midpoint", "constant"),
+        ("rk4", "constant"),
+        ("gauss2", "constant"),
+        ("gauss2", "linear"),
+        ("gauss2", "stages"),
+        ("gauss3", "stages"),
+    ],
+)
+@pytest.mark.parametrize("path", PATHS)
+def test_a_motor_that_would_leave_its_line_far_between_nodes_keeps_it_there(
+    lifting: mbocp.Robot, scheme: str, controls: str, path: dict[str, Any]
+) -> None:
+    problem = slow_down(lifting, path, 3, scheme=scheme, controls=controls)
+    at_nodes, s = OneSolve().run(Job.of(problem)), mbocp.solve(problem, check=True)
+    fine = mbocp.solve(slow_down(lifting, path, 60, scheme=scheme, controls=controls), check=True)
+    within = rows_within(s)[:, [0, -1]] if scheme == "se1" else rows_within(s)
+    if controls == "constant" or rows_within(at_nodes).max() > 1.05:
+        assert str(at_nodes.status) == "under_resolved"
+        assert within.max() <= 1.0 + 1e-5
+        assert s.duration > at_nodes.duration
+        assert any(limit.name.endswith("at begins of steps") for limit in s.active_limits)
+    assert s.duration == pytest.approx(fine.duration, rel=0.06 if scheme == "se1" else 0.01)
+
+
+@pytest.mark.parametrize("controls", ["constant", "linear", "stages"])
+def test_rows_of_motors_within_steps_have_exact_derivatives(lifting: mbocp.Robot, controls: str) -> None:
+    problem = slow_down(lifting, PATHS[1], 3, scheme="gauss2", controls=controls)
+    check_derivatives(formulate(replace(problem, limits_within="m")), 2, [0, 2])
+
+
+def test_a_result_that_holds_motors_within_steps_is_a_warm_start(lifting: mbocp.Robot, tmp_path: Any) -> None:
+    s = mbocp.solve(slow_down(lifting, MOTOR, 3, scheme="gauss2"), check=True)
+    read = mbocp.Solution.load(s.save(tmp_path / "held.h5"))
+    assert read.iterate is not None
+    assert read.iterate.limits_within == "m"
+    again = mbocp.solve(s.problem, warm_start=read, check=True)
+    assert again.iterations <= 1
+    assert again.duration == pytest.approx(s.duration, rel=1e-9)
+
+
+def test_rows_of_a_motor_hold_within_the_steps_of_its_span_alone(lifting: mbocp.Robot) -> None:
+    path = {**MOTOR, "from": {"share": 0.5}}
+    formulation = formulate(replace(slow_down(lifting, path, 4, scheme="gauss2"), limits_within="m"))
+    bounds, columns = formulation.programme.bounds, formulation.layout.states["lines_within"]
+    assert bounds is not None
+    lower, upper = bounds.x_lower[:, columns], bounds.x_upper[:, columns]
+    np.testing.assert_array_equal(np.isfinite(upper).all(axis=1), [False, False, True, True])
+    np.testing.assert_array_equal(lower, -upper)

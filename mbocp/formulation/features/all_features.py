@@ -9,6 +9,7 @@ from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.found_numbers import FoundNumbers
 from mbocp.formulation.features.heat import Heat
+from mbocp.formulation.features.lines_within import LinesWithin
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.path_progress import Progress
@@ -30,6 +31,7 @@ _KINDS: tuple[type[Feature], ...] = (
     FoundNumbers,
     Memory,
     WithinSteps,
+    LinesWithin,
     Progress,
     Heat,
     Reactions,

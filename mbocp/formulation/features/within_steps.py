@@ -53,7 +53,8 @@ class WithinSteps(Feature):
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> WithinSteps | None:
         """Return those of a problem whose limits are to hold within steps."""
-        return cls(_entries(problem)) if problem.limits_within else None
+        entries = _entries(problem)
+        return cls(entries) if entries else None
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One entry for each, and place."""
@@ -152,7 +153,7 @@ def _jerk_unit(problem: Problem) -> float:
 
 def _entries(problem: Problem) -> tuple[tuple[str, tuple[int, ...]], ...]:
     limits = problem.widest_limits
-    masks = {key: limits.finite(key) for key in problem.limits_within}
+    masks = {key: limits.finite(key) for key in problem.limits_within if key in _KEYS}
     if "j" in masks:  # which lead from one acceleration to another
         masks["a"] = masks.get("a", False) | masks["j"]
     return tuple((key, tuple(np.flatnonzero(mask).tolist())) for key, mask in sorted(masks.items()))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
@@ -24,12 +25,17 @@ from mbocp.exceptions import ProblemError, Unreadable, suggest
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.limits import is_plain
 from mbocp.robot import Robot
-from mbocp.terms.motor import falling_lines
+from mbocp.terms.kinds import AccelerationOverSpeed, Motor
+from mbocp.terms.over_speed import OverSpeed, falling_lines
 from mbocp.terms.written import range_of, read_side
 
 _FOLDER = Path(__file__).parents[2] / "profiles"
 _OF_CONTROLS = ("effort", "effort_rate", "power")
 _OF_ANGLES = ("position", "velocity", "acceleration", "jerk")
+_OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
+    "effort": Motor,
+    "acceleration": AccelerationOverSpeed,
+}  # by key
 _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
@@ -77,7 +83,7 @@ def _pairs(value: Any) -> list[list[float]]:
 
 
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
-_Efforts = Annotated[Any, Kind(_OVER_SPEED, partial(_numbers, over=("payload", "speed")), Any)]
+_OverSpeed = Annotated[Any, Kind(_OVER_SPEED, partial(_numbers, over=("payload", "speed")), Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
 _PARTS = (("payload", Measured("kg")), ("speed", Measured("m/s, rad/s")))
 _RATE, _SECOND_RATE = Measured("m/s, rad/s", _PARTS), Measured("m/s^2, rad/s^2", _PARTS)
@@ -99,9 +105,9 @@ class ProfileTable(Table):
     degrees: bool = False  # and not radians, for all that is an angle
     position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any), Measured("m, rad")] = None
     velocity: Annotated[_PerJoint, _RATE] = None
-    acceleration: Annotated[_PerJoint, _SECOND_RATE] = None
+    acceleration: Annotated[_OverSpeed, _SECOND_RATE] = None
     jerk: Annotated[_PerJoint, Measured("m/s^3, rad/s^3", _PARTS)] = None
-    effort: Annotated[_Efforts, Measured("N, N m", _PARTS)] = None
+    effort: Annotated[_OverSpeed, Measured("N, N m", _PARTS)] = None
     effort_rate: Annotated[_PerJoint, Measured("N/s, N m/s", _PARTS)] = None
     power: Annotated[_PerJoint, Measured("W", _PARTS)] = None
     braking: _BrakingTable | None = None
@@ -147,32 +153,37 @@ class Profile:
 
     def paths(self, robot: Robot) -> list[dict[str, Any]]:
         """Return the tables of `[[path]]` for a robot."""
-        return [*self._motors(robot), *self._braking(robot)]
+        over_speed = chain(*(self._over_speed(key, term, robot) for key, term in _OVER_SPEEDS.items()))
+        return [*over_speed, *self._braking(robot)]
 
-    def _motors(self, robot: Robot) -> list[dict[str, Any]]:
-        """Torques that fall with the speeds of motors, beyond those at rest, which `limits.effort` has.
+    def _over_speed(self, key: str, term: type[OverSpeed], robot: Robot) -> list[dict[str, Any]]:
+        """What falls with the speeds of joints and motors, beyond that at rest, which `[limits]` has.
 
         Raises
         ------
         InvalidValue
             If they do not fall ever faster.
         """
-        written = self.table.effort
+        written = getattr(self.table, key)
         if not (isinstance(written, Mapping) and "speed" in written):
             return []
-        speeds = [self._number(speed, "rad/s", "effort.speed") for speed in written["speed"]]
-        torques = np.array(self._rows("effort", robot))
+        speeds = [self._number(speed, "rad/s", f"{key}.speed") for speed in written["speed"]]
+        values = np.array(self._rows(key, robot))
         moved = {joint.name: joint.motor for joint in robot.elastic}
         controls, found = {label.name for label in robot.u_labels}, []
         for name, i in self._joints(robot).items():
-            curve = np.column_stack([speeds, torques[:, i]])
-            lines = falling_lines(
-                curve, f"limits.profile: {show(self.name)}: effort of {self.table.joints[i]}"
-            )
+            curve = np.column_stack([speeds, values[:, i]])
+            where = f"limits.profile: {show(self.name)}: {key} of {self.table.joints[i]}"
+            lines = falling_lines(curve, where, term.values)
             motor = moved.get(name, name)
-            if len(lines) and motor in controls:
+            if len(lines) and self._has(key, motor, robot, controls):
                 found.append(
-                    {"name": f"motor of {name}", "kind": "motor", "frame": motor, "curve": lines.tolist()}
+                    {
+                        "name": f"{term.kind} of {name}",
+                        "kind": term.kind,
+                        "frame": motor,
+                        "curve": lines.tolist(),
+                    }
                 )
         return found
 

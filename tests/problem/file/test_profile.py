@@ -136,7 +136,7 @@ def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path
     one = problem("double_pendulum", limits, controls="linear")
     assert one.limits.u_upper.tolist() == [6.0, 3.0]
     assert [path.name for path in one.path] == ["motor of joint1", "motor of joint2"]
-    lines = [np.column_stack([path.number("speeds"), path.number("torques")]) for path in one.path]
+    lines = [np.column_stack([path.number("speeds"), path.number("values")]) for path in one.path]
     np.testing.assert_allclose(lines[0], [[0.0, 6.0 + 5.0 / 3.0], [2.0 * np.pi, 1.0]])
     np.testing.assert_allclose(lines[1], [[0.0, 3.0], [np.pi / 2.0, 2.5], [2.0 * np.pi, 0.0]])
     assert not problem("double_pendulum", {"profile": over_speed(tmp_path, "[2, 2, 2]")}).path
@@ -164,10 +164,10 @@ def test_torques_over_payload_and_speed_are_those_between_two_loads(tmp_path: Pa
         np.testing.assert_array_equal(both.limits.u_upper, alone.limits.u_upper)
         for one, other in zip(both.path, alone.path, strict=True):
             np.testing.assert_array_equal(one.number("speeds"), other.number("speeds"))
-            np.testing.assert_array_equal(one.number("torques"), other.number("torques"))
+            np.testing.assert_array_equal(one.number("values"), other.number("values"))
     half = carrying(2.0, [light, heavy])
     assert half.limits.u_upper.tolist() == [5.0, 2.5]
-    np.testing.assert_allclose(half.path[0].number("torques"), [5.0, 4.75, 0.75])
+    np.testing.assert_allclose(half.path[0].number("values"), [5.0, 4.75, 0.75])
     with pytest.raises(
         ProblemError, match="says effort for payloads of 1 to 3 kg, and the robot carries 4 kg"
     ):
@@ -192,7 +192,7 @@ def test_tables_of_torques_take_units(tmp_path: Path) -> None:
     assert one.limits.u_upper.tolist() == [6.0, 6.0]
     np.testing.assert_allclose(one.path[0].number("speeds"), [0.0, 2.0 * np.pi])
     np.testing.assert_allclose(one.path[1].number("speeds"), [0.0, np.pi / 2.0, 2.0 * np.pi])
-    np.testing.assert_allclose(one.path[1].number("torques"), [6.0, 5.5, 0.0])
+    np.testing.assert_allclose(one.path[1].number("values"), [6.0, 5.5, 0.0])
     at_payload = over_speed(tmp_path, "[6, 4]", '[0, "500 g"]', "payload")
     robot = mbocp.load_robot("double_pendulum")
     carrying = robot.with_payload(Payload(frame=robot.frame_names[-1], mass=0.25))
