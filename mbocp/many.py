@@ -392,7 +392,7 @@ class _Batch:
             rho_terminal=frozen_array(self._updates.rho_terminal),
             control_weight=control_weight_of(problem),
         )
-        return cast(Formulation, replace(cast(Any, self._formulation), problem=problem, programme=programme))
+        return replace(cast(Any, self._formulation), problem=problem, programme=programme)
 
     def _descend(self, formulation: Formulation, iterate: Iterate) -> _Found:
         """Run Newton's method from a guess to its end, on a programme that no other thread has."""

@@ -239,8 +239,7 @@ class ContactBounds(BoundedTerm):
         lams : ndarray, shape (n, nc)
             Forces of all rows of the robot's constraints; those of rows left out as redundant are zero.
         """
-        found: Array = lams[:, list(self.term.of_rows)] @ self.map.T
-        return found
+        return lams[:, list(self.term.of_rows)] @ self.map.T
 
     def values_of(self, lams: Array, up: Array | None = None) -> Array:
         r"""Values, shape (n, rows) [N, N m]: of a cone :math:`\mu f_n - |f_t|`.

@@ -144,15 +144,13 @@ class Sent:
 
     def times_of(self, t: Array) -> Array:
         """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
-        found: Array = self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
-        return found
+        return self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
         middle = self.solution.t[0] + times / self.slower - self.mean / 2.0
         offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
-        found: Array = np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
-        return found
+        return np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
 
 
 def motion_as_sent(
@@ -307,8 +305,7 @@ class _Fitting:
     def has_jerk(self) -> BoolArray:
         """Which joints have a limit of jerk."""
         lower, upper = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
-        found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
-        return found
+        return np.isfinite(lower) | np.isfinite(upper)
 
     def follow_request(self) -> Curves:
         """Curves that are not fitted."""

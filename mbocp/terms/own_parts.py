@@ -189,8 +189,7 @@ class OwnPathConstraint(BoundedTerm):
 
     def structure(self, rotations: str) -> OwnPath:
         """The same with attitudes in these coordinates."""
-        part: OwnPath = OwnPath.of(self.own, self.robot, rotations)
-        return part
+        return OwnPath.of(self.own, self.robot, rotations)
 
     def at_via(self, places: Mapping[str, Place]) -> OwnPathConstraint:
         """The same between nodes."""
@@ -210,8 +209,7 @@ class OwnPathConstraint(BoundedTerm):
         at = Point(mechanics, q, v, u, acceleration=lambda: mechanics.speed_rate(q, v, u, ca.SX(0)))
         numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.own.parameters.items()}
         h = ca.densify(self.own.trace(robot)(at, numbers))
-        found: Array = np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
-        return found
+        return np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
 
 
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:

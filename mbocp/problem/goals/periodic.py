@@ -170,8 +170,7 @@ class Periodic:
             return np.array(v)
         J = point_jacobian(robot, self.impact, q)[list(impact_axes(robot, self.impact))]
         W = np.linalg.solve(robot.mass_matrix(q), J.T)
-        after: Array = v - W @ np.linalg.solve(J @ W, J @ v)
-        return after
+        return v - W @ np.linalg.solve(J @ W, J @ v)
 
     def defect(self, robot: Robot, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
         """End less image of the start in q, on the group, and in v, shape (2 nv,); zero in a cycle."""

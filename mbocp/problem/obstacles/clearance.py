@@ -408,10 +408,7 @@ class Clearance(BoundedTerm):
 
     def values(self, robot: Robot, q: Array, v: Array, at: float | None = None) -> Array:
         """Clearances at one state, shape (rows,) [m]."""
-        found: Array = self.values_along(
-            robot, q[None], v[None], v[None], None if at is None else np.array([at])
-        )[0]
-        return found
+        return self.values_along(robot, q[None], v[None], v[None], None if at is None else np.array([at]))[0]
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array, ts: Array | None = None) -> Array:
         """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see.

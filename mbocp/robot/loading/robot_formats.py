@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from mbocp._files import root_tag
 from mbocp._text import show
@@ -69,7 +69,7 @@ class Format(NamedTuple):
 
 
 def _reader(module: str) -> Callable[[], Reader]:
-    return lambda: cast(Reader, import_module(f"mbocp.robot.loading.readers.{module}"))
+    return lambda: import_module(f"mbocp.robot.loading.readers.{module}")
 
 
 def _expander(*how: Any) -> Reader:
