@@ -16,7 +16,7 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.addresses import unpacked_root
 
 if TYPE_CHECKING:
-    from mbocp.robot.loading.description import Description, Reading
+    from mbocp.robot.loading.description import Description, Oddity, Reading
 
 
 class Reader(Protocol):
@@ -31,8 +31,8 @@ class Reader(Protocol):
     def addresses(self, path: Path) -> tuple[str, ...]:
         """Find the addresses of meshes, relative to the file's folder."""
 
-    def oddities(self, path: Path) -> Iterable[str]:
-        """Find what is allowed, and probably not meant; one line for each."""
+    def oddities(self, path: Path) -> Iterable[Oddity]:
+        """Find what is allowed, and probably not meant."""
 
 
 class Format(NamedTuple):
