@@ -330,7 +330,7 @@ class _Fitting:
         """Curves that keep the limits, slower by a factor or more; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
         found = asked
-        if self.has_jerk.any() and self._has_excess(asked.curves) and not has_no_means:
+        if self.has_jerk.any() and self.joints.excesses(asked.curves, self.rate) and not has_no_means:
             found = self._smoother()
         if mean > found.mean and not has_no_means:
             found = _Fit(self.cubics.mean(mean), mean)
@@ -363,9 +363,6 @@ class _Fitting:
                 found.append((durations[k], fit))
                 near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
         return min(found, key=lambda one: one[0])[1]
-
-    def _has_excess(self, curves: Curves) -> bool:
-        return bool(self.joints.excesses(curves, self.rate))
 
 
 def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, float]:
