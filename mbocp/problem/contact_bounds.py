@@ -68,6 +68,8 @@ class ContactBounds(BoundedTerm):
     source: ForceSource
     scale: float
 
+    is_known_before = False  # as forces are not
+
     @property
     def name(self) -> str:
         """What it is called."""
@@ -193,11 +195,6 @@ class ContactBounds(BoundedTerm):
         turns = 2.0 * np.pi * np.arange(count) / max(count, 1)
         height = (self.contact.friction or 0.0) * math.cos(math.pi / max(count, 1))
         return np.column_stack([np.full(count, height), -np.cos(turns), -np.sin(turns)])
-
-    @property
-    def is_known_before(self) -> bool:
-        """Forces are not."""
-        return False
 
     def at_via(self, places: Mapping[str, Place]) -> ContactBounds:
         """The same between nodes."""

@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.curves import Curves
+from mbocp.solution.curves import Curves, differences
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import RATE_TERMS
 
@@ -443,11 +443,3 @@ def find_excesses(
             ratio = float(over[worst]) / size
             if ratio > tolerance:
                 yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
-
-
-def differences(values: Array, t: Array) -> tuple[Array, Array]:
-    """Slopes between samples, and the times [s] between these; none across an impact, which takes no time."""
-    lengths = np.diff(t)
-    takes_time = lengths > 0.0
-    slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]
-    return slopes, (0.5 * (t[1:] + t[:-1]))[takes_time]

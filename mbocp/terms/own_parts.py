@@ -119,6 +119,8 @@ class OwnEnd(_Part):
 class OwnPath(_Part):
     """The structure of a path constraint, as `mbocp.terms.path.PathTerm` is that of a file's."""
 
+    has_velocity = True
+
     @property
     def sizes(self) -> dict[str, int]:
         """Size of each parameter."""
@@ -133,11 +135,6 @@ class OwnPath(_Part):
     def remembers(self) -> tuple[str, ...]:
         """The control, if it looks at it, be it by way of accelerations."""
         return ("control",) if self.traced.uses & {"u", "a"} else ()
-
-    @property
-    def has_velocity(self) -> bool:
-        """Whether more than the configuration decides on it."""
-        return True
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its values."""
