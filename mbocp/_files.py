@@ -114,18 +114,18 @@ def read_text(path: str | Path, *, expected: str = "a text file", limit: int = T
 _BEFORE_ROOT = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za-z_][\w.-]*)", re.DOTALL)
 
 
-def root_tag(path: str | Path, *, limit: int = XML_LIMIT) -> str:
+def root_tag(path: str | Path) -> str:
     """The tag of the root element of an XML file; empty if it cannot be read or has none."""
     try:
-        found = _BEFORE_ROOT.match(read_text(path, limit=limit).removeprefix("\ufeff"))
+        found = _BEFORE_ROOT.match(read_text(path, limit=XML_LIMIT).removeprefix("\ufeff"))
     except Unreadable:  # whoever reads the file says why
         return ""
     return "" if found is None else found[1]
 
 
-def read_toml(path: str | Path, *, expected: str = "a TOML file", limit: int = TEXT_LIMIT) -> dict[str, Any]:
-    """Read a TOML file; parameters are those of `read_bytes`, errors those of it and of `parse_toml`."""
-    return parse_toml(read_text(path, expected=expected, limit=limit))
+def read_toml(path: str | Path, *, expected: str = "a TOML file") -> dict[str, Any]:
+    """Read a TOML file; `expected` and errors are those of `read_bytes`, errors of `parse_toml`, too."""
+    return parse_toml(read_text(path, expected=expected))
 
 
 def parse_toml(text: str) -> dict[str, Any]:

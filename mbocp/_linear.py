@@ -30,8 +30,7 @@ def null_space(matrix: Array, tolerance: float) -> Array:
     triangle: Array = np.asarray(np.linalg.qr(matrix, mode="r")) if rows > columns else matrix
     _, singular, vt = np.linalg.svd(triangle)
     rank = int(np.count_nonzero(singular > tolerance * max(singular.max(initial=0.0), 1.0)))
-    basis: Array = vt[rank:].T
-    return basis
+    return vt[rank:].T
 
 
 def independent_rows(matrix: Array, tolerance: float) -> Array:

@@ -105,8 +105,7 @@ class Measured:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Return the schema, in which texts stand beside numbers."""
-        found: JsonSchemaValue = _or_text(handler(schema))
-        return found
+        return _or_text(handler(schema))
 
 
 def plain_number(value: float, unit: str, name: str) -> float:

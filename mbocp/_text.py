@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -52,6 +53,11 @@ def list_names(names: Sequence[str], most: int) -> str:
     """The first `most` names, quoted, with commas between them, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(show(name) for name in names[:most]) + more
+
+
+def find_repeated(names: Iterable[str]) -> list[str]:
+    """Find the names that occur more than once, each once, in their order."""
+    return [name for name, count in Counter(names).items() if count > 1]
 
 
 def quote_all(names: Iterable[str]) -> str:

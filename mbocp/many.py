@@ -29,7 +29,7 @@ from mbocp.formulation.read_trajectory import times_of
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem import Problem
-from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
+from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_integer, check_size
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.ends import checked_start
 from mbocp.problem.limits import check_limits
@@ -139,8 +139,7 @@ def solve_many(
     """
     base = problem_from(problem)
     changes = _changes(base, starts, goals, weights)
-    if threads is not None and not (isinstance(threads, int) and threads >= 1):
-        raise InvalidValue("threads", threads, "a number of threads, 1 or more")
+    check_integer("threads", 1 if threads is None else threads, 1)
     collected = _Collected(base, changes)
     with _in_problem(0):
         first = base.with_(**changes[0])
@@ -392,7 +391,7 @@ class _Batch:
             rho_terminal=frozen_array(self._updates.rho_terminal),
             control_weight=control_weight_of(problem),
         )
-        return cast(Formulation, replace(cast(Any, self._formulation), problem=problem, programme=programme))
+        return replace(cast(Any, self._formulation), problem=problem, programme=programme)
 
     def _descend(self, formulation: Formulation, iterate: Iterate) -> _Found:
         """Run Newton's method from a guess to its end, on a programme that no other thread has."""

@@ -215,8 +215,7 @@ class Tubes:
 
 def _roots(covariances: Array) -> Array:
     """Standard deviations."""
-    found: Array = np.sqrt(np.maximum(np.einsum("nii->ni", covariances), 0.0))
-    return found
+    return np.sqrt(np.maximum(np.einsum("nii->ni", covariances), 0.0))
 
 
 def _values_of_controls(formulation: Formulation) -> tuple[int, int]:

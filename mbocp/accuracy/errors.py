@@ -241,8 +241,7 @@ def _speeds(robot: Robot, qs: Array, vs: Array) -> Array:
     """Speeds nearest to velocities, shape (k, ns); see `mbocp.mechanics.forward`."""
     if not robot.drives:
         return vs
-    found: Array = np.einsum("nij,ni->nj", speed_maps(robot, qs), vs)
-    return found
+    return np.einsum("nij,ni->nj", speed_maps(robot, qs), vs)
 
 
 def _velocities(robot: Robot, qs: Array, speeds: Array, us: Array) -> Array:
@@ -250,8 +249,7 @@ def _velocities(robot: Robot, qs: Array, speeds: Array, us: Array) -> Array:
     if not robot.drives:
         return speeds
     prescribed = np.einsum("nij,nj->ni", control_velocity_maps(robot, qs), us)
-    found: Array = np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
-    return found
+    return np.einsum("nij,nj->ni", speed_maps(robot, qs), speeds) + prescribed
 
 
 def _worst_share(sums: Array, ways: Array, units: list[str]) -> int:

@@ -73,8 +73,7 @@ def control_shares(us: Array, dts: Array, weights: Array) -> Array:
         return np.zeros(len(dts))
     middles = np.cumsum(dts) - dts / 2.0
     rates = np.gradient(us, middles, axis=0)
-    found: Array = dts**3 * (rates**2 @ weights) / 24.0
-    return found
+    return dts**3 * (rates**2 @ weights) / 24.0
 
 
 def lengths_for(
@@ -107,8 +106,7 @@ def lengths_for(
     needed = np.clip(counted[-1], _FEWEST, most)
     count = 2 * int(np.ceil(needed / 4.0)) if in_pairs else int(np.ceil(needed))
     nodes = np.interp(np.linspace(0.0, counted[-1], count + 1), counted, ends)
-    found: Array = np.diff(nodes)
-    return found
+    return np.diff(nodes)
 
 
 def _lengths_of_cost(dts: Array, shares: Array, wanted: Wanted) -> Array:
@@ -119,8 +117,7 @@ def _lengths_of_cost(dts: Array, shares: Array, wanted: Wanted) -> Array:
         return np.full(len(dts), np.inf)
     roots = np.maximum(densities, _FLOOR * mean) ** (1.0 / (q + 1))
     scale = (wanted.cost / (roots @ dts)) ** (1.0 / q)
-    found: Array = scale / roots
-    return found
+    return scale / roots
 
 
 def _without_jumps(lengths: Array, dts: Array) -> Array:
@@ -231,8 +228,7 @@ class _Counts:
         roots = (np.maximum(sums, _FLOOR * sums.mean()) * fine**q) ** (1.0 / (q + 1))
         needed = roots * (roots.sum() / wanted.cost) ** (1.0 / q) / fine
         factors = np.clip(np.fmax(local, needed), 1.0 / _COARSER, _FINER)
-        found: Array = factors * fine
-        return found
+        return factors * fine
 
 
 Mesh: TypeAlias = _Lengths | _Counts

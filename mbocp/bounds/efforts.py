@@ -87,8 +87,7 @@ def _each(matrices: Array, columns: ca.SX) -> ca.SX:
 
 def _twice(rows: Array) -> Array:
     """Half of them for the begin of each window, half for its end."""
-    found: Array = np.vstack([rows, rows]).T / 2.0
-    return found
+    return np.vstack([rows, rows]).T / 2.0
 
 
 def dual_value(windows: Windows, weights: Array, lams: Array, nus: Array) -> float:
@@ -146,5 +145,4 @@ def _typical(windows: Windows, weights: Array) -> float:
 
 
 def _forces_at_centre(windows: Windows) -> Array:
-    found: Array = windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)
-    return found
+    return windows.w.centre + np.einsum("kij,kj->ki", windows.G, windows.inside.centre)

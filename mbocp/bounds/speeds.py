@@ -179,5 +179,4 @@ def _fixed_point(rest: Array, given: Array) -> Array:
 def _product(matrix: Array, vector: Array) -> Array:
     """Products with infinite numbers, of which zeros take nothing."""
     terms = np.where(matrix == 0.0, 0.0, matrix * vector[:, None, :])
-    found: Array = terms.sum(axis=2)
-    return found
+    return terms.sum(axis=2)

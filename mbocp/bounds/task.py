@@ -96,8 +96,7 @@ class Task:
         """Weights of a term of the cost, the least of all phases."""
         cost = self.problem.cost
         each = [cost.with_weights(phase.weights).weight(key) for phase in self.problem.timeline.phases]
-        found: Array = np.min([np.broadcast_to(weights, size) for weights in each], axis=0)
-        return found
+        return np.min([np.broadcast_to(weights, size) for weights in each], axis=0)
 
     def motors(self) -> Iterator[tuple[int, int, float]]:
         """Control, velocity component that it acts on, and by what factor."""

@@ -12,6 +12,7 @@ import typer
 from rich.text import Text
 
 from mbocp.cli.app import Json, ProblemFile, Quiet, Settings, output_file
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.error_report import tell
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import MbocpError
@@ -163,7 +164,7 @@ def _others(problem: Problem) -> _Rows:
         "via points": ", ".join(point.name for point in problem.timeline.waypoints) if problem.via else "",
         "paths": ", ".join(f"{c.name} ({c.kind})" for c in problem.frame_constraints),
         "obstacles": ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle),
-        "kept apart": "" if problem.clearance is None else "\n".join(problem.clearance.words),
+        "kept apart": "\n".join(clearance_lines(problem.clearance)),
         "phases": ", ".join(phase.name for phase in problem.phase),
     }
     return [(name, said) for name, said in words.items() if said]

@@ -11,6 +11,7 @@ import numpy as np
 from rich.text import Text
 
 from mbocp.cli.accuracy_words import accuracy_words, coarse_words
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.goal_words import goal_error
 from mbocp.cli.limit_rows import limit_rows
@@ -37,7 +38,7 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     rows: _Rows = [
         *solution_rows(solution, robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
         ("at least", _bound(solution, problem)),
-        ("kept apart", "\n".join(problem.clearance.words) if problem.clearance else ""),
+        ("kept apart", "\n".join(clearance_lines(problem.clearance))),
         *((kind, str(path)) for kind, path in written),
     ]
     after: dict[str, tuple[str, str | Text]] = {

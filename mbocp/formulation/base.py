@@ -186,8 +186,7 @@ class Formulation(ABC):
     def drifts(self, xs: Array) -> Array:
         """Largest defect of the configurations of states (k, nx), shape (k,); zero in their space."""
         found = np.abs(np.asarray(_defects_of(self.space).map(len(xs))(xs[:, self.layout.z].T)))
-        largest: Array = found.max(axis=0, initial=0.0)
-        return largest
+        return found.max(axis=0, initial=0.0)
 
     @abstractmethod
     def velocity_multipliers(self, multipliers: Array) -> Array:

@@ -51,8 +51,7 @@ class Motion:
         """Controls at the ends of the steps, shape (N, nu)."""
         if not self.shares:
             return self.us
-        found: Array = np.einsum("k,nku->nu", control_basis(self.shares, [1.0])[0], self.values)
-        return found
+        return np.einsum("k,nku->nu", control_basis(self.shares, [1.0])[0], self.values)
 
     @property
     def us_in_powers(self) -> Array:

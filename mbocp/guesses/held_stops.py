@@ -292,8 +292,7 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
 
 def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
     """Axes of the first frame of a constraint in those of the second, shape (3, 3)."""
-    found: Array = placement_of(robot.model, q, *constraint.frame_ids).rotation
-    return found
+    return placement_of(robot.model, q, *constraint.frame_ids).rotation
 
 
 def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:

@@ -59,8 +59,7 @@ def _by_time(places: Array) -> Way:
     def way(q_start: Array, shares: Array) -> Array:
         at = np.interp(shares, blend(times), times)
         found = np.column_stack([np.interp(at, times, column) for column in places.T])
-        moved: Array = found + (1.0 - shares)[:, None] * (np.asarray(q_start) - places[0])
-        return moved
+        return found + (1.0 - shares)[:, None] * (np.asarray(q_start) - places[0])
 
     return way
 

@@ -227,5 +227,4 @@ def _between(places: Array, last: int) -> tuple[Array, Array]:
 
 
 def _interpolate(values: Array, left: Array, share: Array) -> Array:
-    out: Array = values[left] + share[:, None] * (values[left + 1] - values[left])
-    return out
+    return values[left] + share[:, None] * (values[left + 1] - values[left])

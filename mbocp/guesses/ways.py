@@ -138,8 +138,7 @@ def position_limits(problem: Problem) -> tuple[Array, Array]:
 
 def middle_of_line(problem: Problem) -> Array:
     """The configuration in the middle of the straight line, closed loops closed."""
-    middle: Array = straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
-    return middle
+    return straight(problem)(problem.q_start, np.array([0.0, _LEG, 1.0]))[1]
 
 
 def random_way(
@@ -175,8 +174,7 @@ def _reach(robot: Robot, problem: Problem, through: Array) -> Array:
         target = robot.integrate(problem.q_start, reach * whole)
         path = path_towards(robot, problem.q_start, target, driving, shares)
         if path is not None and closed_path(robot, path[-1], problem.goal.q, shares) is not None:
-            place: Array = path[-1]
-            return place
+            return path[-1]
     return problem.q_start
 
 

@@ -11,7 +11,7 @@ from mbocp.identification.of_log import Identification
 from mbocp.view.figures.style import PALETTE, house_style, save_figure
 
 
-def plot_residuals(found: Identification, path: str | Path, *, style: str | Path | None = None) -> Path:
+def plot_residuals(found: Identification, path: str | Path) -> Path:
     """Draw measured torques and what is left of them, of the samples that the fit did not see.
 
     Parameters
@@ -19,11 +19,9 @@ def plot_residuals(found: Identification, path: str | Path, *, style: str | Path
     found : Identification
     path : str or Path
         .png, .pdf or .svg.
-    style : str or Path, optional
-        A style of matplotlib.
     """
     held = found.held_out
-    with house_style(style):
+    with house_style():
         count = len(found.joints)
         figure = Figure(figsize=(9.0, 1.0 + 1.4 * count), layout="constrained")
         for k, (name, axes) in enumerate(

@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp._files import read_bytes, read_text
-from mbocp._text import show
+from mbocp._text import find_repeated, show
 from mbocp.exceptions import InvalidValue, LogError, Unreadable
 from mbocp.solution.atomic import replace_file
 
@@ -155,9 +155,8 @@ def _read_csv(path: Path) -> dict[str, Sequence[Any]]:
     if not rows:
         raise Unreadable("is empty, expected a log (CSV) with a header")
     header = [name.strip() for name in rows[0]]
-    for name in header:
-        if header.count(name) > 1:
-            raise InvalidValue("header", f"{show(name)} twice", "each column once")
+    if repeated := find_repeated(header):
+        raise InvalidValue("header", f"{show(repeated[0])} twice", "each column once")
     for number, row in enumerate(rows[1:], start=2):
         if len(row) != len(header):
             raise InvalidValue(f"row {number}", f"{len(row)} values", f"{len(header)}, as in the header")

@@ -194,7 +194,6 @@ def base_parameters(
     rotors: bool = False,
     payload: str | None = None,
     friction_speed: float | None = None,
-    seed: int = 0,
 ) -> BaseParameters:
     """Find the combinations of parameters that some motion tells apart.
 
@@ -218,12 +217,12 @@ def base_parameters(
         For a robot, payload or kind of friction that it cannot be.
     """
     dynamics = InverseDynamics(robot, friction_speed)
-    return base_of(dynamics, unknowns_of(dynamics, friction, rotors, payload), seed)
+    return base_of(dynamics, unknowns_of(dynamics, friction, rotors, payload))
 
 
-def base_of(dynamics: InverseDynamics, unknowns: Unknowns, seed: int = 0) -> BaseParameters:
+def base_of(dynamics: InverseDynamics, unknowns: Unknowns) -> BaseParameters:
     """Find the combinations from the torques of random motions."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     count = 20 + 4 * len(unknowns.labels) // dynamics.n
     near = _random_poses(dynamics, count, rng)
     y = np.array([dynamics.coordinates(q) for q in near])

@@ -105,5 +105,4 @@ def root_mean_squares(lengths: Array, us: Array, values: Array, shares: Sequence
     """
     given = values if len(shares) else us[:, None]
     squares = np.einsum("nku,kl,nlu->nu", given, control_squares(tuple(shares)), given)
-    found: Array = np.sqrt(np.maximum(lengths @ squares, 0.0) / lengths.sum())
-    return found
+    return np.sqrt(np.maximum(lengths @ squares, 0.0) / lengths.sum())

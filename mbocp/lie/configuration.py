@@ -157,8 +157,7 @@ class ConfigurationSpace:
     def tangents(self, zs: Array) -> Array:
         """Derivatives of coordinates z along the tangent directions, shape (n, nz, nv) from (n, nz)."""
         found = np.asarray(_tangents(self).map(len(zs))(zs.T))
-        by_node: Array = found.reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
-        return by_node
+        return found.reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
 
     def slopes_of_configurations(self, zs: Array) -> Array:
         """Derivatives of `configurations` in coordinates z, in the tangent space, shape (n, nv, nz)."""
@@ -258,8 +257,7 @@ def _with_matrices(qs: Array) -> Array:
 
 
 def _matrices(columns: Array) -> Array:
-    found: Array = columns.reshape(-1, 3, 3).transpose(0, 2, 1)
-    return found
+    return columns.reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
 def _with_quaternions(zs: Array) -> Array:

@@ -25,8 +25,7 @@ from mbocp.robot.large import working_data
 def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
     """Derivative of M(q) v along the tangent space of q, shape (nv, nv) [N s/rad, N m s/rad, N s/m]."""
     if len(robot.model.mimicking_joints):  # Pinocchio's derivatives refuse them
-        symbolic: Array = _momentum_derivative(robot)(q, v).full()
-        return symbolic
+        return _momentum_derivative(robot)(q, v).full()
     model, zero = robot.model, np.zeros(robot.nv)
     data = working_data(model)  # what Pinocchio returns points into it
     # M(q) v is what an acceleration v takes at rest, less gravity.

@@ -121,8 +121,7 @@ def held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:
 
 def held_residuals(robot: Robot, held: Sequence[HeldFrame], qs: Array, anchors: Array) -> Array:
     """Phi at n configurations from n anchors, shape (n, rows) [m, rad]."""
-    found: Array = np.asarray(_functions(robot, tuple(held))[0].map(len(qs))(qs.T, anchors.T)).T
-    return found
+    return np.asarray(_functions(robot, tuple(held))[0].map(len(qs))(qs.T, anchors.T)).T
 
 
 @lru_cache(maxsize=_KEPT)

@@ -90,8 +90,7 @@ def constraint_jacobians(robot: Robot, qs: Array) -> Array:
     if not robot.nc:
         return np.zeros((len(qs), 0, robot.nv))
     _, columns = _closure(robot).map(len(qs))(qs.T)
-    found: Array = columns.full().reshape(robot.nc, len(qs), robot.nv).transpose(1, 0, 2)
-    return found
+    return columns.full().reshape(robot.nc, len(qs), robot.nv).transpose(1, 0, 2)
 
 
 def driving_joints(robot: Robot, q: Array) -> BoolArray:

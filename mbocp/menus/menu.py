@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
-from mbocp.exceptions import CompilationTimeout, InvalidValue, ResultFileError
+from mbocp.exceptions import CompilationTimeout, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.read_trajectory import describe_coarse_turn
@@ -27,6 +27,7 @@ from mbocp.job import Job, settings_of
 from mbocp.menus.candidates import Candidate, candidates, has_ways
 from mbocp.menus.names import names_of_motions
 from mbocp.problem import Problem
+from mbocp.problem._checks import check_integer
 from mbocp.programme.iterate import Carried
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
@@ -191,9 +192,8 @@ def menu(
     InvalidValue
         If `tries` or `threads` are no positive whole numbers.
     """
-    for name, value in (("tries", tries), ("threads", 1 if threads is None else threads)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InvalidValue(name, value, "a whole number, 1 or more")
+    check_integer("tries", tries, 1)
+    check_integer("threads", 1 if threads is None else threads, 1)
     asked = problem_from(problem)
     begun = time.perf_counter()
     job = Job.of(asked, time_limit=time_limit, callback=callback)

@@ -182,8 +182,7 @@ class _Halfway:
 
     def _displacement(self, solution: Solution) -> Array:
         half = 1 + int(np.argmin(np.abs(solution.t - 0.5 * (solution.t[0] + solution.t[-1]))))
-        moved: Array = steps_between(self._robot, solution.qs[:half]).sum(axis=0)
-        return moved
+        return steps_between(self._robot, solution.qs[:half]).sum(axis=0)
 
 
 class _Side:
@@ -290,8 +289,7 @@ def _axis(place: pin.SE3, model: pin.Model, joint: int) -> Array:
     """Axis of a revolute joint in the world."""
     own = model.joints[joint].createData()
     model.joints[joint].calc(own, pin.neutral(model))
-    axis: Array = place.rotation @ np.asarray(own.S).reshape(6, -1)[3:, 0]
-    return axis
+    return place.rotation @ np.asarray(own.S).reshape(6, -1)[3:, 0]
 
 
 def _across(vector: Array, axis: Array) -> Array:

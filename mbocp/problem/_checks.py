@@ -65,15 +65,15 @@ def check_positive(name: str, value: Any, unit: str = "") -> float:
     return number
 
 
-def check_integer(name: str, value: Any, minimum: int) -> int:
-    """Return `value` as an int of at least `minimum`, and of 32 bits, as many as foreign libraries count."""
+def check_integer(name: str, value: Any, minimum: int, maximum: int = _MAX_INTEGER) -> int:
+    """Return `value` as an int between both, by default of 32 bits, as many as foreign libraries count."""
     expected = f"a whole number of at least {minimum}"
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InvalidValue(name, show(value), expected)
     if value < minimum:
         raise InvalidValue(name, show(int(value)), expected)
-    if value > _MAX_INTEGER:
-        raise InvalidValue(name, show(int(value)), f"{expected} and at most {_MAX_INTEGER}")
+    if value > maximum:
+        raise InvalidValue(name, show(int(value)), f"{expected} and at most {maximum}")
     return int(value)
 
 

@@ -267,8 +267,7 @@ class _Steps:
         wrong = cubics.lengths * np.maximum(np.abs(begin), np.abs(end)) / 4.0
         extremes = np.min(values, axis=0) - wrong, np.max(values, axis=0) + wrong
         looks = [_Look("speed", one, np.zeros_like(one), sides, robot.v_labels) for one in extremes]
-        found: Array = np.max([ratios.max(axis=1) for look in looks for _, ratios in look.ratios()], axis=0)
-        return found
+        return np.max([ratios.max(axis=1) for look in looks for _, ratios in look.ratios()], axis=0)
 
     def _positions(self, sides: Sides) -> Iterator[_Look]:
         robot = self.problem.robot
@@ -335,8 +334,7 @@ class _Steps:
         """At a share of each step, shape (n, nu)."""
         if not self.shares:
             return self.us[:, 0]
-        found: Array = np.einsum("k,nku->nu", control_basis(self.shares, [s])[0], self.us)
-        return found
+        return np.einsum("k,nku->nu", control_basis(self.shares, [s])[0], self.us)
 
 
 def _is_open(problem: Problem) -> bool:
@@ -411,8 +409,7 @@ def _exponentials(matrices: Array) -> tuple[Array, ...]:
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
-    found: Array = np.einsum("nij,nj->ni", matrices, vectors)
-    return found
+    return np.einsum("nij,nj->ni", matrices, vectors)
 
 
 def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, us: Array) -> StepCubics:

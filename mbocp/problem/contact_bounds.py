@@ -68,6 +68,8 @@ class ContactBounds(BoundedTerm):
     source: ForceSource
     scale: float
 
+    is_known_before = False  # as forces are not
+
     @property
     def name(self) -> str:
         """What it is called."""
@@ -194,11 +196,6 @@ class ContactBounds(BoundedTerm):
         height = (self.contact.friction or 0.0) * math.cos(math.pi / max(count, 1))
         return np.column_stack([np.full(count, height), -np.cos(turns), -np.sin(turns)])
 
-    @property
-    def is_known_before(self) -> bool:
-        """Forces are not."""
-        return False
-
     def at_via(self, places: Mapping[str, Place]) -> ContactBounds:
         """The same between nodes."""
         if not self.span.via_names:
@@ -239,8 +236,7 @@ class ContactBounds(BoundedTerm):
         lams : ndarray, shape (n, nc)
             Forces of all rows of the robot's constraints; those of rows left out as redundant are zero.
         """
-        found: Array = lams[:, list(self.term.of_rows)] @ self.map.T
-        return found
+        return lams[:, list(self.term.of_rows)] @ self.map.T
 
     def values_of(self, lams: Array, up: Array | None = None) -> Array:
         r"""Values, shape (n, rows) [N, N m]: of a cone :math:`\mu f_n - |f_t|`.

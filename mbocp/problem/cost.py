@@ -114,8 +114,7 @@ class Cost:
     def on_squares(self) -> Array:
         """Weights of half the squares of the controls: those of efforts, and losses of motors."""
         about_gravity = np.asarray(self.weight(EffortAboutGravity.key))
-        found: Array = self.effort + about_gravity + 2.0 * Energy.losses_of(self)
-        return found
+        return self.effort + about_gravity + 2.0 * Energy.losses_of(self)
 
     def with_weights(self, weights: Mapping[str, Any]) -> Cost:
         """The same with other weights, by their key in `[cost]`."""

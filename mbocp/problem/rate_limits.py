@@ -46,15 +46,12 @@ class RateLimit(BoundedTerm):
     scale: float
     columns: IntArray
 
+    span = Span()
+
     @property
     def name(self) -> str:
         """The key of the file."""
         return f"limits.{self.key}"
-
-    @property
-    def span(self) -> Span:
-        """When they hold: always."""
-        return Span()
 
     @property
     def inner_bounds(self) -> tuple[Array, Array]:

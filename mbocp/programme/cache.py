@@ -52,7 +52,7 @@ def cache_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         trusted = is_trusted(folder)
         reason = "somebody else may write to it"
-        if trusted and _forbids_code(folder):
+        if trusted and os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0):
             trusted, reason = False, "it is on a disk that forbids to execute files (noexec)"
     except OSError as error:
         trusted, reason = False, str(error)
@@ -202,10 +202,6 @@ def _named_folder() -> Path:
         return Path(named) / "stages"
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "mbocp" / "stages"
-
-
-def _forbids_code(folder: Path) -> bool:
-    return bool(os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0))
 
 
 @cache

@@ -98,5 +98,4 @@ def _own_rows(side: Array) -> Array:
 
 
 def _has_limit(lower: Array, upper: Array) -> BoolArray:
-    found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
-    return found
+    return np.isfinite(lower) | np.isfinite(upper)

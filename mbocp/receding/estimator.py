@@ -14,6 +14,7 @@ from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
+from mbocp.problem._checks import check_integer
 from mbocp.programme.native_modules import kernel
 from mbocp.receding.estimator_functions import NUM_MOMENTS, EstimatorLayout, load_estimator_functions
 from mbocp.receding.kalman import LinearStage, lower_root
@@ -151,8 +152,8 @@ class MovingHorizonEstimator:
         _check_words("drift", drift, unknowns)
         if "q" not in measured:
             raise ProblemError("measured.q: missing; give the standard deviation of positions")
-        self._iterations = _check_count("iterations", iterations, _MOST_ITERATIONS)
-        self._step = _deviations("horizon", horizon, 1)[0] / _check_count("steps", steps, _MOST_STEPS)
+        self._iterations = check_integer("iterations", iterations, 1, _MOST_ITERATIONS)
+        self._step = _deviations("horizon", horizon, 1)[0] / check_integer("steps", steps, 1, _MOST_STEPS)
         self._sigma = {
             key: _deviations(f"measured.{key}", value, own.nv, most=math.inf)
             for key, value in measured.items()
@@ -357,7 +358,8 @@ class MovingHorizonEstimator:
 
     def _root_after_newest(self) -> Callable[[], Array]:
         """A root R of the covariance R'R of what is estimated now."""
-        return partial(_root_after, self._stage(len(self._rows) - 1), self._root_before)
+        stage, root = self._stage(len(self._rows) - 1), self._root_before
+        return lambda: _filter(stage, np.zeros(len(root)), root)[1]
 
     def _estimate(self, status: HorizonStatus) -> Estimate:
         at, x = self._layout, self._horizon.x[-1]
@@ -378,10 +380,6 @@ def _filter(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple
         return stage().filter(mean, root)
     except (np.linalg.LinAlgError, RuntimeError):
         return np.full_like(mean, np.nan), np.full_like(root, np.nan)
-
-
-def _root_after(stage: Callable[[], LinearStage], root: Array) -> Array:
-    return _filter(stage, np.zeros(len(root)), root)[1]
 
 
 def _robot_of(given: Robot | Problem | str) -> Robot:
@@ -409,12 +407,6 @@ def _check_words(name: str, given: Mapping[str, Any], known: Collection[str]) ->
     for word in given:
         if word not in known:
             raise ProblemError(f"{name}: got {word!r}, expected some of: {', '.join(known) or 'none'}")
-
-
-def _check_count(name: str, value: int, most: int) -> int:
-    if not (isinstance(value, int) and 1 <= value <= most):
-        raise InvalidValue(name, value, f"a whole number from 1 to {most}")
-    return value
 
 
 def _deviations(name: str, value: Any, size: int, *, least: float = 1e-300, most: float = 1e300) -> Array:

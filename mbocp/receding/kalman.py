@@ -78,5 +78,4 @@ class LinearStage:
 
 def lower_root(columns: Array) -> Array:
     """Lower triangle L with L L' = R'R."""
-    lower: Array = np.asarray(np.linalg.qr(columns, mode="r")).T
-    return lower
+    return np.asarray(np.linalg.qr(columns, mode="r")).T

@@ -75,8 +75,7 @@ class MovingStages:
     @property
     def times(self) -> Array:
         """Times of the nodes from now on [s], shape (N + 1,)."""
-        found: Array = np.append(0.0, np.cumsum(~self.is_impact)) * self._formulation.problem.dt
-        return found
+        return np.append(0.0, np.cumsum(~self.is_impact)) * self._formulation.problem.dt
 
     def move_on(self, steps: int, numbers: ParameterUpdates) -> None:
         """Move by steps that take time, and by the impacts after each: those are over by then.

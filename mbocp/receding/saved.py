@@ -114,7 +114,14 @@ def write_horizon(
         **_of_programme(programme, native),
         **{name: [getattr(formulation.problem.robot, name)] for name in ("nq", "nv", "nu")},
         "dt": [formulation.problem.dt],
-        **_of_horizon(horizon, settings, programme),
+        "tolerance": [settings.tolerance],
+        "barrier_share": [settings.barrier],
+        "shift_unit": [programme.control_weight],
+        "turning": programme.kind.turning,
+        "memory": horizon.memory,
+        "prediction_x": horizon.x,
+        "prediction_u": horizon.u,
+        "gains": horizon.gains,
         **{name: [place.start, place.stop] if place.stop > 0 else [] for name, place in places.items()},
         **numbers,
     }
@@ -168,18 +175,3 @@ def _of_programme(programme: StagewiseProgramme, native: KernelProgramme) -> dic
             **{name: getattr(native, name) for name in ("slack", "z_lower", "z_upper")},
         }
     return found
-
-
-def _of_horizon(
-    horizon: KernelHorizon, settings: RecedingSettings, programme: StagewiseProgramme
-) -> dict[str, object]:
-    return {
-        "tolerance": [settings.tolerance],
-        "barrier_share": [settings.barrier],
-        "shift_unit": [programme.control_weight],
-        "turning": programme.kind.turning,
-        "memory": horizon.memory,
-        "prediction_x": horizon.x,
-        "prediction_u": horizon.u,
-        "gains": horizon.gains,
-    }

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._dataclass import dataclass
+from mbocp._text import find_repeated
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
@@ -70,10 +71,8 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
             advice = f"this is {now!r} now" if now in known else has
             raise ProblemError(f"unknowns: got {word!r}; {advice}")
         found += [replace(unknown, group=word) for unknown in known[word]]
-    names = [unknown.name for unknown in found]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ProblemError(f"unknowns: {twice!r} is there twice; leave one out")
+    if repeated := find_repeated(unknown.name for unknown in found):
+        raise ProblemError(f"unknowns: {repeated[0]!r} is there twice; leave one out")
     return tuple(found)
 
 

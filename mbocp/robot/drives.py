@@ -23,8 +23,7 @@ from mbocp.robot.parts import Drive
 
 def drive_column(model: pin.Model, drive: Drive, q: Array) -> Array:
     """S(q) among all velocity components: v for a speed of 1, shape (nv,)."""
-    column: Array = _drive_columns(model, drive, q[None])[0]
-    return column
+    return _drive_columns(model, drive, q[None])[0]
 
 
 def _drive_columns(model: pin.Model, drive: Drive, qs: Array) -> Array:

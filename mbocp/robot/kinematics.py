@@ -66,8 +66,7 @@ def _angle(c0: float, s0: float, c1: float, s1: float) -> float:
 
 def mass_matrix(model: pin.Model, q: Array) -> Array:
     """Full symmetric joint-space mass matrix."""
-    full: Array = mass_matrices(model, q[None])[0]
-    return full
+    return mass_matrices(model, q[None])[0]
 
 
 def mass_matrices(model: pin.Model, qs: Array) -> Array:
@@ -80,14 +79,12 @@ def mass_matrices(model: pin.Model, qs: Array) -> Array:
     for node, q in enumerate(qs):
         found[node] = pin.crba(model, data, q)
     upper = np.triu(found)
-    full: Array = upper + np.triu(upper, 1).transpose(0, 2, 1)
-    return full
+    return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
 
 def momenta_of(model: pin.Model, qs: Array, vs: Array) -> Array:
     """Momenta M(q) v at many configurations, shape (nodes, nv)."""
-    found: Array = np.einsum("nij,nj->ni", mass_matrices(model, qs), vs)
-    return found
+    return np.einsum("nij,nj->ni", mass_matrices(model, qs), vs)
 
 
 def _mass_columns(model: pin.Model, q: Array) -> Array:
@@ -100,8 +97,7 @@ def _mass_columns(model: pin.Model, q: Array) -> Array:
     still = pin.rnea(model, data, q, rest, rest).copy()
     columns = [pin.rnea(model, data, q, rest, unit) - still for unit in np.eye(model.nv)]
     rows = np.array(columns)
-    mass: Array = 0.5 * (rows + rows.T)
-    return mass
+    return 0.5 * (rows + rows.T)
 
 
 def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
@@ -137,14 +133,12 @@ def velocity_from_momentum(mass: Array, jacobian: Array, p: Array) -> Array:
         return np.asarray(np.linalg.solve(mass, p), dtype=np.float64)
     nc, nv = jacobian.shape
     kkt = np.block([[mass, jacobian.T], [jacobian, np.zeros((nc, nc))]])
-    least: Array = np.linalg.lstsq(kkt, np.concatenate([p, np.zeros(nc)]), rcond=None)[0][:nv]
-    return least
+    return np.linalg.lstsq(kkt, np.concatenate([p, np.zeros(nc)]), rcond=None)[0][:nv]
 
 
 def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
     """Jacobian of one frame, shape (6, nv), linear before angular."""
-    jacobian: Array = frame_jacobians(model, q[None], frame, reference)[0]
-    return jacobian
+    return frame_jacobians(model, q[None], frame, reference)[0]
 
 
 def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.ReferenceFrame) -> Array:

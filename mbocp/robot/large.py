@@ -86,5 +86,4 @@ def composite_mass_matrix(model: pin.Model, q: Array) -> Array:
         mass[np.ix_(own, own)] += motions[:, own].T @ forces
         mass[np.ix_(before, own)] = motions[:, before].T @ forces
     upper = np.triu(mass)
-    full: Array = upper + np.triu(upper, 1).T
-    return full
+    return upper + np.triu(upper, 1).T

@@ -118,13 +118,11 @@ class Closure:
         with self._data() as data:
             pin.framesForwardKinematics(self.model, data, q)
             numbers, theta = self._placements(data), self._displacements(q)
-        rows: Array = self._function(numbers.T, theta)[0].full().ravel()
-        return rows
+        return self._function(numbers.T, theta)[0].full().ravel()
 
     def jacobian(self, q: Array) -> Array:
         """Derivative of Phi in tangent coordinates, shape (size, nv)."""
-        found: Array = self.along(np.asarray(q)[None])[1][0]
-        return found
+        return self.along(np.asarray(q)[None])[1][0]
 
     def along(self, qs: Array) -> tuple[Array, Array]:
         """Phi and its derivative at n configurations (n, nq), shapes (n, size) and (n, size, nv)."""

@@ -213,7 +213,7 @@ def _changed_payload(now: Mapping[ModelNumber, float], index: int, payload: Payl
     for number, value in now.items():
         if number.of == "payload" and number.owner == index:
             own[number.entry] = value
-    return replace(cast(Any, payload), mass=own[0], com=tuple(own[1:4]), inertia=tuple(own[4:]))  # type: ignore[no-any-return]
+    return replace(cast(Any, payload), mass=own[0], com=tuple(own[1:4]), inertia=tuple(own[4:]))
 
 
 def _move_visuals(robot: Robot, model: pin.Model, visuals: pin.GeometryModel, values: Iterable[str]) -> None:

@@ -14,12 +14,12 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.addresses import absolute
+from mbocp.robot.loading.description import Oddity
 from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot import Robot
 
-_JOINT = "joint "  # how lines about one joint begin
 _MAX_ALIKE = 4  # joints of which the same is said, named in one line
 
 
@@ -78,32 +78,30 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
 
     Nothing is said of links that have other inertias, and of joints that are locked.
     """
-    found = list[str]()
+    found = list[Oddity]()
     parts = ("", *(part.prefix for part in robot.parts))
     moving = {name.removeprefix(part) for name in robot.joint_names for part in parts}
     fixed = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.FIXED_JOINT]
     locked = {name.removeprefix(part) for name in fixed for part in parts} - moving
-    links = [one.link.removeprefix(part) for one in robot.link_inertias for part in parts]
-    mended = (*(f"link {show(name)}: " for name in links), *(f"joint {show(name)}: " for name in locked))
+    mended = {one.link.removeprefix(part) for one in robot.link_inertias for part in parts}
     folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
-            lines = reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
-            found += [line for line in lines if not line.startswith(mended)]
+            read = reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
+            found += [one for one in read if one.link not in mended and one.joint not in locked]
         except MbocpError:  # the file has changed, or is no longer there
             continue
     return tuple(_join_alike(found))
 
 
-def _join_alike(lines: Iterable[str]) -> Iterator[str]:
+def _join_alike(found: Iterable[Oddity]) -> Iterator[str]:
     """Say in one line what is said of several joints."""
     alike: dict[str, list[str]] = {}
-    for line in dict.fromkeys(lines):
-        name, _, words = line.removeprefix(_JOINT).partition(": ")
-        if line.startswith(_JOINT):
-            alike.setdefault(words, []).append(name)
+    for one in dict.fromkeys(found):
+        if one.joint:
+            alike.setdefault(one.words, []).append(show(one.joint))
         else:
-            yield line
+            yield f"link {show(one.link)}: {one.words}" if one.link else one.words
     for words, names in alike.items():
         more = f" and {len(names) - _MAX_ALIKE} more" if len(names) > _MAX_ALIKE else ""
         yield f"joint{'s' if len(names) > 1 else ''} {', '.join(names[:_MAX_ALIKE])}{more}: {words}"

@@ -142,8 +142,7 @@ class RobotFiles:
     @property
     def spec(self) -> Mapping[str, Any]:
         """What `mbocp.robot.robot_from_spec` took."""
-        spec: Mapping[str, Any] = self.listed["spec"]
-        return spec
+        return self.listed["spec"]
 
     @property
     def size(self) -> int:

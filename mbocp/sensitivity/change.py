@@ -68,8 +68,7 @@ class Change:
 
 def fourth_order(values: Callable[[float], Array]) -> Array:
     """Derivative at zero of a smooth function of a number of which one is a move of ordinary size."""
-    found: Array = np.sum([weight * values(at) for at, weight in POINTS], axis=0)
-    return found
+    return np.sum([weight * values(at) for at, weight in POINTS], axis=0)
 
 
 def change_along(formulation: Formulation, problem_at: Callable[[float], Problem]) -> Change:

@@ -45,14 +45,13 @@ def gradient_of(change: Change, slopes: Slopes, pulls: Array, ws: Array) -> Arra
         Multipliers, whose signs say which bounds these are.
     """
     sides = np.where(ws > 0.0, change.upper, change.lower)
-    found: Array = (
+    return (
         change.start @ slopes.start
         + change.theta @ slopes.theta
         + change.rho @ slopes.rho
         + change.rho_terminal @ slopes.rho_terminal
         - np.einsum("knj,nj->k", sides, pulls)
     )
-    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,8 +49,7 @@ class OfState(Parameter):
         """Derivatives of a configuration along the tangent, shape (nq, nv)."""
         if not self.is_configuration:
             return np.eye(len(self.names))
-        found: Array = ConfigurationSpace(self.problem.robot.model).tangents(self.value[None])[0]
-        return found
+        return ConfigurationSpace(self.problem.robot.model).tangents(self.value[None])[0]
 
     def _moves(self, q: Array) -> Array:
         """Directions in which each number moves, a row each: as far as loops allow it."""
@@ -72,8 +71,7 @@ class OfState(Parameter):
 def _projection(problem: Problem, q: Array) -> Array:
     """Of velocities onto what loops allow."""
     basis = problem.free_at_end(q)
-    found: Array = basis @ basis.T
-    return found
+    return basis @ basis.T
 
 
 def nearest_configuration(robot: Robot, q: Array) -> Array:

@@ -129,8 +129,7 @@ class PayloadNumbers(OfRobot):
         """Of the body that carries it, and of the frame at its centre of mass."""
         moved, numbers = self._numbers_of(self.problem.robot)
         slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(numbers, moved))])
-        found: Array = np.asarray(slopes(np.zeros(moved.numel()))).T
-        return found
+        return np.asarray(slopes(np.zeros(moved.numel()))).T
 
     @property
     def value(self) -> Array:

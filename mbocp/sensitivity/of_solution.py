@@ -148,8 +148,7 @@ class Sensitivities:
             raise InvalidValue("quantity", quantity, f"one that depends on {word} by the motion alone")
         optimum = self._optimum.kkt.optimum
         if quantity == "cost":
-            found: Array = self._by_word(self._cost_at(optimum))[word]
-            return found
+            return self._by_word(self._cost_at(optimum))[word]
         columns = [self._reader.along(move, [quantity])[quantity] for move in self._moves[word]]
         return np.stack(columns, axis=-1)
 

@@ -75,18 +75,16 @@ class At:
     def formulation(self) -> Formulation:
         """That whose programme has the numbers."""
         programme = replace(cast(Any, self.before.programme), **self.numbers, x_start=self.iterate.xs[0])
-        return cast(Formulation, replace(cast(Any, self.before), programme=programme))
+        return replace(cast(Any, self.before), programme=programme)
 
 
 def _momenta(at: At) -> Array:
-    found: Array = momenta_of(at.formulation.problem.robot.model, at.motion.qs, at.motion.vs)
-    return found
+    return momenta_of(at.formulation.problem.robot.model, at.motion.qs, at.motion.vs)
 
 
 def _of_limits(name: str) -> Callable[[At], Array]:
     def read(at: At) -> Array:
-        found: Array = inequalities(at.formulation, at.iterate, at.motion)[name]
-        return found
+        return inequalities(at.formulation, at.iterate, at.motion)[name]
 
     return read
 

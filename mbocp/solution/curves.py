@@ -241,3 +241,11 @@ def _smoothest(t: Array, q: Array, v: Array, has_jerk: BoolArray) -> Array:
             own[1, -1], own[2, -2], b[-1] = 1.0, 0.0, 0.0
         found[:, k] = solve_banded((1, 1), own, b)
     return found
+
+
+def differences(values: Array, t: Array) -> tuple[Array, Array]:
+    """Slopes between samples, and the times [s] between these; none across an impact, which takes no time."""
+    lengths = np.diff(t)
+    takes_time = lengths > 0.0
+    slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]
+    return slopes, (0.5 * (t[1:] + t[:-1]))[takes_time]

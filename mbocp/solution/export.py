@@ -112,8 +112,7 @@ def solution_dict(solution: SolutionData) -> dict[str, Any]:
             for s in solution.starts
         ],
     }
-    found: dict[str, Any] = plain_json(result)
-    return found
+    return plain_json(result)
 
 
 _DIMENSIONS = {"node": "t", "step": "step"}  # of rows, by the first axis

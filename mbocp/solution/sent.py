@@ -18,7 +18,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.curves import Curves
+from mbocp.solution.curves import Curves, differences
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import RATE_TERMS
 
@@ -144,15 +144,13 @@ class Sent:
 
     def times_of(self, t: Array) -> Array:
         """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
-        found: Array = self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
-        return found
+        return self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
         middle = self.solution.t[0] + times / self.slower - self.mean / 2.0
         offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
-        found: Array = np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
-        return found
+        return np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
 
 
 def motion_as_sent(
@@ -307,8 +305,7 @@ class _Fitting:
     def has_jerk(self) -> BoolArray:
         """Which joints have a limit of jerk."""
         lower, upper = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
-        found: BoolArray = np.isfinite(lower) | np.isfinite(upper)
-        return found
+        return np.isfinite(lower) | np.isfinite(upper)
 
     def follow_request(self) -> Curves:
         """Curves that are not fitted."""
@@ -333,7 +330,7 @@ class _Fitting:
         """Curves that keep the limits, slower by a factor or more; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
         found = asked
-        if self.has_jerk.any() and self._has_excess(asked.curves) and not has_no_means:
+        if self.has_jerk.any() and self.joints.excesses(asked.curves, self.rate) and not has_no_means:
             found = self._smoother()
         if mean > found.mean and not has_no_means:
             found = _Fit(self.cubics.mean(mean), mean)
@@ -366,9 +363,6 @@ class _Fitting:
                 found.append((durations[k], fit))
                 near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
         return min(found, key=lambda one: one[0])[1]
-
-    def _has_excess(self, curves: Curves) -> bool:
-        return bool(self.joints.excesses(curves, self.rate))
 
 
 def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, float]:
@@ -449,11 +443,3 @@ def find_excesses(
             ratio = float(over[worst]) / size
             if ratio > tolerance:
                 yield Excess(kind, name, float(values[worst]), float(bound), float(t[worst]), ratio, unit)
-
-
-def differences(values: Array, t: Array) -> tuple[Array, Array]:
-    """Slopes between samples, and the times [s] between these; none across an impact, which takes no time."""
-    lengths = np.diff(t)
-    takes_time = lengths > 0.0
-    slopes = np.diff(values, axis=0)[takes_time] / lengths[takes_time, None]
-    return slopes, (0.5 * (t[1:] + t[:-1]))[takes_time]

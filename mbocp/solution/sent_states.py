@@ -127,8 +127,7 @@ class Follower:
         """Forces that a motion takes beside those of the robot's elements, shape (nv,)."""
         rates = rates.copy()
         rates[self._link_v] += self.link_accelerations(q, v, rates)
-        found: Array = pin.rnea(self.robot.model, self._data, q, v, rates) - self.robot.force_elements(q, v)
-        return found
+        return pin.rnea(self.robot.model, self._data, q, v, rates) - self.robot.force_elements(q, v)
 
     def link_accelerations(self, q: Array, v: Array, rates: Array) -> Array:
         """Accelerations of links on springs, shape (links,), beside those of all else, shape (nv,)."""

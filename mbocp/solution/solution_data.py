@@ -239,8 +239,7 @@ class SolutionData:
         before = max(node - 1, 0)
         lengths = np.diff(self.t)[[after, before]]
         weights = lengths / lengths.sum() if lengths.any() else np.full(2, 0.5)
-        found: Array = weights @ self.accelerations[[before, after]]
-        return found
+        return weights @ self.accelerations[[before, after]]
 
     def controls_at(self, times: ArrayLike) -> Array:
         """Controls at times [s], shape (m, nu): those of the step, at a node those of the step after it.
@@ -253,16 +252,14 @@ class SolutionData:
         inside = np.clip(np.atleast_1d(np.asarray(times, dtype=np.float64)), self.t[0], self.t[-1])
         steps = np.clip(np.searchsorted(self.t, inside, side="right") - 1, 0, self.num_steps - 1)
         if self.has_constant_controls:
-            found: Array = self.us[steps]
-            return found
+            return self.us[steps]
         return self._controls_in(steps, (inside - self.t[steps]) / np.diff(self.t)[steps])
 
     def _controls_in(self, steps: IntArray, shares: Array | float) -> Array:
         """Controls at shares of steps, shape (m, nu)."""
         at = np.broadcast_to(shares, len(steps))
         weights = control_basis(self.u_shares.tolist(), at)
-        found: Array = np.einsum("mk,mku->mu", weights, self.u_values[steps])
-        return found
+        return np.einsum("mk,mku->mu", weights, self.u_values[steps])
 
     @property
     def nc(self) -> int:
@@ -330,26 +327,22 @@ class SolutionData:
     @property
     def q_final(self) -> Array:
         """Configuration at the end, shape (nq,)."""
-        q_final: Array = self.qs[-1]
-        return q_final
+        return self.qs[-1]
 
     @property
     def p_final(self) -> Array:
         """Momentum at the end, shape (nv,)."""
-        p_final: Array = self.ps[-1]
-        return p_final
+        return self.ps[-1]
 
     @property
     def u_first(self) -> Array:
         """Control of the first step, shape (nu,)."""
-        u_first: Array = self.us[0]
-        return u_first
+        return self.us[0]
 
     @property
     def u_last(self) -> Array:
         """Control of the last step, shape (nu,)."""
-        u_last: Array = self.us[-1]
-        return u_last
+        return self.us[-1]
 
     def _meanings(self) -> tuple[str, ...]:
         names, meanings = self.control_momentum_names, tuple(map(str, self.control_momentum_meanings))

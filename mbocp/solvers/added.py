@@ -44,5 +44,4 @@ def make_added_solver(name: str, settings: SolverSettings) -> Solver[Any]:
         raise InvalidValue(
             "solver.method", repr(name), f"a solver that loads ({package}: {error})"
         ) from error
-    solver: Solver[Any] = make(settings)
-    return solver
+    return make(settings)

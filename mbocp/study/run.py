@@ -230,8 +230,7 @@ class _Run:
         """Row, or None for a task that has to run again."""
         error = _error(future)
         if error is None:
-            row: dict[str, Any] = future.result()
-            return row
+            return future.result()
         failed = self.pool.failure(error, self.study.job.time_limit)
         if failed is not None:
             return failed

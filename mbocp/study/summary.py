@@ -35,8 +35,7 @@ class Spread:
 
     def to_dict(self) -> dict[str, float | None]:
         """As plain values, for JSON."""
-        found: dict[str, float | None] = plain_json(asdict(self))
-        return found
+        return plain_json(asdict(self))
 
 
 @dataclass(frozen=True)

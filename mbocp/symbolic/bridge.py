@@ -79,16 +79,14 @@ def native_constraint(
     for joint in (constraint.joint1_id, constraint.joint2_id):
         if not 0 <= joint < len(joints):
             raise UnknownJoint(f"#{joint}", model_name, joints)
-    native: _bridge.RigidConstraint = bridge().RigidConstraint(
+    return bridge().RigidConstraint(
         sizes[constraint.type],
         _attachment(constraint.joint1_id, constraint.joint1_placement),
         _attachment(constraint.joint2_id, constraint.joint2_placement),
         constraint.reference_frame == pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
     )
-    return native
 
 
 def _attachment(joint: int, placement: pin.SE3) -> _bridge.Attachment:
     rotation = placement.rotation.ravel(order="F").tolist()
-    native: _bridge.Attachment = bridge().Attachment(joint, rotation, placement.translation.tolist())
-    return native
+    return bridge().Attachment(joint, rotation, placement.translation.tolist())

@@ -87,8 +87,7 @@ class BoundedTerm:
     @property
     def rows(self) -> int:
         """Number of its values."""
-        rows: int = self.term.rows
-        return rows
+        return self.term.rows
 
     @property
     def numbers(self) -> dict[str, Array]:
@@ -123,8 +122,7 @@ class BoundedTerm:
 
     def values(self, robot: Robot, q: Array, v: Array, at: float | None = None) -> Array:
         """Values at one state, controls zero, at a time [s] if that is known, shape (rows,)."""
-        found: Array = self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
-        return found
+        return self.values_along(robot, q[None], v[None], np.zeros((1, robot.nu)))[0]
 
     def values_along(
         self, robot: Robot, qs: Array, vs: Array, us: Array, accelerations: Array | None = None

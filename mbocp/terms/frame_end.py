@@ -21,7 +21,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import field
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -190,6 +190,8 @@ class FrameEnd:
     projections: FrameProjections | None = field(compare=False, default=None)
     scale: float = field(compare=False, default=0.0)
 
+    remembers: ClassVar[tuple[str, ...]] = ()  # they are functions of the last configuration and velocity
+
     @classmethod
     def conditions(
         cls, goals: tuple[FrameGoal, ...], robot: Robot, projections: FrameProjections
@@ -203,11 +205,6 @@ class FrameEnd:
         """Half the weighted squares of the errors, times a factor."""
         shapes = tuple(FrameShape.of(goal, robot) for goal in goals)
         return cls(shapes, 0, 0, True, goals, None, scale)
-
-    @property
-    def remembers(self) -> tuple[str, ...]:
-        """Nothing: goals of frames are functions of the last configuration and velocity."""
-        return ()
 
     @property
     def signature(self) -> dict[str, Any]:

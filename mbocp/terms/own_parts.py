@@ -119,6 +119,8 @@ class OwnEnd(_Part):
 class OwnPath(_Part):
     """The structure of a path constraint, as `mbocp.terms.path.PathTerm` is that of a file's."""
 
+    has_velocity = True
+
     @property
     def sizes(self) -> dict[str, int]:
         """Size of each parameter."""
@@ -133,11 +135,6 @@ class OwnPath(_Part):
     def remembers(self) -> tuple[str, ...]:
         """The control, if it looks at it, be it by way of accelerations."""
         return ("control",) if self.traced.uses & {"u", "a"} else ()
-
-    @property
-    def has_velocity(self) -> bool:
-        """Whether more than the configuration decides on it."""
-        return True
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its values."""
@@ -189,8 +186,7 @@ class OwnPathConstraint(BoundedTerm):
 
     def structure(self, rotations: str) -> OwnPath:
         """The same with attitudes in these coordinates."""
-        part: OwnPath = OwnPath.of(self.own, self.robot, rotations)
-        return part
+        return OwnPath.of(self.own, self.robot, rotations)
 
     def at_via(self, places: Mapping[str, Place]) -> OwnPathConstraint:
         """The same between nodes."""
@@ -212,8 +208,7 @@ class OwnPathConstraint(BoundedTerm):
         at = Point(mechanics, q, v, u, acceleration=lambda: mechanics.speed_rate(q, v, u, ca.SX(0)))
         numbers = {name: ca.SX(ca.DM(np.asarray(value))) for name, value in self.own.parameters.items()}
         h = ca.densify(self.own.trace(robot)(at, numbers))
-        found: Array = np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
-        return found
+        return np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
 
 
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:

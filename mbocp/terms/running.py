@@ -168,13 +168,11 @@ class Tracking(RunningCost):
 
     def touches(self, given: TermNumbers) -> BoolArray:
         """Components with a weight."""
-        touched: BoolArray = _tracking_weights(given.cost) != 0.0
-        return touched
+        return _tracking_weights(given.cost) != 0.0
 
 
 def _tracking_weights(cost: CostWeights) -> Array:
-    weights: Array = cost.weight("tracking") * np.asarray(cost.weight("tracking_weights"))
-    return weights
+    return cost.weight("tracking") * np.asarray(cost.weight("tracking_weights"))
 
 
 @dataclass(frozen=True)

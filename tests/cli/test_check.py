@@ -19,7 +19,7 @@ BALLS = {f"l{i}": {"mass": 1.0, "com": [0, 0, 0], "inertia": [0.01, 0.01, 0.01]}
 
 
 def told(tmp_path, urdf: str) -> str:
-    return "\n".join(find_oddities(tmp_path / "robot.urdf", ElementTree.fromstring(urdf)))
+    return "\n".join(odd.words for odd in find_oddities(tmp_path / "r.urdf", ElementTree.fromstring(urdf)))
 
 
 def inertial(mass: float, xx: float, yy: float, zz: float) -> str:

@@ -12,6 +12,7 @@ import pytest
 
 import mbocp
 from benchmarks.touching import Touching
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import InvalidValue, MbocpError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach
@@ -106,8 +107,9 @@ def test_parts_are_one_obstacle(planar: Robot) -> None:
     assert [piece.shape for piece in clearance.pieces] == ["box", "box"]
     names = {label.name for label in clearance.labels} - {"nothing"}
     assert names == {f"distance of l{k}[0] from fork[{n}]" for k in (2, 3) for n in (0, 1)}
-    assert clearance.words[0].startswith("fork: 2 spheres; left out 1 that stand still beside it")
-    assert "2 convex parts stick out of its surface by 0.00 mm and leave 0.00 mm" in clearance.words[0]
+    line = clearance_lines(clearance)[0]
+    assert line.startswith("fork: 2 spheres; left out 1 that stand still beside it")
+    assert "2 convex parts stick out of its surface by 0.00 mm and leave 0.00 mm" in line
     low, high = (f(obstacle_points(planar, p.obstacle), axis=0) for f in (np.min, np.max))
     np.testing.assert_allclose([low, high], [[0.95, -0.32, -0.2], [1.15, 0.32, 0.2]], atol=1e-9)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
@@ -40,7 +41,7 @@ def test_rows_are_distances_from_the_hull(planar: Robot) -> None:
     assert [label.name for label in made.labels[:2]] == [f"distance of l{k}[0] from stone" for k in (2, 3)]
     qs = np.random.default_rng(0).uniform(-1.5, 1.5, (200, 3))
     found, true = made.pair_values(qs), boxed.pair_values(qs)
-    error = made._planes[0].error
+    error = made.planes[0].error
     assert error < 0.01
     near = np.abs(found) < 0.1
     assert near.sum() > 20
@@ -164,7 +165,7 @@ def test_refusals(planar: Robot, words: dict[str, Any], reason: str) -> None:
 
 
 def test_what_stands_for_a_hull_is_told(planar: Robot) -> None:
-    (words,) = problem(planar, obstacle=[stone()]).clearance.words
+    (words,) = clearance_lines(problem(planar, obstacle=[stone()]).clearance)
     assert "planes stand for its hull and keep" in words
     assert "mm more away at most" in words
 

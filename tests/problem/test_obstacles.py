@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics
@@ -72,7 +73,7 @@ def test_rows_are_clearances_of_spheres(planar):
 
 def test_what_never_meets_is_left_out_and_told(planar):
     p = problem(planar, obstacle=[box()])
-    (words,) = p.clearance.words
+    (words,) = clearance_lines(p.clearance)
     assert words == "box: 2 spheres; left out 1 that stand still beside it and 1 that cannot reach it"
     far = problem(planar, obstacle=[box(position=[9.0, 0.0, 0.0])])
     assert far.clearance.rows == 0

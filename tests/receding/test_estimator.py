@@ -384,7 +384,7 @@ REFUSED = {
         "drift": {"robot.damping": 1.0}
     },
     "disturbance: got nan, expected a number that is not negative": {"disturbance": math.nan},
-    "steps: got 0, expected a whole number from 1": {"steps": 0},
+    "steps: got 0, expected a whole number of at least 1": {"steps": 0},
     "horizon: got inf, expected": {"horizon": math.inf},
 }
 

@@ -171,8 +171,7 @@ class ControlValues(Feature):
         """Return multipliers of limits of the robot's controls, (N, nu), from those of all values."""
         if not self.shares:
             return multipliers
-        found: Array = multipliers.reshape(len(multipliers), self.count, -1).sum(axis=1)
-        return found
+        return multipliers.reshape(len(multipliers), self.count, -1).sum(axis=1)
 
 
 def _begin(problem: Problem, lower: Array, upper: Array) -> None:

@@ -45,6 +45,9 @@ class FoundNumbers(Feature):
 
     words: tuple[tuple[str, ...], ...]
 
+    asks_for_first = True  # they are set in the first step alone
+    weights = frozenset({_LINEAR, _SQUARE})
+
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> FoundNumbers | None:
         """Return those of the problem."""
@@ -64,19 +67,9 @@ class FoundNumbers(Feature):
         return dict.fromkeys((_LEAST, _RANGE, _LINEAR, _SQUARE, _REFERENCE), len(self.words))
 
     @property
-    def weights(self) -> frozenset[str]:
-        """What scales with the costs."""
-        return frozenset({_LINEAR, _SQUARE})
-
-    @property
     def end_parameters(self) -> Mapping[str, int]:
         """Bounds."""
         return dict.fromkeys((_LEAST, _RANGE), len(self.words))
-
-    @property
-    def asks_for_first(self) -> bool:
-        """They are set in the first step alone."""
-        return True
 
     @property
     def state_key(self) -> Mapping[str, Any]:

@@ -57,6 +57,8 @@ class MovedStart(Feature):
     directions: tuple[int, ...]
     is_remembered: bool = False
 
+    asks_for_first = True  # it moves the first step alone
+
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> MovedStart | None:
         """Return it where some directions are free."""
@@ -70,11 +72,6 @@ class MovedStart(Feature):
     def controls(self, nu: int) -> Mapping[str, int]:
         """The move."""
         return {"moves": len(self.directions)}
-
-    @property
-    def asks_for_first(self) -> bool:
-        """It moves the first step alone."""
-        return True
 
     @property
     def state_key(self) -> Mapping[str, Any]:

@@ -144,8 +144,7 @@ class ExplicitFormulation(JointFormulation):
         q, v, u = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv), ca.SX.sym("u", robot.nu)
         lam = mechanics.multipliers(q, v, u, ca.SX(problem.stabilisation.gamma_constraint))
         function = ca.Function("multipliers", [q, v, u], [ca.densify(lam)]).map(len(motion.us))
-        found: Array = np.asarray(function(motion.qs[:-1].T, motion.vs[:-1].T, motion.us.T)).T
-        return found
+        return np.asarray(function(motion.qs[:-1].T, motion.vs[:-1].T, motion.us.T)).T
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """With the step's own increment for f and the adjoint after it, to first order in dt."""

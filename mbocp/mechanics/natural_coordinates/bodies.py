@@ -96,8 +96,7 @@ class Body:
         """Direction of a joint with one axis, in its own frame, shape (3,)."""
         linear, angular = self.axes[:3, 0], self.axes[3:, 0]
         along: Array = linear if self.kind == "prismatic" else angular
-        unit: Array = along / np.linalg.norm(along)
-        return unit
+        return along / np.linalg.norm(along)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,8 +101,7 @@ class NaturalMechanics(NaturalKinematics):
     def mass_at(self, z: Array) -> Array:
         """M at coordinates z as numbers, shape (nv, nv)."""
         q = ca.SX.sym("q", self.nq)
-        found: Array = ca.Function("M", [q], [self.mass_matrix(q)])(z).full()
-        return found
+        return ca.Function("M", [q], [self.mass_matrix(q)])(z).full()
 
     def momentum(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """Momentum p = M v, shape (nv,)."""

@@ -72,8 +72,7 @@ class NaturalSpace:
 
     def velocities(self, zs: Array, ws: Array) -> Array:
         """Joint velocities, shape (k, robot.nv), of coordinates and their rates."""
-        found: Array = np.asarray(_maps(self.mechanics).velocity.map(len(zs))(zs.T, ws.T)).T
-        return found
+        return np.asarray(_maps(self.mechanics).velocity.map(len(zs))(zs.T, ws.T)).T
 
     def slopes(self, zs: Array, ws: Array) -> Array:
         """Derivatives of joint configurations, in their tangent space, and velocities, (k, 2 nv, 2 nz)."""
@@ -101,8 +100,7 @@ class NaturalSpace:
             Joint velocities.
         duals : ndarray, shape (k, 2 nz)
         """
-        found: Array = np.asarray(_maps(self.mechanics).costate.map(len(zs))(zs.T, vs.T, duals.T)).T
-        return found
+        return np.asarray(_maps(self.mechanics).costate.map(len(zs))(zs.T, vs.T, duals.T)).T
 
     def generator(self, symmetry: Symmetry, zs: Array, ws: Array) -> Array:
         r"""How a symmetry moves coordinates and rates, shape (k, 2 nz).

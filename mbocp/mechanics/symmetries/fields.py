@@ -89,13 +89,11 @@ class Symmetry:
     def vector_generator(self, qs: Array) -> Array:
         """The part c + A q of X(q), shape (n, nv)."""
         plain = np.flatnonzero(self.coordinates >= 0)
-        out: Array = self.constant + qs[:, self.coordinates[plain]] @ self.linear[:, plain].T
-        return out
+        return self.constant + qs[:, self.coordinates[plain]] @ self.linear[:, plain].T
 
     def velocity_generator(self, vs: Array) -> Array:
         """Generator X_v = A v of velocities, shape (n, nv); zero where they are body-fixed."""
-        out: Array = vs @ self.linear.T
-        return out
+        return vs @ self.linear.T
 
     def touches(self, tracked: Any) -> bool:
         """Whether it moves one of the `tracked` components of (q, p), a mask of shape (2 nv,).
@@ -217,8 +215,7 @@ def _lie_map(kind: str, qs: Array) -> Array:
         zero, one = np.zeros_like(x), np.ones_like(x)
         # Linear part R^T (v + w e_z x p), with e_z x p = (-y, x).
         rows = [[c, s, s * x - c * y], [-s, c, c * x + s * y], [zero, zero, one]]
-        planar: Array = np.array(rows).transpose(2, 0, 1)
-        return planar
+        return np.array(rows).transpose(2, 0, 1)
     attitudes = qs[:, :4] if kind == "JointModelSpherical" else qs[:, 3:7]
     rotations = np.array([pin.Quaternion(np.array(attitude)).matrix() for attitude in attitudes])
     inverse: Array = rotations.reshape(-1, 3, 3).transpose(0, 2, 1)

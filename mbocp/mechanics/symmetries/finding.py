@@ -106,8 +106,7 @@ def momentum_map(symmetry: Symmetry, qs: Array, vs: Array, costates: Array) -> A
     momentum : ndarray, shape (N + 1,)
     """
     fields = np.hstack([symmetry.generator(qs), symmetry.velocity_generator(vs)])
-    momentum: Array = np.einsum("ni,ni->n", costates, fields)
-    return momentum
+    return np.einsum("ni,ni->n", costates, fields)
 
 
 def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
@@ -162,8 +161,7 @@ def _point_jacobian(robot: Robot, data: Any, frame: int) -> Array:
     if robot.model.frames[frame].parentJoint == 0:
         return np.zeros((3, robot.nv))
     whole = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)
-    jacobian: Array = whole.reshape(6, robot.nv)[:3]
-    return jacobian
+    return whole.reshape(6, robot.nv)[:3]
 
 
 def _support(robot: Robot, joints: frozenset[int]) -> Any:

@@ -334,8 +334,7 @@ def _orientation(table: ObstacleTable, key: str) -> list[float]:
         return table.orientation or [0.0, 0.0, 0.0, 1.0]
     if table.orientation is not None:
         raise ProblemError(f"{key}: give rpy or orientation, not both")
-    found: list[float] = pin.Quaternion(pin.rpy.rpyToMatrix(np.array(table.rpy))).coeffs().tolist()
-    return found
+    return pin.Quaternion(pin.rpy.rpyToMatrix(np.array(table.rpy))).coeffs().tolist()
 
 
 def _body(table: ObstacleTable, folder: Path) -> tuple[Hull | Compound | None, float]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from mbocp._keys import Key, Table
 from mbocp._measured import plain_number
-from mbocp._text import show
+from mbocp._text import find_repeated, show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.found_parameter import Parameter, ParameterCost
 from mbocp.robot import Robot
@@ -45,10 +45,8 @@ def parameters_from(parameter_table: Sequence[ParameterTable], robot_of_file: Ro
         If the robot has no such number, it is named twice, or bounds cannot be.
     """
     found = tuple(_parameter(table, k, robot_of_file) for k, table in enumerate(parameter_table))
-    words = [word for one in found for word in one.words]
-    for word in words:
-        if words.count(word) > 1:
-            raise ProblemError(f"parameter: {OF_ROBOT}{word} is named twice; one parameter says it")
+    if repeated := find_repeated(word for one in found for word in one.words):
+        raise ProblemError(f"parameter: {OF_ROBOT}{repeated[0]} is named twice; one parameter says it")
     return found
 
 

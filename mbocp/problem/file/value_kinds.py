@@ -82,8 +82,7 @@ def _limits(value: Any) -> _Limits:
 
 def _sizes(value: Any) -> _Sizes:
     """Positive numbers, for all or for each; infinite where there is no limit."""
-    sizes: _Sizes = _each(value, _size)
-    return sizes
+    return _each(value, _size)
 
 
 def _size(value: Any, where: str) -> float:
@@ -97,8 +96,7 @@ def _ranges(value: Any) -> _Ranges:
     if isinstance(value, bool):
         return value
     if isinstance(value, list | Mapping):
-        ranges: _Ranges = _each(value, range_of)
-        return ranges
+        return _each(value, range_of)
     raise ValueError(f"got {show(value)}, expected true, a list of [lower, upper] or a table of them by name")
 
 

@@ -29,7 +29,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
 from mbocp._numbers import is_number
-from mbocp._text import show
+from mbocp._text import find_repeated, show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnknownFrame
 from mbocp.mechanisms.consistent_states import project_on_constraints
@@ -118,8 +118,7 @@ class Periodic:
     def _check_twice(self) -> None:
         uses = self._uses()
         for key, names in (("swap", uses["swap"]), ("mirror", self.mirror), ("except", self.apart)):
-            twice = [name for name in names if names.count(name) > 1]
-            if twice:
+            if twice := find_repeated(names):
                 raise ProblemError(f"{_KEY}.{key}: {twice[0]!r} is there twice; name it once")
 
     def _check_kinds(self, robot: Robot) -> None:
@@ -170,8 +169,7 @@ class Periodic:
             return np.array(v)
         J = point_jacobian(robot, self.impact, q)[list(impact_axes(robot, self.impact))]
         W = np.linalg.solve(robot.mass_matrix(q), J.T)
-        after: Array = v - W @ np.linalg.solve(J @ W, J @ v)
-        return after
+        return v - W @ np.linalg.solve(J @ W, J @ v)
 
     def defect(self, robot: Robot, start: tuple[Array, Array], end: tuple[Array, Array]) -> Array:
         """End less image of the start in q, on the group, and in v, shape (2 nv,); zero in a cycle."""

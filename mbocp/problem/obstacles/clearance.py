@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
@@ -26,9 +25,8 @@ from mbocp.terms.distances import MOST_PLANES, Core, HullCore, core_of
 from mbocp.terms.span import Span
 
 _FEW = 500  # pairs that are all looked at
-_TOLD = 20  # obstacles of which the summary speaks each
 _OF_ALL_PAIRS = (
-    *("pieces", "owners", "movers", "scene", "_frames", "_planes", "_hulls", "_every", "margins"),
+    *("pieces", "owners", "movers", "scene", "_frames", "planes", "_hulls", "_every", "margins"),
     *("_pair_clearances", "_still", "_still_clearances"),
 )
 _IDLE = Label("nothing", "m")  # a row that is not needed
@@ -37,7 +35,6 @@ _NOWHERE = -1e3  # [m] along z: where what moves is at no time
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
 _HULL_SLOTS = 16  # the same, of hulls
 _FEW_HULLS = 16  # that all have planes in each row's table
-_TOLD_EXCESS = 1e-3  # of a file's volume
 _ROUNDING = 0.05  # of the largest distance that a row keeps: error of planes for a hull that is small enough
 
 
@@ -216,7 +213,7 @@ class Clearance(BoundedTerm):
         return tuple(rows), np.array(radii)
 
     @cached_property
-    def _planes(self) -> dict[int, Planes]:
+    def planes(self) -> dict[int, Planes]:
         """Planes for the hulls among the pieces, by their numbers."""
         found = {}
         for number, obstacle in enumerate(self.pieces):
@@ -234,7 +231,7 @@ class Clearance(BoundedTerm):
         """What rows see of these."""
         return {
             k: HullCore.of(planes.normals, planes.offsets, planes.slope, self.pieces[k].smoothing)
-            for k, planes in self._planes.items()
+            for k, planes in self.planes.items()
         }
 
     def _core(self, number: int) -> tuple[Core | HullCore, Array]:
@@ -408,10 +405,7 @@ class Clearance(BoundedTerm):
 
     def values(self, robot: Robot, q: Array, v: Array, at: float | None = None) -> Array:
         """Clearances at one state, shape (rows,) [m]."""
-        found: Array = self.values_along(
-            robot, q[None], v[None], v[None], None if at is None else np.array([at])
-        )[0]
-        return found
+        return self.values_along(robot, q[None], v[None], v[None], None if at is None else np.array([at]))[0]
 
     def values_along(self, robot: Robot, qs: Array, vs: Array, us: Array, ts: Array | None = None) -> Array:
         """Clearances at each of n states, shape (n, rows) [m], by the expression that solvers see.
@@ -450,41 +444,3 @@ class Clearance(BoundedTerm):
             f"{subject}: at the {where} {name} is {how} by its sphere {number}{margin}; move the {where} or "
             f"the obstacle, or give links closer spheres (mbocp spheres {self.robot.name})"
         )
-
-    def _words_of_body(self, number: int) -> str:
-        """How planes stand for hulls, and hulls or parts for the file of an obstacle."""
-        obstacle = self.obstacles[number]
-        planes = [p for k, p in self._planes.items() if self.owners[k] == number]
-        kept = f"keep {1e3 * max((p.error for p in planes), default=0.0):.2g} mm more away at most"
-        if obstacle.compound is not None:
-            return f"; {obstacle.compound.words}" + (f"; planes around them {kept}" if planes else "")
-        if not planes:
-            return ""
-        told = f"; {len(planes[0].offsets)} planes stand for its hull and {kept}"
-        if np.isnan(obstacle.excess):
-            return f"{told}; the surface in its file is not closed"
-        more = f"; it has {100 * obstacle.excess:.3g} % more volume than its file"
-        return told + (more if obstacle.excess > _TOLD_EXCESS else "")
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """What is kept apart and what is left out, a line for each."""
-        lines, counts = [], Counter(k for _, k in {(a, self.owners[k]) for a, k in self.pairs})
-        for k, obstacle in enumerate(self.obstacles[:_TOLD]):
-            count = counts[k]
-            told = [f"{n} {reason}" for reason, n in self.left_out.get(obstacle.name, {}).items()]
-            left = f"; left out {' and '.join(told)}" if told else ""
-            spheres = f"{count} {'sphere' if count == 1 else 'spheres'}"
-            lines.append(f"{obstacle.name}: {spheres}{left}{self._words_of_body(k)}")
-        more = len(self.obstacles) - _TOLD
-        if more > 0:
-            count = sum(counts[k] for k in range(_TOLD, len(self.obstacles)))
-            lines.append(f"and {more} more obstacles: {count} spheres")
-        if self.self_pairs is not None:
-            found = self.self_pairs
-            told = [f"{len(pairs)} {reason}" for reason, pairs in found.left_out.items()]
-            left = f"; left out {', '.join(told)}" if told else ""
-            pairs = len(self.sphere_pairs)
-            lines.append(f"itself: {len(found.links)} pairs of links, {pairs} of spheres{left}")
-        used = sorted({link for link, _ in self.spheres})
-        return (*lines, *filter(None, (self._links[link].words for link in used)))

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._text import find_repeated
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning, check_frame
@@ -47,7 +48,8 @@ def clearance_of(
     UnknownFrame
         If the robot has no frame of an obstacle's `frame`.
     """
-    _check_names(obstacles)
+    if repeated := find_repeated(obstacle.name for obstacle in obstacles):
+        raise ProblemError(f"obstacle {repeated[0]!r}: there are several of this name; give each its own")
     for obstacle in obstacles:
         check_frame(f"obstacle {obstacle.name!r}", robot, obstacle.frame)
     balls = _balls(robot, limits, obstacles)
@@ -87,12 +89,6 @@ def _balls(robot: Robot, limits: Bounds, obstacles: Sequence[Obstacle]) -> dict[
     return {
         (i, j): _reach(robot, link, j, limits) for i, link in enumerate(links) for j in range(len(link.radii))
     }
-
-
-def _check_names(obstacles: Sequence[Obstacle]) -> None:
-    for name, count in Counter(obstacle.name for obstacle in obstacles).items():
-        if count > 1:
-            raise ProblemError(f"obstacle {name!r}: there are several of this name; give each its own")
 
 
 def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:

@@ -161,8 +161,7 @@ def _weights_of_phases(cost: Cost, phases: Sequence[Phase], robot: Robot) -> dic
 
 def _heaviest(rows: Array) -> Array:
     places = np.abs(rows).argmax(axis=0)
-    found: Array = rows[places, np.arange(rows.shape[1])]
-    return found
+    return rows[places, np.arange(rows.shape[1])]
 
 
 def _shape(key: str, weights: Array) -> Array | float:

@@ -84,8 +84,7 @@ def check_lengths(lengths: Any, num_steps: int, duration: float) -> Array | None
 def scaled_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
     """Return lengths of which the sum is a duration [s], to round-off."""
     found = np.array(lengths, dtype=np.float64)
-    scaled: Array = found * (duration / found.sum())
-    return scaled
+    return found * (duration / found.sum())
 
 
 @dataclass(frozen=True, eq=False)

@@ -130,8 +130,7 @@ def _thin(points: Array) -> Array:
         return points
     picked = np.floor(sequence(_POINTS)[:, 0] * len(points)).astype(int)
     extreme = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
-    kept: Array = points[np.unique(np.concatenate([extreme, picked]))]
-    return kept
+    return points[np.unique(np.concatenate([extreme, picked]))]
 
 
 def _depths(centers: Array, radii: Array, points: Array) -> Array:

@@ -63,8 +63,7 @@ def surface_points(shape: pin.GeometryObject, count: int, start: int = 0) -> Arr
         points = _capsule(geometry.radius, geometry.halfLength, count, start)
     else:
         points = points_on(*triangles_of(geometry), count, start)
-    placed: Array = points @ shape.placement.rotation.T + shape.placement.translation
-    return placed
+    return points @ shape.placement.rotation.T + shape.placement.translation
 
 
 def _box(half: Array, count: int, start: int) -> Array:

@@ -90,8 +90,7 @@ def _inside(shape: pin.GeometryObject, axes: Sequence[Array]) -> BoolArray:
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     p = (grid - placement.translation) @ placement.rotation
     if isinstance(geometry, coal.Box):
-        found: BoolArray = np.all(np.abs(p) <= np.asarray(geometry.halfSide), axis=-1)
-        return found
+        return np.all(np.abs(p) <= np.asarray(geometry.halfSide), axis=-1)
     if isinstance(geometry, coal.Sphere):
         return np.asarray(np.linalg.norm(p, axis=-1) <= geometry.radius)
     across, half = np.linalg.norm(p[..., :2], axis=-1), geometry.halfLength
@@ -136,8 +135,7 @@ def _crossings(vertices: Array, faces: Indices, axes: Sequence[Array]) -> BoolAr
     hit = (wa >= 0.0) & (wb >= 0.0) & (wa + wb <= 1.0) & np.isfinite(area)
     height = wa * a[:, 2] + wb * b[:, 2] + (1.0 - wa - wb) * c[:, 2]
     np.add.at(count, (i[hit], j[hit], np.searchsorted(axes[2], height[hit])), 1)
-    odd: BoolArray = np.cumsum(count, axis=2)[:, :, :-1] % 2 == 1
-    return odd
+    return np.cumsum(count, axis=2)[:, :, :-1] % 2 == 1
 
 
 def _turn(a: Array, b: Array, x: Array, y: Array) -> Array:

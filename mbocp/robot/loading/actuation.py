@@ -14,6 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._measured import plain_number
+from mbocp._text import find_repeated
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.joint_numbers import limit_of, range_of
@@ -85,9 +86,8 @@ class DriveReader:
             return
         if locked:
             self.names.refuse(key, f"joint {locked[0]!r} is locked: lock all joints of a drive or none")
-        repeated = next((name for name in names if names.count(name) > 1), None)
-        if repeated is not None:
-            self.names.refuse(key, f"joint {repeated!r} is named twice")
+        if repeated := find_repeated(names):
+            self.names.refuse(key, f"joint {repeated[0]!r} is named twice")
         yield from ((key, self.names.joint(name)) for name in names)
 
     def _drive(self, number: int, table: DriveTable, moved: list[int]) -> tuple[Drive, float]:

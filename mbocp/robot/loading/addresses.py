@@ -147,5 +147,4 @@ def find_row(root: Path, table: str, asked: str, folder: Path) -> Mapping[str, A
 
 @lru_cache(maxsize=8)
 def _list_of(root: Path) -> dict[str, Any]:
-    listed: dict[str, Any] = json.loads((root / LIST).read_text(encoding="utf-8"))
-    return listed
+    return json.loads((root / LIST).read_text(encoding="utf-8"))

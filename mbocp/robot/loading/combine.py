@@ -158,5 +158,4 @@ def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:
         for joint, numbers in joint_positions(part):
             there = joints.joint_id(model, part.name_of(joint), part.placed.name)
             q[joints.configuration_slice(model, there)] = numbers
-    pose: Array = q
-    return pose
+    return q

@@ -12,6 +12,7 @@ from typing import Any
 
 import pinocchio as pin
 
+from mbocp._text import find_repeated
 from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
@@ -225,10 +226,8 @@ def read_parts(
     RobotError
         For parts of the same name, and for what is wrong with one of them, naming it.
     """
-    names = [table.name for table in tables]
-    for name in names:
-        if names.count(name) > 1:
-            raise RobotError(f"part: the name {name!r} is given twice; give each part its own")
+    if repeated := find_repeated(table.name for table in tables):
+        raise RobotError(f"part: the name {repeated[0]!r} is given twice; give each part its own")
     return [_part(table, base, folders, within) for table in tables]
 
 

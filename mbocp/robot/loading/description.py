@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,14 @@ from mbocp.robot.placed import PlacedRobot
 ROOT_JOINT = "root_joint"  # the free-flyer under a root link that floats
 _NO_TABLES = RobotTable.model_construct()
 _BASE_NQ = 7  # numbers of its configuration
+
+
+class Oddity(NamedTuple):
+    """What is allowed and probably not meant, of a joint, a link, or (both are "") the file."""
+
+    words: str
+    joint: str = ""
+    link: str = ""
 
 
 @dataclass(frozen=True)

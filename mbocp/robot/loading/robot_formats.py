@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from mbocp._files import root_tag
 from mbocp._text import show
@@ -16,7 +16,7 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.addresses import unpacked_root
 
 if TYPE_CHECKING:
-    from mbocp.robot.loading.description import Description, Reading
+    from mbocp.robot.loading.description import Description, Oddity, Reading
 
 
 class Reader(Protocol):
@@ -31,8 +31,8 @@ class Reader(Protocol):
     def addresses(self, path: Path) -> tuple[str, ...]:
         """Find the addresses of meshes, relative to the file's folder."""
 
-    def oddities(self, path: Path) -> Iterable[str]:
-        """Find what is allowed, and probably not meant; one line for each."""
+    def oddities(self, path: Path) -> Iterable[Oddity]:
+        """Find what is allowed, and probably not meant."""
 
 
 class Format(NamedTuple):
@@ -69,7 +69,7 @@ class Format(NamedTuple):
 
 
 def _reader(module: str) -> Callable[[], Reader]:
-    return lambda: cast(Reader, import_module(f"mbocp.robot.loading.readers.{module}"))
+    return lambda: import_module(f"mbocp.robot.loading.readers.{module}")
 
 
 def _expander(*how: Any) -> Reader:

@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
+from mbocp._text import find_repeated
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.locking import refuse_follower
@@ -72,8 +73,7 @@ class TableReader:
 
     def refuse_repetition(self, what: str, names: Sequence[str]) -> None:
         """Refuse a name that several elements have."""
-        repeated = [name for name in names if names.count(name) > 1]
-        if repeated:
+        if repeated := find_repeated(names):
             self.refuse(what, f"the name {repeated[0]!r} is given twice")
 
     def refuse(self, key: str, reason: str) -> NoReturn:

@@ -250,8 +250,7 @@ def _turns(robot: Mechanism, q: Array) -> list[tuple[Constraint, float]]:
 def _turn(data: pin.Data, constraint: Constraint) -> Array:
     """Axes of frame a in those of frame b."""
     a, b = constraint.frame_ids
-    turn: Array = data.oMf[b].rotation.T @ data.oMf[a].rotation
-    return turn
+    return data.oMf[b].rotation.T @ data.oMf[a].rotation
 
 
 def _left(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:

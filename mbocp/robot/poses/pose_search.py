@@ -191,5 +191,4 @@ def _rotation(size: int, rng: np.random.Generator) -> Array:
     if size == 1:
         return rng.uniform(-np.pi, np.pi, size=1)
     numbers = rng.normal(size=4)
-    vector: Array = pin.log3(pin.Quaternion(numbers / np.linalg.norm(numbers)).matrix())
-    return vector
+    return pin.log3(pin.Quaternion(numbers / np.linalg.norm(numbers)).matrix())

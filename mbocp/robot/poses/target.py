@@ -174,8 +174,7 @@ def _quaternion_of(name: str, rpy: Any) -> Array:
     angles = frozen_array(rpy, shape=(3,), name=name)
     if not np.isfinite(angles).all():
         raise InvalidValue(name, angles.tolist(), "finite numbers [rad]")
-    quaternion: Array = pin.Quaternion(pin.rpy.rpyToMatrix(*angles)).coeffs()
-    return quaternion
+    return pin.Quaternion(pin.rpy.rpyToMatrix(*angles)).coeffs()
 
 
 def rotation_between(a: Array, b: Array) -> Array:
@@ -183,8 +182,7 @@ def rotation_between(a: Array, b: Array) -> Array:
     normal = pin.skew(a) @ b  # much quicker than np.cross
     sine, cosine = math.sqrt(normal @ normal), float(a @ b)
     if sine > 0.0:
-        turned: Array = normal * (math.atan2(sine, cosine) / sine)
-        return turned
+        return normal * (math.atan2(sine, cosine) / sine)
     if cosine > 0.0:
         return np.zeros(3)
     return np.pi * normals_to(a)[:, 0]  # a half-turn about any axis normal to a
@@ -192,8 +190,7 @@ def rotation_between(a: Array, b: Array) -> Array:
 
 def normals_to(direction: Array) -> Array:
     """Two unit vectors normal to a unit vector and to each other, as columns, shape (3, 2)."""
-    normals: Array = np.linalg.svd(direction[None])[2][1:].T
-    return normals
+    return np.linalg.svd(direction[None])[2][1:].T
 
 
 def _position(name: str, value: Any) -> Array:

@@ -296,8 +296,7 @@ def _places(sparsity: ca.Sparsity, rows: Index, columns: Index) -> Index:
         (np.arange(1, sparsity.nnz() + 1), np.array(sparsity.row()), np.array(sparsity.colind())),
         shape=sparsity.shape,
     )
-    found: Index = np.asarray(numbers.tocsr()[rows.ravel(), columns.ravel()]).reshape(rows.shape)
-    return found
+    return np.asarray(numbers.tocsr()[rows.ravel(), columns.ravel()]).reshape(rows.shape)
 
 
 def finite_or_zero(matrix: ca.MX) -> ca.MX:

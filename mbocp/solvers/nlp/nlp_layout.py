@@ -158,14 +158,12 @@ class NlpLayout:
     @cached_property
     def end(self) -> Index:
         """Rows of the end condition, shape (ng,)."""
-        rows: Index = self._row_starts[-1] + np.arange(self.ng, dtype=np.int64)
-        return rows
+        return self._row_starts[-1] + np.arange(self.ng, dtype=np.int64)
 
     @cached_property
     def guards(self) -> Index:
         """Rows of the guards, shape (num_guards,)."""
-        rows: Index = self._row_starts[-1] + self.ng + np.arange(self.num_guards, dtype=np.int64)
-        return rows
+        return self._row_starts[-1] + self.ng + np.arange(self.num_guards, dtype=np.int64)
 
     @cached_property
     def path(self) -> Index:
@@ -203,8 +201,7 @@ def bounds_of(programme: StagewiseProgramme, lay: NlpLayout) -> dict[str, Array]
 def miss(values: Array, bounds: dict[str, Array], letter: str) -> Array:
     """By how much values miss their bounds, those of the unknowns ("x") or of the rows ("g")."""
     lower, upper = bounds[f"lb{letter}"], bounds[f"ub{letter}"]
-    by: Array = np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
-    return by
+    return np.maximum(lower - values, 0.0) + np.maximum(values - upper, 0.0)
 
 
 def kinds_of_bounds(programme: StagewiseProgramme) -> bytes:

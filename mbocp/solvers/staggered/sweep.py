@@ -203,8 +203,7 @@ class EndCondition:
         if not self.g.size:
             return np.zeros_like(self.weight)
         root = np.sqrt(self.weight)
-        change: Array = _least_squares(self.G * root, -self.g) / root
-        return change
+        return _least_squares(self.G * root, -self.g) / root
 
 
 def _least_squares(A: Array, b: Array) -> Array:

@@ -131,8 +131,7 @@ def _reference(robot: Robot, goal: FrameGoal, q: Array) -> pin.SE3:
 
 def _at(motion: Motion, share: float) -> Array:
     """Configuration when a part of the motion is over."""
-    q: Array = motion.qs[int(np.argmin(np.abs(motion.times - share * motion.duration)))]
-    return q
+    return motion.qs[int(np.argmin(np.abs(motion.times - share * motion.duration)))]
 
 
 def _edges(sides: Array) -> list[Array]:

@@ -110,9 +110,9 @@ def floor_lines(centre: Array, reach: float, cell: float, inner: Colour, outer: 
     return mg.PointsGeometry(points.astype(np.float32).T, colours.astype(np.float32).T)
 
 
-def floor_disc(centre: Array, reach: float, inner: Colour, outer: Colour, rings: int = 24) -> mg.Geometry:
+def floor_disc(centre: Array, reach: float, inner: Colour, outer: Colour) -> mg.Geometry:
     """A horizontal disc about `centre`, (3,), seen from above, whose colour fades outwards [m]."""
-    sectors = 72
+    rings, sectors = 24, 72
     angles = 2.0 * np.pi * np.arange(sectors) / sectors
     radii = np.linspace(0.0, 1.0, rings + 1)
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sectors)])

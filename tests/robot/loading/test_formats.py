@@ -13,7 +13,7 @@ import pytest
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.source import LinkShape, ShapeSource
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.robot_formats import FORMATS, Format, format_of
 from mbocp.robot.robot_facts import find_oddities
 
@@ -55,8 +55,8 @@ class Toy:
     def addresses(self, path: Path) -> tuple[str, ...]:
         return ()
 
-    def oddities(self, path: Path) -> Iterator[str]:
-        yield f"{path.name} is a toy"
+    def oddities(self, path: Path) -> Iterator[Oddity]:
+        yield Oddity(f"{path.name} is a toy")
 
 
 @pytest.fixture

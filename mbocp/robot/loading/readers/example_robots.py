@@ -191,5 +191,4 @@ def _reference_pose(facts: ExampleFacts, model: pin.Model) -> Array:
     poses = model.referenceConfigurations
     if facts.posture is None or facts.posture not in poses:
         return neutral
-    pose: Array = pin.normalize(model, np.array(poses[facts.posture]))
-    return pose
+    return pin.normalize(model, np.array(poses[facts.posture]))

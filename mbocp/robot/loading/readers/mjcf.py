@@ -16,7 +16,7 @@ from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, Node, parse_mjcf
@@ -49,7 +49,7 @@ def addresses(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(mesh.address for mesh in mesh_assets(parse_mjcf(path)).values()))
 
 
-def oddities(path: Path) -> Iterator[str]:
+def oddities(path: Path) -> Iterator[Oddity]:
     """Joints that cannot move: MuJoCo refuses most of what else is odd."""
     return oddities_of(read_bodies(parse_mjcf(path), ()).bodies)
 

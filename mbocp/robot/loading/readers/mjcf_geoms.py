@@ -203,5 +203,4 @@ def _middle(corners: Array) -> Array:
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not areas.sum():
         return np.zeros(3)
-    middle: Array = areas @ corners.mean(axis=1) / areas.sum()
-    return middle
+    return areas @ corners.mean(axis=1) / areas.sum()

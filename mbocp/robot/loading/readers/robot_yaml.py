@@ -30,7 +30,7 @@ from mbocp._files import MEGABYTE, read_text
 from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
@@ -128,7 +128,7 @@ def addresses(path: Path) -> tuple[str, ...]:
     return urdf_reader.addresses(_model_file(path))
 
 
-def oddities(path: Path) -> Iterator[str]:
+def oddities(path: Path) -> Iterator[Oddity]:
     """What is odd in the URDF."""
     return urdf_reader.oddities(_model_file(path))
 

@@ -16,7 +16,7 @@ from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers.sdf_joints import read_joints
 from mbocp.robot.loading.readers.sdf_xml import Sdf, parse_sdf
 from mbocp.robot.loading.readers.tree import (
@@ -67,12 +67,13 @@ def addresses(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(uri.strip() for uri in uris))
 
 
-def oddities(path: Path) -> Iterator[str]:
+def oddities(path: Path) -> Iterator[Oddity]:
     """Joints that cannot move, and links with the mass that Gazebo gives those that say none."""
     sdf, left_out = parse_sdf(path), LeftOut()
     for link in sdf.element.iterfind("link"):
         if link.find("inertial") is None:
-            yield f"link {link.get('name')!r}: no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
+            words = "no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
+            yield Oddity(words, link=link.get("name", ""))
     links = read_links(sdf, (), left_out)
     yield from oddities_of(read_joints(sdf, links, left_out).bodies)
 

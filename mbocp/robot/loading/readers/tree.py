@@ -13,13 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import has_control_characters, list_names, show
+from mbocp._text import find_repeated, has_control_characters, list_names, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
 from mbocp.robot.loading.readers.urdf_inertia import tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_shapes import object_of
@@ -223,11 +223,13 @@ def describe_tree(
     )
 
 
-def oddities_of(bodies: Sequence[TreeBody]) -> Iterator[str]:
+def oddities_of(bodies: Sequence[TreeBody]) -> Iterator[Oddity]:
     """Joints that cannot move."""
     for joint in (joint for body in bodies for joint in body.joints):
         if joint.lower >= joint.upper:
-            yield f"joint {joint.name!r}: its limits {joint.lower:g} ... {joint.upper:g} leave it no range"
+            yield Oddity(
+                f"its limits {joint.lower:g} ... {joint.upper:g} leave it no range", joint=joint.name
+            )
 
 
 def _build(name: str, bodies: Sequence[TreeBody], free_flyer: bool | None) -> pin.Model:
@@ -368,8 +370,7 @@ def _check_names(path: Path, bodies: Sequence[TreeBody]) -> None:
             if not name or len(name) > _MAX_NAME_LENGTH or has_control_characters(name):
                 words = f"expected 1 to {_MAX_NAME_LENGTH} characters that print"
                 raise RobotFileError(path, f"a {what} is called {show(name)}, {words}")
-        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-        if twice:
+        if twice := find_repeated(names):
             raise RobotFileError(path, f"{what} {list_names(twice, _MAX_NAMES)} is defined more than once")
     if not bodies:
         raise RobotFileError(path, "has no body")

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.joint_numbers import Follower
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
@@ -50,7 +50,7 @@ def addresses(path: Path) -> tuple[str, ...]:
     return mesh_addresses(read_urdf(path).root)
 
 
-def oddities(path: Path) -> Iterator[str]:
+def oddities(path: Path) -> Iterator[Oddity]:
     """What is allowed in a URDF, and probably not meant."""
     return find_oddities(path, parse_urdf(path).root)
 

@@ -6,15 +6,15 @@ Pinocchio drops links without a path to the root.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import has_control_characters, list_names, show
+from mbocp._text import find_repeated, has_control_characters, list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
+from mbocp.robot.loading.description import Oddity
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number, finite_numbers
 
@@ -150,9 +150,8 @@ def _names(path: Path, root: ElementTree.Element, tag: str) -> list[str]:
             f"{tag} {show(wrong)}: its name has {len(wrong)} characters, expected at most "
             f"{_MAX_NAME_LENGTH}, no control characters among them",
         )
-    repeated = next((name for name, count in Counter(names).items() if count > 1), None)
-    if repeated is not None:
-        raise RobotFileError(path, f"{tag} {show(repeated)} is defined more than once")
+    if repeated := find_repeated(names):
+        raise RobotFileError(path, f"{tag} {show(repeated[0])} is defined more than once")
     return names
 
 
@@ -174,8 +173,8 @@ def check_losses(path: Path, root: ElementTree.Element) -> None:
                 )
 
 
-def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[str]:
-    """Find what is odd in a URDF; one line for each.
+def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[Oddity]:
+    """Find what is odd in a URDF.
 
     Parameters
     ----------
@@ -186,29 +185,29 @@ def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[str]:
     moving = {child_attribute(joint, "child", "link") for joint in root.iterfind("joint")}
     for inertial in read_inertials(path, root):
         if inertial.link in moving:
-            yield from _of_inertia(inertial)
+            yield from (Oddity(words, link=inertial.link) for words in _of_inertia(inertial))
     for joint in root.iterfind("joint"):
-        for words in _of_joint(joint):
-            yield f"joint {show(joint.get('name', ''))}: {words}"
+        yield from (Oddity(words, joint=joint.get("name", "")) for words in _of_joint(joint))
 
 
 def _of_inertia(inertial: Inertial) -> Iterator[str]:
-    where, moments = f"link {show(inertial.link)}", np.linalg.eigvalsh(inertial.inertia)
+    """What is odd about the inertia of a link, without its name."""
+    moments = np.linalg.eigvalsh(inertial.inertia)
     size = float(np.abs(moments).max())
     if inertial.mass > 0.0 and size == 0.0:
-        yield f"{where}: {inertial.mass:g} kg without inertia: a point, which nothing resists to turn"
+        yield f"{inertial.mass:g} kg without inertia: a point, which nothing resists to turn"
     elif inertial.mass == 0.0 and size > 0.0:
-        yield f"{where}: inertia without mass: right for a rotor, else a number is missing"
+        yield "inertia without mass: right for a rotor, else a number is missing"
     elif moments[2] > (1.0 + _TOLERANCE) * (moments[0] + moments[1]):
         principal = ", ".join(f"{m:.3g}" for m in moments)
         yield (
-            f"{where}: its principal moments {principal} kg m^2 violate the triangle inequality: the "
+            f"its principal moments {principal} kg m^2 violate the triangle inequality: the "
             "largest is above the sum of the others; no body has that"
         )
     if inertial.mass > 0.0 and math.sqrt(size / inertial.mass) > _MAX_RADIUS:
         radius = math.sqrt(size / inertial.mass)
         what = f"{size:.3g} kg m^2 for {inertial.mass:g} kg"
-        yield f"{where}: {what} is a body {2 * radius:.3g} m across: are the units right?"
+        yield f"{what} is a body {2 * radius:.3g} m across: are the units right?"
 
 
 def _of_joint(joint: ElementTree.Element) -> Iterator[str]:

@@ -14,7 +14,7 @@ from mbocp._files import is_file
 from mbocp._text import list_names, shorten, show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.loading.addresses import package_folders
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import check_urdf, describe_urdf
 from mbocp.robot.loading.readers.urdf_checks import find_oddities
@@ -68,7 +68,7 @@ class XacroReader:
         """Addresses of its meshes."""
         return mesh_addresses(self.expand(path).urdf.root)
 
-    def oddities(self, path: Path) -> Iterator[str]:
+    def oddities(self, path: Path) -> Iterator[Oddity]:
         """What is odd in its URDF."""
         return find_oddities(path, self.expand(path).urdf.root)
 
