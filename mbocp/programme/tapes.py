@@ -61,8 +61,8 @@ class Tapes:
         Each function, see `open_tape`.
     operations : int
         How many a compiler has to translate.
-    packed : str
-        CasADi's text of all as they were built; empty where it is in the file.
+    built : mapping of str to casadi.Function
+        As they were built; empty where they are in the file.
     file : Path or None
         Where they are kept.
     executed_before : int
@@ -71,17 +71,15 @@ class Tapes:
 
     held: Mapping[str, bytes]
     operations: int
-    packed: str
+    built: Mapping[str, ca.Function]
     file: Path | None = None
     executed_before: int = 0
 
     @classmethod
     def of(cls, functions: Mapping[str, ca.Function]) -> Tapes:
         """Write functions as data, in no file."""
-        packed = ca.StringSerializer()
-        packed.pack(list(functions.values()))
         held = {name: _write(function) for name, function in functions.items()}
-        return cls(held, sum(map(count_operations, functions.values())), packed.encode())
+        return cls(held, sum(map(count_operations, functions.values())), functions)
 
     @cached_property
     def functions(self) -> Mapping[str, ca.Function]:
@@ -92,9 +90,7 @@ class Tapes:
         OSError
             If they are in a file that is there no more, or damaged.
         """
-        if self.packed or self.file is None:
-            return _unpack(self.packed, self.held)
-        return functions_in(self.file)
+        return self.built if self.built or self.file is None else functions_in(self.file)
 
     @classmethod
     def read(cls, key: str) -> Tapes | None:
@@ -107,16 +103,17 @@ class Tapes:
             with zipfile.ZipFile(io.BytesIO(content)) as held:
                 names = [name for name in held.namelist() if name.startswith(_EACH)]
                 each = {name.removeprefix(_EACH): held.read(name) for name in names}
-                return cls(each, int(held.read(_OPERATIONS)), "", file, _executed_before(file))
+                return cls(each, int(held.read(_OPERATIONS)), {}, file, _executed_before(file))
         except (zipfile.BadZipFile, zlib.error, KeyError, ValueError):
             return None
 
     def keep(self, key: str) -> Tapes:
         """Write them into the folder; where that fails they are in no file."""
-        content = io.BytesIO()
+        content, together = io.BytesIO(), ca.StringSerializer()
+        together.pack(list(self.built.values()))
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as held:
             held.writestr(_OPERATIONS, str(self.operations))
-            held.writestr(_TOGETHER, self.packed)
+            held.writestr(_TOGETHER, together.encode())
             for name, each in self.held.items():
                 held.writestr(f"{_EACH}{name}", each)
         return replace(self, file=write_entry(f"{key}.tape", content.getvalue()))

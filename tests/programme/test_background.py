@@ -240,7 +240,7 @@ def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
 
 
 def test_few_instructions_do_not_pay() -> None:
-    made = tapes.Tapes({}, operations=10_000, packed="")
+    made = tapes.Tapes({}, operations=10_000, built={})
     assert not made.pay_compiling(10_000_000)
     assert made.pay_compiling(200_000_000)
 
