@@ -228,7 +228,7 @@ def calm_limits(axes: Axes, values: Array, zero: float = 1e-12) -> None:
         axes.set_ylim(middle - half, middle + half)
 
 
-def save_figure(figure: Figure, path: str | Path, *, style: str | Path | None = None) -> Path:
+def save_figure(figure: Figure, path: str | Path, *, dpi: int = DPI, style: str | Path | None = None) -> Path:
     """Write a figure as PNG, PDF or SVG, by the suffix; an interrupted write leaves the old file whole.
 
     `style` is that of the figure, see `plot_solution`.
@@ -245,16 +245,16 @@ def save_figure(figure: Figure, path: str | Path, *, style: str | Path | None = 
     drawn = io.BytesIO()
     with house_style(style):
         if suffix == ".png":
-            _write_png(figure, drawn)
+            _write_png(figure, drawn, dpi)
         else:
-            figure.savefig(drawn, format=suffix[1:], dpi=DPI)
+            figure.savefig(drawn, format=suffix[1:], dpi=dpi)
     return replace_file(path, drawn.getvalue())
 
 
-def _write_png(figure: Figure, target: io.BytesIO) -> None:
+def _write_png(figure: Figure, target: io.BytesIO, dpi: int) -> None:
     """Lay out and draw once; `Figure.savefig` does both twice."""
     before = figure.dpi
-    figure.set_dpi(DPI)
+    figure.set_dpi(dpi)
     try:
         # What the layout drew on knows how large the texts are.
         canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
