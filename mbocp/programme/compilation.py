@@ -37,7 +37,7 @@ from mbocp.programme.library import (
 )
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import number_of_lanes
-from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, open_tape
+from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, is_tape, open_tape
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
@@ -103,6 +103,14 @@ class CompiledFunctions:
     def with_name(self, name: str) -> CompiledFunctions:
         """Where a function is: among those that come later, if it is there."""
         return self.later.functions_beside(self) if self.later and name in self.later.names else self
+
+    def with_stage_function(self, name: str) -> CompiledFunctions:
+        """Where the kernel finds a function: here, too, if what stands for a later one is a tape.
+
+        A tape holds the instructions alone that its own outputs need, as that of the later function does.
+        """
+        here = None if self.tapes is None else self.tapes.held.get(name)
+        return self if here is not None and is_tape(here) else self.with_name(name)
 
     def compile(self) -> CompiledFunctions:
         """The same functions, compiled first if they are tapes and there is a compiler.

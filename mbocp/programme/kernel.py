@@ -38,7 +38,7 @@ def kernel_programme(
         of_end = name.startswith("terminal")
         return (programme.end_functions if of_end else programme.functions).stage_function(name)
 
-    of_sweeps = programme.functions.with_name("jacobian") if sweeps else programme.functions
+    of_sweeps = programme.functions.with_stage_function("jacobian") if sweeps else programme.functions
 
     k = programme.kind
     kind = native.Kind(

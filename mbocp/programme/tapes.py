@@ -166,9 +166,14 @@ def _write(function: ca.Function) -> bytes:
 def open_tape(held: bytes) -> StageFunction:
     """Return the kernel's function of what `Tapes` hold of one: a tape, or CasADi's text."""
     native = kernel()
-    if held.startswith(native.TAPE_FORMAT.encode()):
+    if is_tape(held):
         return native.StageFunction.from_tape(held)
     return native.StageFunction.from_string(held.decode())
+
+
+def is_tape(held: bytes) -> bool:
+    """Whether what `Tapes` hold of a function are the kernel's instructions."""
+    return held.startswith(kernel().TAPE_FORMAT.encode())
 
 
 def as_operations(function: ca.Function) -> ca.Function:

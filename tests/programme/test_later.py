@@ -49,6 +49,14 @@ def test_a_solve_compiles_what_it_asks_for(folder: Path) -> None:
     assert num_libraries(folder) == LIBRARIES + 1
 
 
+def test_sweeps_build_nothing_more_where_functions_are_tapes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MBOCP_FUNCTIONS", "tapes")
+    kernel_programme(transcribe(swing()), sweeps=True)
+    assert len(list(folder.glob("*.tape"))) == LIBRARIES
+
+
 @pytest.mark.parametrize("scheme", ["se1", "gauss2", "rk4"])
 def test_sweeps_are_the_same_with_either_function(scheme: str) -> None:
     programme = transcribe(swing(scheme, duration=0.1))
