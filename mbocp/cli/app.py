@@ -14,7 +14,7 @@ from typer.main import get_command
 from typer.models import CommandInfo
 
 from mbocp.cli.command_examples import examples
-from mbocp.cli.error_report import reported, reporting
+from mbocp.cli.error_report import report_errors, reporting
 
 # Commands in the order of the help: the module of `mbocp.cli` that has a function of that name, and what the
 # list of commands says, which is the first line of the function's docstring.
@@ -48,7 +48,7 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         name, command, rest = super().resolve_command(ctx, args)
         if name in COMMANDS:
-            with reported(quiet="--quiet" in rest or "-q" in rest, as_json="--json" in rest):
+            with report_errors(quiet="--quiet" in rest or "-q" in rest, as_json="--json" in rest):
                 command = load_command(name)
         return name, command, rest
 

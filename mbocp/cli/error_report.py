@@ -69,14 +69,14 @@ def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @functools.wraps(command)
     def run(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        with reported(quiet=bool(kwargs.get("quiet")), as_json=bool(kwargs.get("as_json"))):
+        with report_errors(quiet=bool(kwargs.get("quiet")), as_json=bool(kwargs.get("as_json"))):
             return command(*args, **kwargs)
 
     return run
 
 
 @contextlib.contextmanager
-def reported(*, quiet: bool = False, as_json: bool = False) -> Iterator[None]:
+def report_errors(*, quiet: bool = False, as_json: bool = False) -> Iterator[None]:
     """Turn errors into a line for a person and an exit status for a script.
 
     With ``--json`` there is an object on stdout then, too: what kind of error, and the message.

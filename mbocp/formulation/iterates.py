@@ -43,7 +43,7 @@ def take_end_of(problem: Problem, carried: Carried) -> Problem:
         is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
         problem = replace(problem, goal=replace(problem.goal, q=carried.q_end, q_is_reached=is_reached))
     if carried.first.size:
-        problem = replace(_with_found(problem, carried.first), q_start=carried.q_start)
+        problem = replace(_put_found(problem, carried.first), q_start=carried.q_start)
     return problem
 
 
@@ -115,9 +115,9 @@ def with_robot_of(formulation: Formulation, motion: Motion) -> Formulation:
     """Return it with the robot of a motion; its programme and all else of the problem stay as they are."""
     if not formulation.problem.parameter:
         return formulation
-    return replace(formulation, problem=_with_found(formulation.problem, motion.found))
+    return replace(formulation, problem=_put_found(formulation.problem, motion.found))
 
 
-def _with_found(problem: Problem, values: Array) -> Problem:
+def _put_found(problem: Problem, values: Array) -> Problem:
     names = [one.name for one in problem.parameter]
     return problem.with_found(dict(zip(names, values.tolist(), strict=True)))

@@ -49,7 +49,7 @@ class _RowWords:
         if self.dt is not None:
             when = f"in the step to t = {(stage + 1) * self.dt:g} s"
         if row >= at.ndx + ny:
-            entry = np.flatnonzero(self.bounds.limited[stage])[row - at.ndx - ny]
+            entry = np.flatnonzero(self.bounds.has_limit[stage])[row - at.ndx - ny]
             return f"{self.limits[entry]} {when}"
         if row < at.nw:
             name = labels.positions[row].name if at.nw == at.nv else f"coordinate {row + 1}"

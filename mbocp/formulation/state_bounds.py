@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
-from mbocp.formulation.features.feature import Feature, join, unbounded
+from mbocp.formulation.features.feature import Feature, infinite_bounds, join
 from mbocp.formulation.pieces import Pieces
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
@@ -24,7 +24,7 @@ def state_bounds(pieces: Pieces) -> StateBounds:
     of_blocks = join(feature.state_bounds(problem) for feature in features)
     settled = _settled_at_limits(problem)
     has_rows = problem.has_limits_of_phases or of_blocks or settled.any()
-    lower, upper = unbounded(N if has_rows else 1, at.nx)
+    lower, upper = infinite_bounds(N if has_rows else 1, at.nx)
     for part in pieces.space.parts:
         plain = part.at_q.stop - part.at_q.start if part.group.is_vector else 0
         plain = 3 if part.group.nv == 6 else 2 if (part.group.nz, part.group.nv) == (4, 3) else plain

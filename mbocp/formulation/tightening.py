@@ -37,7 +37,7 @@ def margins_of(programme: StagewiseProgramme, tube: Tube) -> Array:
         slopes = _path_slopes(programme, tube)
         of_path = np.sqrt(np.maximum(np.einsum("nhi,nij,nhj->nh", slopes, after, slopes), 0.0))
     spreads = np.hstack([of_states, tube.spreads, of_path])
-    return np.where(bounds.limited & ~bounds.are_equations, tube.sigmas * spreads, 0.0)
+    return np.where(bounds.has_limit & ~bounds.are_equations, tube.sigmas * spreads, 0.0)
 
 
 def tighten(programme: StagewiseProgramme, tube: Tube) -> StagewiseProgramme:
@@ -64,8 +64,8 @@ def tighten(programme: StagewiseProgramme, tube: Tube) -> StagewiseProgramme:
 
 
 def words_of(programme: StagewiseProgramme, stage: int, entry: int) -> str:
-    """Words for a limit by its place in `StateBounds.limited`."""
-    kind, limited = programme.kind, programme.bounds.limited
+    """Words for a limit by its place in `StateBounds.has_limit`."""
+    kind, limited = programme.kind, programme.bounds.has_limit
     rows = kind.ndx + kind.ny
     return programme.describe_row(stage, rows + int(np.count_nonzero(limited[stage, :entry])))
 

@@ -71,7 +71,7 @@ def around(problem: Problem, seed: int = 0) -> Way | None:
     key = (ends.tobytes(), problem.duration if clearance.movers else 0.0, seed)
     known = _FOUND.setdefault(clearance, {})
     if key not in known:
-        known[key] = _around(problem, clearance, seed)
+        known[key] = _find_way(problem, clearance, seed)
     return known[key]
 
 
@@ -91,7 +91,7 @@ def may_have_ways(problem: Problem) -> bool:
     return has_pairs and not (problem.robot.nc or problem.timeline.waypoints)
 
 
-def _around(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
+def _find_way(problem: Problem, clearance: Clearance, seed: int) -> Way | None:
     ends = np.array([problem.q_start, problem.goal.q])
     if not seed and _is_free(problem, clearance, ends):
         return None

@@ -129,7 +129,7 @@ class InverseDynamics:
             for share in np.arange(1, count + 1) / count:
                 there = self.close((start + share * (target - start))[None], now[None])[0]
                 if np.abs(difference(self.model, now, there)).max() > _JUMP:
-                    raise self._unclosed(target, "ones that its loops follow to without a jump")
+                    raise self._gap_error(target, "ones that its loops follow to without a jump")
                 now = there
             found[k], start = now, target
         return found
@@ -153,9 +153,9 @@ class InverseDynamics:
             step *= np.minimum(1.0, 1.0 / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
             qs = self._integrate(qs, step)
         worst = int(np.abs(residual).max(axis=1).argmax())
-        raise self._unclosed(y[worst], "ones for which its loops close")
+        raise self._gap_error(y[worst], "ones for which its loops close")
 
-    def _unclosed(self, y: Array, expected: str) -> InvalidValue:
+    def _gap_error(self, y: Array, expected: str) -> InvalidValue:
         where = ", ".join(f"{name} = {value:.4g}" for name, value in zip(self.names, y, strict=True))
         return InvalidValue(f"positions of {self.robot.name!r}", where, expected)
 

@@ -225,10 +225,10 @@ class _Search:
             motion = self.motion(c)
         except InvalidValue:
             return None
-        values, (lower, upper) = self.limited(motion), self.ranges
+        values, (lower, upper) = self.bounded_values(motion), self.ranges
         return motion if ((values >= lower) & (values <= upper)).all() else None
 
-    def limited(self, motion: Motion) -> Array:
+    def bounded_values(self, motion: Motion) -> Array:
         """What limits are not linear in, by times.
 
         Torques of motors; of dependent joints rates, accelerations, rates by those of the others, positions.
@@ -261,7 +261,10 @@ class _Search:
 
     def limited_rows(self, motion: Motion) -> tuple[Array, Array]:
         """The other limits, linear about a motion: rows and upper bounds of changes."""
-        values, parts = self.limited(motion), self.dynamics.differences(self.limited, motion)
+        values, parts = (
+            self.bounded_values(motion),
+            self.dynamics.differences(self.bounded_values, motion),
+        )
         finite = np.flatnonzero(np.isfinite(self.ranges).any(axis=0))
         blocks = [
             np.einsum("kc,kji->kjci", B, part[:, finite]) for B, part in zip(self.values, parts, strict=True)

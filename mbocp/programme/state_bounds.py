@@ -51,24 +51,9 @@ class StateBounds:
         return not any(np.isfinite(_own_rows(side)).any() for side in sides)
 
     @property
-    def limited_x(self) -> BoolArray:
-        """Which entries of the states are bounded, shape (N, nx)."""
-        return _has_limit(self.x_lower, self.x_upper)
-
-    @property
-    def limited_u(self) -> BoolArray:
-        """Which controls are bounded, shape (N, nu)."""
-        return _has_limit(self.u_lower, self.u_upper)
-
-    @property
-    def limited_path(self) -> BoolArray:
-        """Which path functions are bounded, shape (N, nh)."""
-        return _has_limit(self.path_lower, self.path_upper)
-
-    @property
-    def limited(self) -> BoolArray:
+    def has_limit(self) -> BoolArray:
         """Which entries of states, controls and path functions are bounded, shape (N, nx + nu + nh)."""
-        return np.hstack([self.limited_x, self.limited_u, self.limited_path])
+        return np.isfinite(self.lower) | np.isfinite(self.upper)
 
     @property
     def lower(self) -> Array:
@@ -95,7 +80,3 @@ class StateBounds:
 def _own_rows(side: Array) -> Array:
     """The one row of a side that has the same for every node in the memory of one."""
     return side[:1] if side.strides[0] == 0 else side
-
-
-def _has_limit(lower: Array, upper: Array) -> BoolArray:
-    return np.isfinite(lower) | np.isfinite(upper)

@@ -107,7 +107,7 @@ class MovingStages:
             setattr(native, name, rows.ravel())
         if not self._has_limits:
             return
-        limited, moved = self._bounds.limited, {}
+        limited, moved = self._bounds.has_limit, {}
         for name in ("slack", "z_lower", "z_upper"):
             full = np.zeros(limited.shape)
             full[limited], guards = np.split(getattr(native, name), [np.count_nonzero(limited)])
@@ -115,7 +115,7 @@ class MovingStages:
         self._bounds = self._bounds.with_sides(self._bounds.lower[sources], self._bounds.upper[sources])
         set_bounds(native, self._formulation.programme, self._bounds)
         for name, (full, guards) in moved.items():
-            setattr(native, name, np.append(full[self._bounds.limited], guards))
+            setattr(native, name, np.append(full[self._bounds.has_limit], guards))
 
     def _states_after(self, x: Array, count: int) -> Array:
         """States after the last one, with the moves and the changes of speed that followed the first one.

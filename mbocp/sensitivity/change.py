@@ -46,7 +46,7 @@ class Change:
     def none(cls, programme: StagewiseProgramme, k: int) -> Change:
         """Zeros, to be filled in."""
         kind = programme.kind
-        limits = (k, *programme.bounds.limited.shape)
+        limits = (k, *programme.bounds.has_limit.shape)
         return cls(
             start=np.zeros((k, kind.ndx)),
             theta=np.zeros((k, programme.theta.size)),

@@ -145,7 +145,7 @@ def _degenerate(optimum: Optimum) -> tuple[str, ...]:
     is_near = room <= _NEAR * np.maximum(1.0, np.abs(values))
     chosen = np.where(optimum.held, has_none, is_near) & ~is_equation
     programme = optimum.programme
-    rows, limited = programme.kind.ndx + programme.kind.ny, programme.bounds.limited
+    rows, limited = programme.kind.ndx + programme.kind.ny, programme.bounds.has_limit
     return tuple(
         programme.describe_row(int(stage), rows + int(np.count_nonzero(limited[stage, :entry])))
         for stage, entry in np.argwhere(chosen)

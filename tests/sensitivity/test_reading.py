@@ -49,7 +49,7 @@ def reader(request):
     xs = call(programme.functions, "retract", N + 1, [programme.x_start, moves])[0].dense(kind.nx)
     us = rng.normal(size=(N, kind.nu))
     iterate = zero_multipliers(programme, xs, rng.normal(size=(N, kind.ny)), us)
-    limits = np.zeros(programme.bounds.limited.shape)
+    limits = np.zeros(programme.bounds.has_limit.shape)
     return Reader(formulation, Optimum(programme, iterate, limits, limits > 0.0, limits))
 
 

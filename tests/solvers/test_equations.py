@@ -75,7 +75,8 @@ def test_methods_agree_at_some_of_the_nodes(scheme: str, setting: str) -> None:
     own, ipopt = solved(problem), solved(problem, "ipopt")
     agree(own, ipopt, 1e-7 if setting == CALM else 1e-8)
     assert own.lam_path.any()
-    free = ~formulate(problem).programme.bounds.limited_path
+    bounds = formulate(problem).programme.bounds
+    free = ~bounds.has_limit[:, -bounds.nh :]
     assert not own.lam_path[free].any()
     assert own.limit_violation < 1e-9
     if setting == CALM:
@@ -198,14 +199,14 @@ def test_rows_of_the_kernel_are_those_that_are_bounded(data: st.DataObject) -> N
     formulation = formulate(load())
     iterate, _ = make_guess("line", formulation)
     native = GlobalisedNewton().init(programme, iterate).native
-    lower, upper = bounds.lower[bounds.limited], bounds.upper[bounds.limited]
+    lower, upper = bounds.lower[bounds.has_limit], bounds.upper[bounds.has_limit]
     is_equation = lower == upper
     assert native.num_limits == np.count_nonzero(~is_equation)
     assert native.slack.size == lower.size
     assert np.array_equal(native.slack[is_equation], lower[is_equation])
     xs, us = native.x.reshape(N + 1, nx)[1:], native.u.reshape(N, -1)
     h = np.array([np.asarray(programme.functions.function("path")(x, 0, 0, programme.theta)[0]) for x in xs])
-    values = np.hstack([xs, us, h.reshape(N, -1)])[bounds.limited]
+    values = np.hstack([xs, us, h.reshape(N, -1)])[bounds.has_limit]
     inside = (values > lower) & (values < upper)
     np.testing.assert_allclose(native.slack[inside], values[inside], atol=2.0)
     # The step meets all rows to first order; where all are linear, that is all there is.

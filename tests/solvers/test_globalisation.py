@@ -138,7 +138,7 @@ def test_slacks_begin_a_tenth_inside() -> None:
     programme, _, state = begun(problem)
     bounds, native = programme.bounds, state.native
     slacks = native.slack
-    lower, upper = bounds.lower[bounds.limited], bounds.upper[bounds.limited]
+    lower, upper = bounds.lower[bounds.has_limit], bounds.upper[bounds.has_limit]
     room = 0.1 * np.minimum(upper - lower, np.maximum(1.0, np.abs(upper)))
     assert np.all(slacks >= lower + room * (1.0 - 1e-12))
     assert np.all(slacks <= upper - room * (1.0 - 1e-12))

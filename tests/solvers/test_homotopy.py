@@ -76,10 +76,10 @@ def test_limits_widened_by_all_that_a_motion_goes_beyond_them_are_kept_by_it() -
     width = measure_excess(programme, iterate)
     wide = widen(programme, width, 1.0).bounds
     values = np.hstack([iterate.xs[1:], iterate.us])
-    assert values.max() > programme.bounds.upper[programme.bounds.limited].max()
-    room = np.where(wide.limited, np.minimum(values - wide.lower, wide.upper - values), 0.0)
+    assert values.max() > programme.bounds.upper[programme.bounds.has_limit].max()
+    room = np.where(wide.has_limit, np.minimum(values - wide.lower, wide.upper - values), 0.0)
     assert room.min() > -1e-12
-    touched = np.where(wide.limited, np.abs(room), np.inf).min(axis=0)
+    touched = np.where(wide.has_limit, np.abs(room), np.inf).min(axis=0)
     goes_beyond = (width[0] > 0) | (width[1] > 0)
     assert goes_beyond.any()
     assert np.all(touched[goes_beyond] < 1e-12)  # and no wider than that

@@ -114,7 +114,7 @@ def test_a_polish_begins_inside_with_products_that_are_the_barrier_or_more() -> 
     native, b = state.native, programme.bounds
     assert state.evaluation.finite
     assert 0.0 < state.barrier < TOLERANCE
-    room = b.upper[b.limited] - native.slack
+    room = b.upper[b.has_limit] - native.slack
     assert (room > 0.0).all()
     assert (native.z_upper > 0.0).all()
     assert (room * native.z_upper).min() > 0.5 * state.barrier

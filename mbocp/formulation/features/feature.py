@@ -230,6 +230,6 @@ def join(parts: Iterable[Mapping[str, V]]) -> dict[str, V]:
     return {name: value for part in parts for name, value in part.items()}
 
 
-def unbounded(*shape: int) -> tuple[Array, Array]:
+def infinite_bounds(*shape: int) -> tuple[Array, Array]:
     """Return bounds that are none."""
     return np.full(shape, -np.inf), np.full(shape, np.inf)

@@ -23,7 +23,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
@@ -120,7 +120,7 @@ class FoundNumbers(Feature):
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Their own in the first step, and none after it."""
-        lower, upper = unbounded(problem.num_steps, len(self.words))
+        lower, upper = infinite_bounds(problem.num_steps, len(self.words))
         lower[0], upper[0] = 0.0, 1.0
         return {_FOUND: (lower, upper)}
 

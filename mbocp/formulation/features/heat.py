@@ -18,7 +18,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_squares, shares_of
@@ -97,7 +97,7 @@ class Heat(Feature):
 
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """At the end."""
-        lower, upper = unbounded(problem.num_steps, len(self.entries))
+        lower, upper = infinite_bounds(problem.num_steps, len(self.entries))
         upper[-1] = 0.0
         return {_HEAT: (lower, upper)}
 

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
@@ -102,7 +102,7 @@ class MovedStart(Feature):
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Those of the start in the first step, and none after it."""
-        lower, upper = unbounded(problem.num_steps, len(self.directions))
+        lower, upper = infinite_bounds(problem.num_steps, len(self.directions))
         lower[0], upper[0] = _sides(problem)
         return {"moves": (lower, upper)}
 

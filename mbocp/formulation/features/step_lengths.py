@@ -30,7 +30,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation.features.clock import STEP_SHARE
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.features.switches import filled_lengths
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
@@ -142,7 +142,7 @@ class StepLengths(Feature):
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Of lengths at the first nodes of phases, and of times at their last; in the units of the guess."""
         timeline = problem.timeline
-        lengths, times = (unbounded(problem.num_steps, 1) for _ in range(2))
+        lengths, times = (infinite_bounds(problem.num_steps, 1) for _ in range(2))
         for phase, begins in zip(timeline.phases, _first_steps(problem), strict=True):
             (shortest, longest), end = timeline.sides_of(phase), timeline.end_of(phase)
             ends, guessed = phase.last - 1, phase.steps * problem.dt
@@ -156,7 +156,7 @@ class StepLengths(Feature):
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """None."""
-        return {"lengths": unbounded(1, 1)}
+        return {"lengths": infinite_bounds(1, 1)}
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """What they say."""

@@ -25,7 +25,7 @@ import numpy as np
 
 from mbocp._arrays import Array, IntArray
 from mbocp._dataclass import dataclass
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.problem.between_nodes import widest_within
@@ -92,7 +92,7 @@ class WithinSteps(Feature):
         found = {}
         for key, own in self.entries:
             places = len(_places(key))
-            lower, upper = unbounded(problem.num_steps, places * len(own))
+            lower, upper = infinite_bounds(problem.num_steps, places * len(own))
             sides = widest_within(problem.limits_along()[key], moves)
             for side, limits in zip((lower, upper), sides, strict=True):
                 side[moves] = np.tile(limits[:, own], places)

@@ -126,7 +126,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
 
 def _touching(clearance: Clearance) -> float:
     """Spheres of things that touch, or are nearer than their margin, are nearer than this [m]."""
-    gaps = 2.0 * max(_gaps(clearance)) + max(map(_uncovered, clearance.obstacles), default=0.0)
+    gaps = 2.0 * max(_gaps(clearance)) + max(map(_gap_of, clearance.obstacles), default=0.0)
     return max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
 
 
@@ -266,7 +266,7 @@ def _bounds(
     """
     chosen = clearance.pairs_near(qs, near, times)
     gaps, columns = _gaps(clearance), _pairs(clearance, chosen)
-    left = [_uncovered(obstacle) for obstacle in clearance.obstacles]
+    left = [_gap_of(obstacle) for obstacle in clearance.obstacles]
     rounding, margins = _rounding(clearance), clearance.margins
     farthest = margins.max(initial=0.0) + rounding + max(gaps) + max([*left, *gaps])
     beyond = np.inf if len(chosen) == clearance.num_pairs else near - float(farthest)
@@ -298,7 +298,7 @@ def _gaps(clearance: Clearance) -> list[float]:
     return [0.0 if np.isnan(link.gap) else link.gap for link in clearance.robot.collision_spheres]
 
 
-def _uncovered(obstacle: Obstacle) -> float:
+def _gap_of(obstacle: Obstacle) -> float:
     """How far an obstacle is out of the pieces that stand for it [m]."""
     return 0.0 if obstacle.compound is None else obstacle.compound.uncovered
 

@@ -74,10 +74,11 @@ def active_limits(
         Of those that are not active any.
     """
     bounds = programme.bounds
-    pulls, distances = np.zeros(bounds.limited.shape), np.full(bounds.limited.shape, np.inf)
+    pulls, distances = np.zeros(bounds.has_limit.shape), np.full(bounds.has_limit.shape, np.inf)
     if iterate.bounds is not None and not bounds.is_empty:
         plain = replace(programme, num_guards=0)
-        pulls[bounds.limited] = multipliers_in_rows(iterate.bounds, plain)[: np.count_nonzero(bounds.limited)]
+        count = np.count_nonzero(bounds.has_limit)
+        pulls[bounds.has_limit] = multipliers_in_rows(iterate.bounds, plain)[:count]
         distances = _distances(plain, iterate, pulls)
     held = (np.abs(pulls) > stiffness * programme.control_weight * distances) | bounds.are_equations
     return pulls, held, np.where(pulls > 0.0, bounds.upper, bounds.lower)
@@ -129,4 +130,4 @@ def _distances(programme: StagewiseProgramme, iterate: Iterate, pulls: Array) ->
     bounds, values = programme.bounds, bounded_values(programme, iterate)
     of_side = np.where(pulls > 0.0, bounds.upper - values, values - bounds.lower)
     grain = _GRAIN * np.maximum(1.0, np.abs(values))
-    return np.where(bounds.limited, np.maximum(of_side, grain), np.inf)
+    return np.where(bounds.has_limit, np.maximum(of_side, grain), np.inf)

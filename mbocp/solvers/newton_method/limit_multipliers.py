@@ -176,7 +176,7 @@ class _Rows:
 
     @classmethod
     def of(cls, programme: StagewiseProgramme) -> _Rows:
-        limited, guard = programme.bounds.limited, np.zeros(programme.num_guards)
+        limited, guard = programme.bounds.has_limit, np.zeros(programme.num_guards)
         lower = np.concatenate([programme.bounds.lower[limited], guard])
         upper = np.concatenate([programme.bounds.upper[limited], guard + np.inf])
         is_equation = lower == upper
@@ -203,7 +203,8 @@ def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> 
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
     bounds = programme.bounds
-    if programme.kind.groups and (bounds.nh or bounds.limited_x.any() or programme.num_guards):
+    has_states = np.isfinite([bounds.x_lower, bounds.x_upper]).any()
+    if programme.kind.groups and (bounds.nh or has_states or programme.num_guards):
         return "keeps no path constraints in natural coordinates"
     return None
 
@@ -213,7 +214,7 @@ def bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 
     The shape is (N, nx + nu + nh).
     """
-    native, limited = kernel_programme(programme, has_limits=True), programme.bounds.limited
+    native, limited = kernel_programme(programme, has_limits=True), programme.bounds.has_limit
     iterate.load_into(native)
     native.start_limits(_ANY, 0.0)
     values = np.zeros(limited.shape)
@@ -224,13 +225,13 @@ def bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
 def multipliers_in_rows(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:
     """Multipliers in the order of the kernel's rows."""
     of_steps = np.hstack([bounds.xs[1:], bounds.us, bounds.path])
-    return np.concatenate([of_steps[programme.bounds.limited], bounds.guard])
+    return np.concatenate([of_steps[programme.bounds.has_limit], bounds.guard])
 
 
 def multipliers_of(native: KernelProgramme, programme: StagewiseProgramme) -> BoundMultipliers:
     """Multipliers of the limits that a kernel programme holds."""
     bounds, kind, found = programme.bounds, programme.kind, native.limit_multipliers
-    limited = bounds.limited
+    limited = bounds.has_limit
     of_steps, rows = np.zeros(limited.shape), found.size - programme.num_guards
     of_steps[limited] = found[:rows]
     xs, us, path = np.split(of_steps, [kind.nx, kind.nx + kind.nu], axis=1)

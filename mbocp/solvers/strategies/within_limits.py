@@ -132,7 +132,7 @@ def can_leave_out_limits(programme: StagewiseProgramme) -> bool:
 
     Free step lengths need theirs: a step of negative length is none.
     """
-    has_some = bool((programme.bounds.limited & ~programme.bounds.are_equations).any())
+    has_some = bool((programme.bounds.has_limit & ~programme.bounds.are_equations).any())
     return has_some and not programme.has_free_lengths and why_limits_cannot_be_kept(programme) is None
 
 
@@ -149,7 +149,7 @@ def without_limits(programme: StagewiseProgramme) -> StagewiseProgramme:
 def measure_excess(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Array]:
     """Return how far an iterate goes beyond its limits at most, by row: below and above, (nx + nu + nh,)."""
     bounds = programme.bounds
-    limited, lower, upper = bounds.limited, bounds.lower, bounds.upper
+    limited, lower, upper = bounds.has_limit, bounds.lower, bounds.upper
     far = bounds.with_sides(np.where(limited, -_FAR, -np.inf), np.where(limited, _FAR, np.inf))
     values = bounded_values(replace(programme, bounds=far), iterate)
     is_limit = limited & ~bounds.are_equations
