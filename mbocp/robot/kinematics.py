@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import UnknownFrame
 from mbocp.robot import joints
 from mbocp.robot.large import composite_mass_matrix, is_large, working_data
@@ -72,16 +73,21 @@ def mass_matrix(model: pin.Model, q: Array) -> Array:
 
 def mass_matrices(model: pin.Model, qs: Array) -> Array:
     """Mass matrices at many configurations, shape (nodes, nv, nv)."""
-    if any(joint.shortname() == "JointModelMimic" for joint in model.joints):
+    if len(model.mimicking_joints):
         return np.array([_mass_columns(model, q) for q in qs])
     if is_large(model):
         return np.array([composite_mass_matrix(model, q) for q in qs])
     data, found = working_data(model), np.empty((len(qs), model.nv, model.nv))
     for node, q in enumerate(qs):
         found[node] = pin.crba(model, data, q)
-    upper = np.triu(found)
-    full: Array = upper + np.triu(upper, 1).transpose(0, 2, 1)
-    return full
+    rows, columns = _places_below_diagonal(model.nv)
+    found[:, rows, columns] = found[:, columns, rows]
+    return found
+
+
+@lru_cache(maxsize=32)
+def _places_below_diagonal(size: int) -> tuple[IntArray, IntArray]:
+    return np.tril_indices(size, -1)
 
 
 def momenta_of(model: pin.Model, qs: Array, vs: Array) -> Array:
