@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from mbocp.cli.app import app
 from mbocp.solution import Solution
 
 SWING = """
@@ -98,7 +100,11 @@ def test_a_backend_that_is_none_is_no_matter(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("limit", ["nan", "-1", "inf", "much"])
-def test_a_limit_that_is_no_number_is_refused(folder: Path, limit: str) -> None:
-    done = run(folder, "$MBOCP solve swing.toml -q", MBOCP_CACHE_LIMIT=limit, MBOCP_CACHE_DIR=str(folder))
-    assert done.returncode == 2
+def test_a_limit_that_is_no_number_is_refused(
+    folder: Path, limit: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MBOCP_CACHE_LIMIT", limit)
+    monkeypatch.setenv("MBOCP_CACHE_DIR", str(folder))
+    done = CliRunner().invoke(app, ["solve", str(folder / "swing.toml"), "-q"])
+    assert done.exit_code == 2
     assert done.stderr == f"error: MBOCP_CACHE_LIMIT: got {limit!r}, expected a number of megabytes\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -138,8 +139,7 @@ CASES = [
 @pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")  # of feet in contact
 @pytest.mark.parametrize(("make", "word", "k", "step"), CASES)
 def test_agrees_with_differences_of_optima(make, word, k, step):
-    problem = make()
-    solution = solved(problem)
+    problem, solution = optimum(make)
     derivatives = mbocp.sensitivities(solution, [word])
     quantities = set(QUANTITIES) & set(derivatives.quantities)
     if word.startswith("robot."):
@@ -165,6 +165,13 @@ def solved(problem):
     return solution
 
 
+@cache
+def optimum(make):
+    """Problem and solution that tests share."""
+    problem = make()
+    return problem, solved(problem)
+
+
 def reading(solution, before, name):
     if name != "qs":
         return getattr(solution, name)
@@ -180,7 +187,7 @@ def agree(found, expected, name):
 
 @pytest.mark.parametrize("make", [arm_within_limits, arm_in_least_time, loop, loop_of_bodies, quaternion])
 def test_the_cheap_gradient_of_the_cost_solves_nothing(make):
-    solution = solved(make())
+    _, solution = optimum(make)
     derivatives = mbocp.sensitivities(solution, ["start.q"])
     cheap = derivatives.cost["start.q"]
     assert "_optimum" not in vars(derivatives)
@@ -190,7 +197,7 @@ def test_the_cheap_gradient_of_the_cost_solves_nothing(make):
 
 @pytest.mark.parametrize("make", [arm_within_limits, loop, quaternion, explicit_steps])
 def test_adjoints_are_what_derivatives_add_up_to(make):
-    solution, words = solved(make()), ["start.q", "goal.v", "horizon.duration"]
+    (_, solution), words = optimum(make), ["start.q", "goal.v", "horizon.duration"]
     derivatives = mbocp.sensitivities(solution, words)
     rng = np.random.default_rng(0)
     shapes = {"qs": solution.vs.shape, "vs": solution.vs.shape, "us": solution.us.shape}
