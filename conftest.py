@@ -1,4 +1,4 @@
-"""Marks tests by their levels, and leaves out files of levels that are not asked for."""
+"""Marks tests by their levels, leaves out files of levels that are not asked for, begins with the longest."""
 
 from __future__ import annotations
 
@@ -7,12 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.levels import level_of
+from tests.levels import LONGEST, level_of, name_of
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Mark a test by the level of its file."""
     item.add_marker(level_of(item.path))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that take longest first."""
+    ranks = {name: rank for rank, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: ranks.get(name_of(item.path), len(ranks)))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

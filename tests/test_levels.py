@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 import pytest
 
-from tests.levels import LEVELS, ROOT, level_of, name_of
+from tests.levels import LEVELS, LONGEST, ROOT, level_of, name_of
 
 FILES = [file for folder in ("tests", "papers/tests") for file in (ROOT / folder).rglob("test_*.py")]
 
@@ -14,6 +14,10 @@ FILES = [file for folder in ("tests", "papers/tests") for file in (ROOT / folder
 def test_each_file_has_one_level(request: pytest.FixtureRequest) -> None:
     assert {level_of(file) for file in FILES} == set(LEVELS)
     assert [level for level in LEVELS if request.node.get_closest_marker(level)] == ["unit"]
+
+
+def test_the_longest_files_are_there() -> None:
+    assert set(LONGEST) <= {name_of(file) for file in FILES}
 
 
 def test_each_place_decides_on_files() -> None:

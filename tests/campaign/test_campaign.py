@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 # These ask of a method of order four what others above ask of one of order one, and it is asked alone, too.
-TWICE = ("rates_gauss2", "free_gauss2")
+TWICE = ("rates_gauss2", "free_gauss2", "double_pendulum_gauss2")
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,12 @@ def test_a_motion_in_another_configuration_is_found(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "seed"),
-    [("double_pendulum_gauss2", 33), ("free_gauss2", 11), ("rates_gauss2", 10), ("rates_gauss2", 28)],
+    [
+        ("double_pendulum_gauss2", 33),
+        pytest.param("free_gauss2", 11, marks=pytest.mark.slow),
+        ("rates_gauss2", 10),
+        pytest.param("rates_gauss2", 28, marks=pytest.mark.slow),
+    ],
 )
 def test_limits_that_hold_within_steps_are_among_the_optimality_conditions(
     name: str, seed: int, tmp_path: Path

@@ -237,7 +237,11 @@ def test_motors_that_cannot_be_are_refused(row: Any, words: str) -> None:
 
 @pytest.mark.parametrize(
     ("name", "changes"),
-    [("counterweight", {}), ("base_placement", {}), ("gear_ratio", {"horizon.steps": 12})],
+    [
+        ("counterweight", {}),
+        ("base_placement", {}),
+        pytest.param("gear_ratio", {"horizon.steps": 12}, marks=pytest.mark.slow),
+    ],
 )
 def test_agrees_with_a_search(name: str, changes: dict[str, Any]) -> None:
     problem = mbocp.load_problem(EXAMPLES / f"{name}.toml", changes)

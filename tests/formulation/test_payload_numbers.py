@@ -151,7 +151,9 @@ HEAVY = {
 
 
 @needs_compiler
-@pytest.mark.parametrize("scheme", ["se1", "midpoint", "gauss2", "lobatto3", "rk4"])
+@pytest.mark.parametrize(
+    "scheme", ["se1", "midpoint", "gauss2", pytest.param("lobatto3", marks=pytest.mark.slow), "rk4"]
+)
 def test_another_payload_compiles_nothing(scheme: str, folder: Path) -> None:
     first = mbocp.solve(reach(LIGHT, scheme))
     compiled = num_libraries(folder)

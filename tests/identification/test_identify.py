@@ -91,7 +91,7 @@ def test_without_noise_torques_are_recovered_to_round_off(ur5, truth):
 def test_errors_of_positions_do_not_bias(ur5, truth):
     """Regression along a smoothed motion has too small accelerations, and inertias off by many deviations."""
     log = simulate_log(truth, duration=8.0, position_noise=2e-3, seed=4)
-    found = identify(ur5, log)
+    found = identify(ur5, log, friction_speed=0.1)
     true = true_values(found, truth)
     off = (found.base_values - found.base.combinations @ true) / found.base_sd
     assert np.sqrt(np.mean(off**2)) < 1.4
@@ -231,7 +231,7 @@ def test_offsets_of_joints_are_found(ur5, truth):
 def test_rotors_and_currents(ur5, truth):
     model = pin.Model(truth.model)
     model.armature = np.array([1.0, 1.0, 0.8, 0.3, 0.3, 0.2])
-    log = simulate_log(replace(truth, model=model), duration=8.0)
+    log = simulate_log(replace(truth, model=model), duration=4.0)
     joints = {
         name: {"q": columns["q"], "current": columns["tau"] / 11.0} for name, columns in log.joints.items()
     }
@@ -326,6 +326,6 @@ def test_a_log_at_rest_says_so(ur5, truth):
         }
         for name, columns in log.joints.items()
     }
-    found = identify(ur5, Log(log.t, still))
+    found = identify(ur5, Log(log.t, still), friction_speed=0.1)
     assert any("the log says little of" in message for message in found.messages)
     assert np.median(found.base_sd) > 0.3

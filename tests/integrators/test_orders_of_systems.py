@@ -21,7 +21,7 @@ from mbocp import load_problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
 from mbocp.guesses.kinds import guess_by_simulation
-from mbocp.integrators import PAIRS
+from mbocp.integrators import PAIRS, Pair
 from mbocp.problem import Problem
 from mbocp.robot import Robot, Rod, load_robot
 from tests.integrators.stepping import Run, Steps, Truth
@@ -89,6 +89,11 @@ STEPS = {
 HEAVY = pytest.mark.slow  # seconds to write the functions
 
 
+def is_heavy(name: str, pair: Pair) -> bool:
+    """A free body turns as on SO(3), where all schemes are asked."""
+    return name == "ur5" or (name == "SE(3)" and pair.num_stages > 2)
+
+
 @cache
 def steps_of(name: str, scheme: str) -> Steps:
     """The functions of all tests of a robot."""
@@ -109,8 +114,14 @@ def changes(values: list[Array]) -> list[float]:
     return [float(np.abs(b - a).max()) for a, b in pairwise(values)]
 
 
-@pytest.mark.parametrize("scheme", PAIRS)
-@pytest.mark.parametrize("name", [*list(FREE)[:4], pytest.param("ur5", marks=HEAVY)])
+@pytest.mark.parametrize(
+    ("name", "scheme"),
+    [
+        pytest.param(name, scheme, marks=[HEAVY] if is_heavy(name, pair) else [])
+        for name in FREE
+        for scheme, pair in PAIRS.items()
+    ],
+)
 def test_states_and_adjoints(name: str, scheme: str) -> None:
     case, steps = FREE[name], steps_of(name, scheme)
     robot = steps.robot
