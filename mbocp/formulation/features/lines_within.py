@@ -23,7 +23,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
-from mbocp.formulation.features.feature import Asked, Feature, unbounded
+from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis, shares_of
@@ -115,7 +115,7 @@ class LinesWithin(Feature):
 
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Those of the path constraints; none in impacts, which take no time."""
-        lower, upper = unbounded(problem.num_steps, len(self.rows))
+        lower, upper = infinite_bounds(problem.num_steps, len(self.rows))
         takes_time, first = ~problem.timeline.is_impact, 0
         for _, one in _parts(problem):
             held, columns = steps_held(one.path, problem) & takes_time, slice(first, first + one.path.rows)
