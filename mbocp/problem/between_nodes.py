@@ -190,7 +190,7 @@ class _Look:
         is_range = (self.kind == "position") & np.isfinite(upper - lower)
         size = np.maximum(np.where(is_range, upper - lower, largest), 1e-9)
         for bound, over in ((lower, lower - self.values), (upper, self.values - upper)):
-            yield bound, np.where(np.isfinite(bound), over, -np.inf) / size
+            yield bound, np.where(np.isfinite(bound) & np.isfinite(self.values), over, -np.inf) / size
 
     def of_steps(self, which: BoolArray) -> _Look:
         """Of some steps alone."""
@@ -394,7 +394,11 @@ class _Flow:
     def _move(self, qs: Array, ways: Array) -> Array:
         if self.robot.is_vector_space:
             return qs + ways
-        return np.array([self.robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])
+        is_known = np.isfinite(np.hstack([qs, ways])).all(axis=1)  # steps that are too long overflow
+        moved = np.full_like(qs, np.nan)
+        for k in np.flatnonzero(is_known):
+            moved[k] = self.robot.integrate(qs[k], ways[k])
+        return moved
 
 
 def _exponentials(matrices: Array) -> tuple[Array, ...]:

@@ -439,3 +439,25 @@ def test_a_light_joint_is_resolved_by_steps_that_are_long_for_it(tmp_path: Path)
     s = mbocp.solve(problem, check=True)
     assert s.limit_excess < 0.01
     assert np.abs(s.us).max() == pytest.approx(1.9, abs=0.5)  # damping takes it all
+
+
+def test_steps_whose_flow_overflows_are_looked_at_by_their_cubics() -> None:
+    """Of an arm with joints that turn without end, whose configurations are no vectors."""
+    robot = mbocp.load_robot("kinova")
+    assert not robot.is_vector_space
+    q = robot.integrate(robot.q0, [0.0, 0.0, np.pi, 0.0, 0.0, 0.0])
+    bounds = {"limits": {"velocity": True}, "integrator": {"scheme": "midpoint"}}
+    problem = Problem.create(robot, 0.4, 4, start={"q": q}, goal={"q": q}, cost={"effort": 1.0}, **bounds)
+    vs = np.zeros((5, robot.nv))
+    vs[2] = 1e150
+    with np.errstate(all="ignore"):
+        found = largest_excess(problem, problem.dt * np.arange(5), np.tile(q, (5, 1)), vs, np.zeros((4, 6)))
+    assert found is not None
+    assert found.is_gross
+
+
+def test_what_is_not_known_of_one_step_hides_no_excess_of_others() -> None:
+    values, labels = np.array([[3.0], [np.nan]]), mbocp.load_robot("rigid_pendulum").v_labels[:1]
+    sides = np.full((2, 1), -LIMIT), np.full((2, 1), LIMIT)
+    look = between_nodes._Look("speed", values, np.zeros((2, 1)), sides, labels)
+    assert [one.ratio for one in look.excesses()] == [0.5]
