@@ -24,7 +24,6 @@ def build_folder() -> Path:
     return caches[0].parent
 
 
-@pytest.mark.slow  # compiles
 @pytest.mark.skipif(shutil.which("c++") is None, reason="no C++ compiler")
 def test_the_kernels_algebra_agrees_with_eigen() -> None:
     pytest.importorskip("cmake")
