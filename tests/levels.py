@@ -52,9 +52,10 @@ _PLACES = {
 # Files that take longest; processes begin with them, so that none is left for the end.
 _LONGEST = """
     programme/algebra frozen/frozen campaign/campaign identification/identify sensitivity/sensitivity
-    identification/exciting attack/attack checker/checker integrators/partitioned integrators/orders_of_systems solvers/apart loops
-    formulation/found_numbers control_values solvers/staggered terms/follow robust problem/between_nodes
-    view/plots accuracy/refining formulation/phases view/layout formulation/payload_numbers notebooks
+    identification/exciting attack/attack checker/checker integrators/partitioned
+    integrators/orders_of_systems solvers/apart loops formulation/found_numbers control_values
+    solvers/staggered terms/follow robust problem/between_nodes view/plots accuracy/refining
+    formulation/phases view/layout formulation/payload_numbers notebooks
 """
 LONGEST = _LONGEST.split()
 
