@@ -28,13 +28,13 @@ from mbocp.formulation.signature import FunctionSignature, check_operations
 from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
 from mbocp.formulation.state_bounds import state_bounds
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
+from mbocp.formulation.term_numbers import term_numbers
 from mbocp.formulation.tightening import tighten
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
 from mbocp.robot import Robot
-from mbocp.terms.cost import TermNumbers
 from mbocp.terms.kinds import AccelerationEnd, ExactGoal, Follow, TerminalCost
 from mbocp.terms.own_parts import own_ends, running_terms
 
@@ -206,7 +206,7 @@ def signature_of(
     """
     goal, nv = problem.goal, problem.robot.nv
     cost, robot = problem.heaviest_cost, problem.robot
-    given = TermNumbers(cost, robot, joints, problem.num_steps, problem.terms)
+    given = term_numbers(problem, cost, joints)
     terms = eased_terms(problem, running_terms(given))
     path = _structures(problem, _of_joints(joints))
     ends = (
@@ -254,7 +254,7 @@ def _of_joints(joints: ConfigurationSpace) -> str:
 def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
     problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
     goal, robot, rates = problem.goal, problem.robot, problem.stabilisation
-    given = TermNumbers(problem.heaviest_cost, robot, joints, problem.num_steps, problem.terms)
+    given = term_numbers(problem, problem.heaviest_cost, joints)
     named: dict[str, Array] = {
         "dt": np.array([problem.dt]),
         "force": np.ones(1),

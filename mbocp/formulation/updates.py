@@ -17,10 +17,10 @@ from mbocp.formulation.features.clock import TIME
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.formulation.steps import HAS_BEFORE
+from mbocp.formulation.term_numbers import term_numbers
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
-from mbocp.terms.cost import TermNumbers
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.kinds import TerminalCost
 from mbocp.terms.own_parts import running_terms
@@ -179,7 +179,7 @@ class ParameterUpdates:
         problem, signature = self._problem, self._pieces.signature
         cost = self._cost.with_weights(weights).on_controls(problem.robot.nu)
         cost.check_dimensions(problem.robot.nq, problem.robot.nv, problem.num_steps)
-        given = TermNumbers(cost, problem.robot, self._pieces.joints, problem.num_steps, problem.terms)
+        given = term_numbers(problem, cost, self._pieces.joints)
         for term in running_terms(given):
             if term not in signature.cost:
                 raise ProblemError(

@@ -20,6 +20,8 @@ from mbocp.robot.loops.kinds.axes import perpendiculars
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
+from mbocp.terms.cost import ForceRows
+from mbocp.terms.own import OwnTerm
 from mbocp.terms.span import Place, Span
 
 _ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
@@ -343,6 +345,24 @@ def contact_bounds(
     return tuple(found)
 
 
+def force_rows(terms: Iterable[OwnTerm], robot: Robot, table: SwitchTable | None) -> dict[str, ForceRows]:
+    """Rows of forces of the constraints that terms of one's own look at, by name.
+
+    Raises
+    ------
+    ProblemError
+        If there is no such constraint, or it joins two joints.
+    """
+    running = [term for term in terms if term.role == "running"]
+    asked = {name: f"terms: {term.name}" for term in running for name in term.trace(robot).forces}
+    sources, found = force_sources(robot, table) if asked else {}, {}
+    for name, key in asked.items():
+        source = _find_source(name, key, robot, sources)
+        whole = source.constraint.wrench_map[:, list(source.rows)]
+        found[name] = ForceRows(source.places, tuple(map(tuple, whole.tolist())))
+    return found
+
+
 def _scale(robot: Robot, frame_ids: Iterable[int]) -> float:
     """Return the weight of the lighter of the trees that are held together [N], as a power of two."""
     model, masses = robot.model, []
@@ -355,23 +375,27 @@ def _scale(robot: Robot, frame_ids: Iterable[int]) -> float:
     return 2.0 ** round(math.log2(mass * _GRAVITY)) if mass > 0.0 else 1.0
 
 
-def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource]) -> ForceSource:
+def _find_source(name: str, key: str, robot: Robot, sources: Mapping[str, ForceSource]) -> ForceSource:
     if not sources:
         raise ProblemError(
-            f"{asked.key}: robot {robot.name!r} has no constraints that exert forces; hold a frame by a "
+            f"{key}: robot {robot.name!r} has no constraints that exert forces; hold a frame by a "
             "[[constraint]] in its robot.toml, or by [[robot.constraint]]"
         )
-    if asked.constraint not in sources:
+    if name not in sources:
         raise ProblemError(
-            f"{asked.key}: robot {robot.name!r} has no constraint {asked.constraint!r}; "
-            f"{suggest(asked.constraint, sources)}"
+            f"{key}: robot {robot.name!r} has no constraint {name!r}; {suggest(name, sources)}"
         )
-    found = sources[asked.constraint]
+    found = sources[name]
     if not found.constraint.frame_ids:
         raise ProblemError(
-            f"{asked.key}: the {found.constraint.kind} {asked.constraint!r} joins two joints and exerts no "
+            f"{key}: the {found.constraint.kind} {name!r} joins two joints and exerts no "
             "force at a point; name a constraint between frames"
         )
+    return found
+
+
+def _source(asked: ContactForce, robot: Robot, sources: Mapping[str, ForceSource]) -> ForceSource:
+    found = _find_source(asked.constraint, asked.key, robot, sources)
     asked.check_kind(found.constraint)
     ground = robot.model.frames[found.constraint.frame_ids[-1]]
     if asked.surface is not None and (

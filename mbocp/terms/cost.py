@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -62,6 +62,25 @@ class Reader(Protocol):
         """Refuse a weight on a direction that no target says."""
 
 
+class ForceRows(NamedTuple):
+    """Rows of forces of a constraint.
+
+    Attributes
+    ----------
+    places : tuple of int
+        Those among all forces of a step.
+    map : tuple of tuple of float, shape (6, rows)
+        From them to force and torque on its first frame, in the axes of the second.
+    """
+
+    places: tuple[int, ...]
+    map: tuple[tuple[float, ...], ...]
+
+    def wrench(self, at: Point) -> ca.SX:
+        """Force and torque in a step, shape (6,) [N, N m]."""
+        return ca.DM(np.array(self.map)) @ at.constraint_forces()[list(self.places)]
+
+
 @dataclass(frozen=True)
 class TermNumbers:
     """Where the numbers of terms come from."""
@@ -71,6 +90,7 @@ class TermNumbers:
     joints: ConfigurationSpace
     num_steps: int
     own: tuple[OwnTerm, ...]
+    forces: Mapping[str, ForceRows]  # of constraints that own terms look at, by name
 
 
 class CostTerm(ABC):

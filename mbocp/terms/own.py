@@ -14,7 +14,7 @@ recompile. A result keeps name, digest and numbers of a term, not its code.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -45,7 +45,7 @@ _KEPT = 64  # traced functions
 
 
 class Traced(NamedTuple):
-    """A term's expression as a CasADi function (q, v, u, a, t, *parameters) -> value.
+    """A term's expression as a CasADi function (q, v, u, a, t, *forces, *parameters) -> value.
 
     Where numbers of the robot vary they are its last argument.
     """
@@ -53,14 +53,15 @@ class Traced(NamedTuple):
     function: ca.Function
     rows: int
     uses: frozenset[str]  # of u, a, t
+    forces: tuple[str, ...]  # constraints whose forces and torques it looks at
 
-    def __call__(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
-        """Value at a point, with the term's parameters by name."""
+    def __call__(self, at: Point, p: Mapping[str, ca.SX], wrenches: Sequence[ca.SX] = ()) -> ca.SX:
+        """Value at a point, with forces and torques of constraints, and the term's parameters by name."""
         robot = at.mechanics.robot
         u = at.control if "u" in self.uses else ca.SX.zeros(robot.nu)
         a = at.joint_acceleration() if "a" in self.uses else ca.SX.zeros(robot.nv)
         t = at.time if "t" in self.uses else ca.SX(0)
-        own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *p.values())
+        own = (at.joint_configuration(), at.joint_velocity(), u, a, t, *wrenches, *p.values())
         return self.function(*own, *([at.mechanics.numbers] if robot.varying else []))
 
 
@@ -161,7 +162,7 @@ def running_cost(
     Parameters
     ----------
     function : callable
-        From `Kinematics`, with u, a and t, to a scalar `casadi.SX`.
+        From `Kinematics`, with u, a, t and forces, to a scalar `casadi.SX`.
     weight : float
         Factor, of any sign; it never recompiles.
     name : str
@@ -255,14 +256,17 @@ def _trace(
     numbers = {key: ca.SX.sym(key, size) for key, size in sizes}
     here = {key: symbols[key] for key in _SYMBOLS[role]}
     where = f"terms: {name}: a {ROLES[role]}"
-    at = Kinematics(robot, where, symbols["q"], symbols["v"], here, numbers, mechanics)
+    wrenches: dict[str, ca.SX] | None = {} if role == "running" else None
+    at = Kinematics(robot, where, symbols["q"], symbols["v"], here, numbers, mechanics, wrenches)
     value = _expression(function(at), name)
-    arguments = [*symbols.values(), *numbers.values(), *([mechanics.numbers] if robot.varying else [])]
+    forces = wrenches or {}
+    given = [*symbols.values(), *forces.values(), *numbers.values()]
+    arguments = [*given, *([mechanics.numbers] if robot.varying else [])]
     free = [s.name() for s in ca.symvar(value) if not any(ca.depends_on(s, a) for a in arguments)]
     if free:
         raise ProblemError(f"terms: {name}: {', '.join(free[:3])} is no parameter: ask for it as at['name']")
     uses = frozenset(key for key in here if ca.depends_on(value, symbols[key]))
-    return Traced(ca.Function("term", arguments, [value]), int(value.numel()), uses)
+    return Traced(ca.Function("term", arguments, [value]), int(value.numel()), uses, tuple(forces))
 
 
 def _expression(value: Any, name: str) -> ca.SX:

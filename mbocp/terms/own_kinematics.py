@@ -42,6 +42,8 @@ class Kinematics:
     parameters : mapping of str to casadi.SX
         The term's own.
     mechanics : JointMechanics
+    wrenches : dict of str to casadi.SX, optional
+        Forces and torques of constraints that have been asked for, by name; None where there are none.
     """
 
     robot: Robot
@@ -51,6 +53,7 @@ class Kinematics:
     symbols: Mapping[str, ca.SX]
     parameters: Mapping[str, ca.SX]
     mechanics: JointMechanics
+    wrenches: dict[str, ca.SX] | None = None
 
     @property
     def u(self) -> ca.SX:
@@ -131,6 +134,16 @@ class Kinematics:
     def centroidal_momentum(self) -> ca.SX:
         """Momentum about the centre of mass, axes of the world, shape (6,) [kg m/s, N m s]."""
         return self.mechanics.centroidal_momentum(self.q, self.v)
+
+    def force(self, constraint: str) -> ca.SX:
+        """Force and torque of a constraint, or of what is held, on its first frame, shape (6,) [N, N m].
+
+        Those of the step, about the frame's origin, in the axes of the second frame, as
+        `mbocp.problem.ContactForce` has them; zero where it does not act.
+        """
+        if self.wrenches is None:
+            raise ProblemError(f"{self.where} has no forces of constraints; a running cost has")
+        return self.wrenches.setdefault(constraint, ca.SX.sym(f"force of {constraint}", 6))
 
     def kinetic_energy(self) -> ca.SX:
         """Kinetic energy [J]."""

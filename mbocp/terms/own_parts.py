@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any, ClassVar
 
@@ -14,7 +14,7 @@ from mbocp._dataclass import dataclass
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
-from mbocp.terms.cost import RunningTerm, TermNumbers, running_costs
+from mbocp.terms.cost import ForceRows, RunningTerm, TermNumbers, running_costs
 from mbocp.terms.own import OwnTerm, Traced
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import Place, Span
@@ -46,8 +46,8 @@ class _Part:
     def _own_numbers(self) -> dict[str, Array]:
         return {self._key(name): np.asarray(value) for name, value in self.term.parameters.items()}
 
-    def _value(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
-        return self.traced(at, {name: p[self._key(name)] for name in self.term.parameters})
+    def _value(self, at: Point, p: Mapping[str, ca.SX], wrenches: Sequence[ca.SX] = ()) -> ca.SX:
+        return self.traced(at, {name: p[self._key(name)] for name in self.term.parameters}, wrenches)
 
     def _key(self, name: str) -> str:
         return f"own.{self.term.name}.{name}"
@@ -55,7 +55,21 @@ class _Part:
 
 @dataclass(frozen=True)
 class OwnRunning(_Part, RunningTerm):
-    """A cost per second."""
+    """A cost per second.
+
+    Attributes
+    ----------
+    forces : tuple of ForceRows
+        Of the constraints that it looks at.
+    """
+
+    forces: tuple[ForceRows, ...] = ()
+
+    @property
+    def signature(self) -> dict[str, Any]:
+        """What its functions depend on, rows of forces among that."""
+        found = {"own": self.digest, "role": self.term.role}
+        return found | ({"forces": self.forces} if self.forces else {})
 
     @property
     def uses_time(self) -> bool:
@@ -77,7 +91,7 @@ class OwnRunning(_Part, RunningTerm):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """The weighted value."""
-        return p[self._key(_WEIGHT)] * self._value(at, p)
+        return p[self._key(_WEIGHT)] * self._value(at, p, [one.wrench(at) for one in self.forces])
 
 
 @dataclass(frozen=True)
@@ -214,7 +228,8 @@ class OwnPathConstraint(BoundedTerm):
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
     """All terms of the running cost, the user's own last, in the order in which they are added."""
     rotations = _rotations(given)
-    own = (OwnRunning.of(t, given.robot, rotations) for t in given.own if t.role == "running")
+    parts = (OwnRunning.of(t, given.robot, rotations) for t in given.own if t.role == "running")
+    own = (replace(one, forces=tuple(given.forces[name] for name in one.traced.forces)) for one in parts)
     return (*running_costs(given), *own)
 
 

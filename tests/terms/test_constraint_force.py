@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import mbocp
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from mbocp.terms import running_cost, terminal_cost
 from tests.problem.file.test_ground import solo as on_phases
 from tests.terms.contacts import BODY, FOOT, GRAVITY, hopper
 
@@ -46,6 +48,47 @@ def test_the_cost_by_hand() -> None:
     assert solution.cost == pytest.approx(total, rel=1e-9)
     assert (np.abs(solution.lams[timed][:4]).max(axis=0) > 0.0).sum() == 6  # of feet in the air there is none
     assert problem_to_toml(parse_problem(problem_to_toml(problem))) == problem_to_toml(problem)
+
+
+def test_terms_of_ones_own_look_at_forces() -> None:
+    """The same cost, foot by foot; and one that keeps forces within cones, as a penalty."""
+    weighs, asks = stepping(), stepping(cost={"effort": 1.0, "velocity": 0.01})
+    feet = ("FL", "FR", "HL", "HR")
+
+    def pressed(at):
+        return sum(ca.sumsqr(at.force(foot)) for foot in feet) / 2
+
+    def slips(at):
+        forces = [at.force(foot) for foot in feet]
+        return sum(ca.fmax(ca.norm_2(f[:2] + 1e-9) - at["friction"] * f[2], 0) ** 2 for f in forces)
+
+    expected = mbocp.solve(weighs)
+    found = mbocp.solve(asks.with_(terms=[running_cost(pressed, weight=0.02)]), check=True)
+    assert found.cost == pytest.approx(expected.cost, rel=1e-9)
+    np.testing.assert_allclose(found.lams, expected.lams, atol=1e-6)
+    free, kept = (
+        mbocp.solve(asks.with_(terms=[running_cost(slips, weight=weight, friction=0.05)]))
+        for weight in (0.0, 1e3)
+    )
+    timed = ~asks.timeline.is_impact
+    beyond = [
+        np.max(np.hypot(lam[:, 0::3], lam[:, 1::3]) - 0.05 * np.abs(lam[:, 2::3]))
+        for lam in (free.lams[timed], kept.lams[timed])
+    ]
+    assert kept.converged
+    assert beyond[1] < 0.2 * beyond[0]
+
+
+def test_forces_that_are_not_there_are_refused() -> None:
+    def presses(at):
+        return at.force("nose")[2] ** 2
+
+    with pytest.raises(ProblemError, match=r"terms: presses: robot .* has no constraint 'nose'"):
+        stepping(terms=[running_cost(presses)])
+    with pytest.raises(ProblemError, match="terms: presses: robot 'double_pendulum' has no constraints"):
+        Problem.create("double_pendulum", 1.0, 5, scheme="se1", terms=[running_cost(presses)])
+    with pytest.raises(ProblemError, match="presses: a terminal cost has no forces of constraints"):
+        stepping(terms=[terminal_cost(presses)])
 
 
 def test_what_is_refused() -> None:

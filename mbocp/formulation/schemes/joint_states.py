@@ -19,12 +19,12 @@ from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.states import States
+from mbocp.formulation.term_numbers import term_numbers
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
-from mbocp.terms.cost import TermNumbers
 from mbocp.terms.own_parts import running_terms
 
 if TYPE_CHECKING:
@@ -199,9 +199,8 @@ def weighs_control_changes(problem: Problem) -> bool:
 def weighed_components(problem: Problem) -> Array | None:
     """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
     robot, nv = problem.robot, problem.robot.nv
-    given = TermNumbers(
-        problem.heaviest_cost, robot, ConfigurationSpace(robot.model), problem.num_steps, problem.terms
-    )
+    joints = ConfigurationSpace(robot.model)
+    given = term_numbers(problem, problem.heaviest_cost, joints)
     weights = np.zeros(2 * nv)
     for term in running_terms(given):
         weights += term.touches(given)
