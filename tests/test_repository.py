@@ -15,7 +15,7 @@ from mbocp._files import parse_toml
 ROOT = Path(__file__).parent.parent
 FILES = sorted([*ROOT.glob(".github/**/*.yml"), ROOT / "CITATION.cff"])
 FORMS = [path for path in FILES if path.parent.name == "ISSUE_TEMPLATE" and path.name != "config.yml"]
-PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
+PYTHONS = ["3.10", "3.11", "3.12", "3.13", "3.14"]
 
 
 def text(name: str) -> str:

@@ -114,7 +114,9 @@ _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is ro
 _SWEEP_ITERATIONS = 50
 
 
-def guess_by_simulation(formulation: Formulation, u: Array, **how: bool) -> Iterate:
+def guess_by_simulation(
+    formulation: Formulation, u: Array, *, tolerance: float = _SWEEP_TOLERANCE, **how: bool
+) -> Iterate:
     """Constant control and forward simulation, the paper's guess (section 6).
 
     Parameters
@@ -122,6 +124,8 @@ def guess_by_simulation(formulation: Formulation, u: Array, **how: bool) -> Iter
     formulation : Formulation
     u : ndarray, shape (nu,)
         Control of all steps.
+    tolerance : float
+        Of the residual of each step, in its unit of force.
     **how : bool
         What the kernel's `simulate` takes. With ``compensated = True`` the rows of a step take what rounding
         the states left of those before (section VIII.5 of [Hairer2006]_): the round-off of many steps does
@@ -139,7 +143,7 @@ def guess_by_simulation(formulation: Formulation, u: Array, **how: bool) -> Iter
     xs = np.zeros((problem.num_steps + 1, programme.x_start.size))
     xs[0] = programme.x_start
     native.x = xs.ravel()
-    sweep = native.simulate(_SWEEP_TOLERANCE, _SWEEP_ITERATIONS, **how)
+    sweep = native.simulate(tolerance, _SWEEP_ITERATIONS, **how)
     if not sweep.ok:
         raise ProblemError(
             f"guess: the forward simulation with constant control fails "

@@ -112,7 +112,7 @@ def test_cones_are_about_the_normal_of_the_map() -> None:
     qs[:, 3:7] /= np.linalg.norm(qs[:, 3:7], axis=1, keepdims=True)
     vs = np.zeros((5, robot.nv))
     for one, other in zip(on_map, about, strict=True):
-        nodes = MotionAtNodes(np.zeros(5), (qs, vs, vs), lams, {})
+        nodes = MotionAtNodes(np.zeros(5), (qs, vs, vs), vs, lams, {})
         values = [c.values_in_motion(robot, nodes) for c in (one, other)]
         np.testing.assert_allclose(*values, atol=1e-9)
         lam = ca.SX.sym("lam", robot.nc)
