@@ -71,6 +71,8 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
 
 def _along(problem: Problem, motion: Motion, lams: Array) -> list[Array]:
     """Values of each path constraint at the nodes 1..N."""
+    if not problem.path:
+        return []
     states = motion.qs[1:], motion.vs[1:], motion.us_at_ends
     names = [constraint.name for constraint in problem.frame_constraints if constraint.follows]
     progress = dict(zip(names, progress_along(problem, motion.qs)[1:].T, strict=True))

@@ -10,5 +10,5 @@ from mbocp.terms.cost import TermNumbers
 
 def term_numbers(problem: Problem, cost: Cost, joints: ConfigurationSpace) -> TermNumbers:
     """Return those of a problem with a cost, which may be that of a phase, compared on `joints`."""
-    forces = force_rows(problem.terms, problem.robot, problem.timeline.switches)
+    forces = force_rows(problem.terms, problem.robot, problem.scheme, problem.timeline.switches)
     return TermNumbers(cost, problem.robot, joints, problem.num_steps, problem.terms, forces)

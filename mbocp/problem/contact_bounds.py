@@ -328,16 +328,7 @@ def contact_bounds(
     contacts = [one.contact if isinstance(one, ContactBounds) else one for one in asked]
     if not contacts:
         return ()
-    if not SCHEMES[scheme].has_forces:
-        solving = schemes_that(lambda data: data.has_forces)
-        why = (
-            "has several forces of each constraint in a step"
-            if SCHEMES[scheme].solves_constraints
-            else "projects accelerations, and has no forces of constraints among its unknowns"
-        )
-        raise ProblemError(
-            f'{contacts[0].key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}'
-        )
+    check_has_forces(contacts[0].key, scheme)
     sources, found = force_sources(robot, table), []
     for one in contacts:
         source = _source(one, robot, sources)
@@ -345,18 +336,39 @@ def contact_bounds(
     return tuple(found)
 
 
-def force_rows(terms: Iterable[OwnTerm], robot: Robot, table: SwitchTable | None) -> dict[str, ForceRows]:
+def check_has_forces(key: str, scheme: str) -> None:
+    """Refuse what speaks of forces of constraints, called `key`, where a step has not one of each.
+
+    Raises
+    ------
+    ProblemError
+    """
+    if SCHEMES[scheme].has_forces:
+        return
+    why = (
+        "has several forces of each constraint in a step"
+        if SCHEMES[scheme].solves_constraints
+        else "projects accelerations, and has no forces of constraints among its unknowns"
+    )
+    solving = schemes_that(lambda data: data.has_forces)
+    raise ProblemError(f'{key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}')
+
+
+def force_rows(
+    terms: Iterable[OwnTerm], robot: Robot, scheme: str, table: SwitchTable | None
+) -> dict[str, ForceRows]:
     """Rows of forces of the constraints that terms of one's own look at, by name.
 
     Raises
     ------
     ProblemError
-        If there is no such constraint, or it joins two joints.
+        If there is no such constraint, or it joins two joints, or forces are no unknowns of the scheme.
     """
     running = [term for term in terms if term.role == "running"]
     asked = {name: f"terms: {term.name}" for term in running for name in term.trace(robot).forces}
     sources, found = force_sources(robot, table) if asked else {}, {}
     for name, key in asked.items():
+        check_has_forces(key, scheme)
         source = _find_source(name, key, robot, sources)
         whole = source.constraint.wrench_map[:, list(source.rows)]
         found[name] = ForceRows(source.places, tuple(map(tuple, whole.tolist())))

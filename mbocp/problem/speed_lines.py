@@ -12,7 +12,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.terms.kinds import PATH_TERMS, Motor
-from mbocp.terms.over_speed import OverSpeed
+from mbocp.terms.over_speed import OverSpeed, place_of
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
@@ -44,7 +44,7 @@ class SpeedLines:
     @classmethod
     def of(cls, path: PathConstraint, robot: Robot) -> SpeedLines | None:
         """Those of a constraint; None where torques of its joint are not those of one control alone."""
-        dof, kind = joint_of(path, robot), kind_of(path)
+        dof, kind = place_of(path.frame, robot), kind_of(path)
         if not issubclass(kind, Motor):
             return cls(path, None, dof, 1.0, kind.slopes(path))
         pushes = robot.actuation.selection[dof]
@@ -54,11 +54,6 @@ class SpeedLines:
             return None
         gear = next((motor.gear_ratio for motor in robot.motors if motor.dof == dof), 1.0)
         return cls(path, int(controls[0]), dof, float(pushes[controls[0]]) / gear, kind.slopes(path) * gear)
-
-
-def joint_of(path: PathConstraint, robot: Robot) -> int:
-    """Place among the velocities of that of the joint that a constraint is about."""
-    return int(robot.model.joints[robot.model.frames[path.frame].parentJoint].idx_v)
 
 
 def over_speed(problem: Problem) -> tuple[PathConstraint, ...]:
@@ -84,5 +79,4 @@ def speed_lines(problem: Problem) -> tuple[SpeedLines, ...]:
 def steps_held(path: PathConstraint, problem: Problem) -> BoolArray:
     """At both ends of which steps a constraint holds, shape (N,)."""
     at_nodes = np.append(path.span.has_start, path.span.nodes(problem.num_steps, problem.dt))
-    found: BoolArray = at_nodes[:-1] & at_nodes[1:]
-    return found
+    return at_nodes[:-1] & at_nodes[1:]

@@ -8,9 +8,8 @@ import numpy as np
 
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
-from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.contact_bounds import ContactBounds, contact_bounds, force_rows
+from mbocp.problem.contact_bounds import ContactBounds, check_has_forces, contact_bounds, force_rows
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
@@ -70,18 +69,13 @@ def check_weights(
     Refuse weights on forces of constraints where there are none, too.
     """
     key = "constraint_force"
-    weighs_forces = np.any(cost.weight(key)) or any(key in part.weights for part in phase)
-    looks_at_forces = force_rows(terms, robot, switches)
-    if (weighs_forces or looks_at_forces) and not SCHEMES[scheme].has_forces:
-        known = schemes_that(lambda data: data.has_forces)
-        raise ProblemError(
-            f'{f"cost.{key}" if weighs_forces else "terms"}: scheme = "{scheme}" does not have one force of '
-            f"each constraint in a step; take one of integrator.scheme = {known}"
-        )
-    if weighs_forces and not robot.nc and switches is None:
-        raise ProblemError(
-            f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
-        )
+    if np.any(cost.weight(key)) or any(key in part.weights for part in phase):
+        check_has_forces(f"cost.{key}", scheme)
+        if not robot.nc and switches is None:
+            raise ProblemError(
+                f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
+            )
+    force_rows(terms, robot, scheme, switches)  # refuses forces that are not there
     if goal.is_penalised and cost.terminal == 0.0:
         reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
         raise ProblemError(f"cost.terminal: {reason}")

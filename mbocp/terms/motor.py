@@ -92,8 +92,7 @@ class Motor(OverSpeed):
         """Torque that the voltage would give at rest, by each line [N m]."""
         place, n = _gear(self.frame, at)
         torque = (at.pushes() @ at.control)[place] / n
-        slopes: ca.SX = slopes_of(p["speeds"], p["values"])
-        return torque + slopes * n * at.joint_velocity()[place]
+        return torque + slopes_of(p["speeds"], p["values"]) * n * at.joint_velocity()[place]
 
 
 @dataclass(frozen=True)
@@ -130,5 +129,5 @@ class MotorSpeed(PathTerm):
 
 def _gear(frame: int, at: Point) -> tuple[int, ca.SX]:
     """Where a joint has its velocity, and the ratio of its gear."""
-    place = place_of(frame, at)
+    place = place_of(frame, at.mechanics.robot)
     return place, at.mechanics.gear_ratio(place)

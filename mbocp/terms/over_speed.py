@@ -68,8 +68,7 @@ class OverSpeed(PathTerm):
     @classmethod
     def slopes(cls, given: PathNumbers) -> Array:
         """The k of each row."""
-        found: Array = slopes_of(given.number("speeds"), given.number("values"))
-        return found
+        return slopes_of(given.number("speeds"), given.number("values"))
 
     @property
     def sizes(self) -> dict[str, int]:  # type: ignore[override]
@@ -160,18 +159,14 @@ class AccelerationOverSpeed(OverSpeed):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Acceleration that each line would have at rest [rad/s^2]."""
-        place = place_of(self.frame, at)
-        change: ca.SX = slopes_of(p["speeds"], p["values"]) * at.joint_velocity()[place]
-        rows: ca.SX = at.remembered["acceleration"][place] + ca.vertcat(
-            change, -change[int(self.has_plateau) :]
-        )
-        return rows
+        place = place_of(self.frame, at.mechanics.robot)
+        change = slopes_of(p["speeds"], p["values"]) * at.joint_velocity()[place]
+        return at.remembered["acceleration"][place] + ca.vertcat(change, -change[int(self.has_plateau) :])
 
 
-def place_of(frame: int, at: Point) -> int:
+def place_of(frame: int, robot: Robot) -> int:
     """Return where a joint, by its frame, has its velocity."""
-    model = at.mechanics.robot.model
-    return int(model.joints[model.frames[frame].parentJoint].idx_v)
+    return int(robot.model.joints[robot.model.frames[frame].parentJoint].idx_v)
 
 
 def falling_lines(curve: Array, key: str, what: str) -> Array:
@@ -209,8 +204,7 @@ def slopes_of(speeds: Any, values: Any) -> Any:
 
 def values_at_rest(speeds: Array, values: Array) -> Array:
     """Return what each line, gone on with, has at rest."""
-    found: Array = values[:-1] + slopes_of(speeds, values) * speeds[:-1]
-    return found
+    return values[:-1] + slopes_of(speeds, values) * speeds[:-1]
 
 
 def check_curve(curve: Array, key: str, what: str) -> tuple[Array, Array]:

@@ -87,6 +87,8 @@ def test_forces_that_are_not_there_are_refused() -> None:
         stepping(terms=[running_cost(presses)])
     with pytest.raises(ProblemError, match="terms: presses: robot 'double_pendulum' has no constraints"):
         Problem.create("double_pendulum", 1.0, 5, scheme="se1", terms=[running_cost(presses)])
+    with pytest.raises(ProblemError, match=r'terms: presses: scheme = "rk4".*se1'):
+        Problem.create("double_pendulum", 1.0, 5, scheme="rk4", terms=[running_cost(presses)])
     with pytest.raises(ProblemError, match="presses: a terminal cost has no forces of constraints"):
         stepping(terms=[terminal_cost(presses)])
 
