@@ -16,6 +16,8 @@ from typing import Any
 import pytest
 
 import mbocp
+from mbocp._keys import tables_in
+from mbocp.problem.file.keys_page import all_keys, rows
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.problem import problem_from_tables
 
@@ -83,14 +85,20 @@ def load_tool(name: str) -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def keys() -> ModuleType:
-    return load_tool("keys")
+def known() -> dict[str, bool]:
+    """Dotted keys of problem files, and whether each is a table with keys of its own."""
+    return {name: bool(tables_in(info.annotation)) for name, info in all_keys()}
 
 
 @pytest.fixture(scope="module")
-def known(keys: ModuleType) -> dict[str, bool]:
-    """Dotted keys of problem files, and whether each is a table with keys of its own."""
-    found: dict[str, bool] = keys.all_keys()
+def explained() -> set[str]:
+    """Dotted keys that a page explains: as declared, or of payloads and parts in lists of `robots.md`."""
+    page = (DOCS / "robots.md").read_text("utf-8")
+    found = set(rows())
+    for under, heading in {"payload": "Payloads", "part": "Several robots in one world"}.items():
+        section = page.partition(f"\n## {heading}\n")[2]
+        lines = re.findall(r"^- (`[\w`, ]+`)(?: \(|:)", section.partition("\n#")[0], re.MULTILINE)
+        found |= {f"robot.{under}.{name}" for line in lines for name in re.findall(r"`(\w+)`", line)}
     return found
 
 
@@ -187,22 +195,24 @@ def test_settings_name_keys(page: str, known: dict[str, bool]) -> None:
         assert leaf in known or (page == "problem_files.md" and name in refused), name
 
 
-def test_every_key_is_explained(keys: ModuleType) -> None:
-    rows = keys.described()
-    assert len(rows) > 150
-    assert set(keys.all_keys()) <= set(rows)
+def test_every_key_is_explained(explained: set[str], known: dict[str, bool]) -> None:
+    """Those of parts as those of payloads, those of weights with them."""
+    for name in known:
+        of_body = re.sub(r"^robot\.part\.(?:payload\.)?", "robot.payload.", name)
+        assert {name, of_body, re.sub(r"(_weights)\.\w+$", r"\1", name)} & explained, name
 
 
-def test_every_row_is_of_a_key(keys: ModuleType, known: dict[str, bool]) -> None:
-    assert set(keys.described()) <= set(known)
+def test_every_row_is_of_a_key(explained: set[str], known: dict[str, bool]) -> None:
+    assert explained <= set(known)
 
 
-def test_keys_of_every_day_exist(keys: ModuleType, known: dict[str, bool]) -> None:
-    (names,) = re.findall(r"^<!-- keys: (.+) -->$", (DOCS / "keys.md").read_text("utf-8"), re.MULTILINE)
-    rows = keys.described()
-    for name in names.split():
-        assert name in known, name
-        assert name in rows, name
+def test_keys_of_every_day_exist(known: dict[str, bool]) -> None:
+    (words,) = re.findall(
+        r"^Of every day: (.+?)\n\n", (DOCS / "keys.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    names = re.findall(r"`(.+?)`", words)
+    assert len(names) > 20
+    assert set(names) <= set(known)
 
 
 def test_the_reference_has_every_public_name() -> None:

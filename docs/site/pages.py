@@ -1,8 +1,8 @@
-"""What the site adds to the pages: navigation from the index, tables of keys, pictures and replays.
+"""What the site adds to the pages: navigation from the index, pictures and replays.
 
-Pages say in comments where: `<!-- keys: robot goal.q -->`, `<!-- keys -->` for all, `<!-- gallery -->`,
-`<!-- notebooks -->`, and `<!-- example: arms/cup -->`. Read as plain Markdown they are pages without these;
-what such a reader should see instead stands between the comment and `<!-- end -->`.
+Pages say in comments where: `<!-- gallery -->`, `<!-- notebooks -->`, and `<!-- example: arms/cup -->`.
+Read as plain Markdown they are pages without these; what such a reader should see instead stands between the
+comment and `<!-- end -->`.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import keys as problem_keys
 import make_gallery
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
 _COMMENT = re.compile(
-    r"^<!-- (keys|example|gallery|notebooks)(?:: ([^>]+))? -->$(?:(?:(?!^<!-- ).)*?^<!-- end -->$)?",
+    r"^<!-- (example|gallery|notebooks)(?:: ([^>]+))? -->$(?:(?:(?!^<!-- ).)*?^<!-- end -->$)?",
     re.MULTILINE | re.DOTALL,
 )
 _OUTSIDE = re.compile(r"\]\((\.\./[^)#]+\.md)\)")  # to pages that are not of the site
@@ -35,27 +34,6 @@ def navigation(index: str) -> str:
         pages = "\n".join(dict.fromkeys(_PAGE.findall(body)))
         found.append(f"```{{toctree}}\n:hidden:\n:caption: {title}\n\n{pages}\n```\n")
     return "\n".join(found)
-
-
-def key_table(names: str | None) -> str:
-    """Rows of some keys, or of all of them, a table for each table of the file."""
-    rows = problem_keys.described()
-    if names:
-        chosen = dict.fromkeys(rows[name] for name in names.split())
-        return "\n".join([problem_keys.HEAD, *(row.markdown() for row in chosen)])
-    groups: dict[str, dict[problem_keys.Row, None]] = {}
-    for name in problem_keys.all_keys():
-        table, _, _ = name.rpartition(".")
-        if name in rows and name in rows[name].names:  # shared tables are shown where they are explained
-            groups.setdefault(table, {})[rows[name]] = None
-    return "\n\n".join(
-        "\n".join([f"### {_heading(table)}", "", problem_keys.HEAD, *(row.markdown() for row in found)])
-        for table, found in sorted(groups.items(), key=lambda group: group[0] != "")
-    )
-
-
-def _heading(table: str) -> str:
-    return f"`[{table}]`" if table else "Above the first table"
 
 
 def picture(name: str) -> str:
@@ -142,7 +120,6 @@ def _numbers(summary: Path) -> str:
 
 def _expanded(app: Sphinx, name: str, content: list[str]) -> None:
     makers = {
-        "keys": key_table,
         "example": picture,
         "gallery": lambda _: gallery(),
         "notebooks": lambda _: notebooks(),

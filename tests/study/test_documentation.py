@@ -46,9 +46,9 @@ def test_the_python_example_runs(tmp_path: Path) -> None:
 def test_keys_columns_and_statuses_are_explained() -> None:
     for key in StudyTable.model_fields:
         if key != "summary":
-            assert re.search(rf"^\| `\[*{key}\]*` \|", PAGE, re.MULTILINE), key
+            assert re.search(rf"^- `\[*{key}\]*`(?: \(|:)", PAGE, re.MULTILINE), key
     for key in SummaryTable.model_fields:
-        assert f"| `summary.{key}` |" in PAGE
+        assert f"\n- `summary.{key}` (" in PAGE
     for word in (*FIELDS, ERROR, TIMEOUT, CRASHED):
         assert f"`{word}`" in PAGE, word
     for word in (*_DRAWS, *_RANGES):

@@ -1,6 +1,6 @@
 """The page of keys, from their declarations.
 
-``python -m mbocp.problem.file.keys_page docs/problem_files.md`` writes the tables of the page.
+``python -m mbocp.problem.file.keys_page docs/keys.md`` writes the lists of the page.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ from mbocp.problem.file.frame_table import FrameGoalTable
 from mbocp.problem.file.schema import ProblemTable
 
 FRAME = "goal.frame"  # where the keys of frames are described, which stand in several tables
-_TABLE = re.compile(r"(\| key (?:of `(?P<under>[\w.]+)` )?\|[^\n]*\n\|[-|]+\n)(?:\|[^\n]*\n)+")
+HOME = "problem_files.md"  # the page that links within what keys say are of
+_TABLES = {"table": "[{}]", "tables": "[[{}]]"}  # how the file writes them
+_LINK = re.compile(r"(?<=\]\()(?=#)")
+_LISTS = re.compile(r"(?<=\n)## `.*", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,23 @@ class Row:
     default: str
     says: str
 
-    def markdown(self, under: str = "") -> str:
-        """Return a row of a table; names are those `under` a table."""
-        names = ", ".join(f"`{name.removeprefix(under)}`" for name in self.names)
-        takes = f"{self.takes} [{self.unit}]" if self.unit else self.takes
-        default = "" if self.default in ("none", "nothing") else self.default
-        cells = (names, takes, default, self.says)
-        return "|" + "|".join(f" {cell} " if cell else " " for cell in cells) + "|"
+    def markdown(self) -> str:
+        """Return a heading and a sentence of a table of the file, a line of a list of a key within one."""
+        says, depth = _LINK.sub(HOME, self.says), self.names[0].count(".")
+        if depth:
+            names = ", ".join(f"`{_split(name)[1]}`" for name in self.names)
+            return f"{'  ' * (depth - 1)}- {names}{self._brackets()}: {says}\n"
+        if self.takes in _TABLES:
+            return f"\n## `{_TABLES[self.takes].format(self.names[0])}`\n\n{_sentence(says)}.\n\n"
+        return f"\n## `{self.names[0]}`\n\n{_sentence(says)}{self._brackets()}.\n\n"
+
+    def _brackets(self) -> str:
+        parts = [f"{self.takes} [{self.unit}]" if self.unit else self.takes]
+        if self.default.startswith("required"):
+            parts.append(self.default)
+        elif self.default not in ("", "none", "nothing"):
+            parts.append(f"default {self.default}")
+        return f" ({'; '.join(parts)})"
 
 
 def all_keys(table: type[BaseModel] = ProblemTable, under: str = "") -> Iterator[tuple[str, FieldInfo]]:
@@ -73,21 +86,21 @@ def rows() -> dict[str, Row]:
 
 
 def update_page(page: str) -> str:
-    """Return a page with its tables of keys as they are now."""
-    described = [row for name, row in rows().items() if name == row.names[0]]
-
-    def table(found: re.Match[str]) -> str:
-        under = f"{found['under']}." if found["under"] else ""
-        mine = [row for row in described if row.names[0].startswith(f"{FRAME}.") == bool(under)]
-        return found[1] + "".join(f"{row.markdown(under)}\n" for row in mine)
-
-    return _TABLE.sub(table, page)
+    """Return a page with its lists of keys as they are now."""
+    lists = "".join(row.markdown() for name, row in rows().items() if name == row.names[0])
+    return _LISTS.sub(lambda _: lists.strip() + "\n", page)
 
 
 def _split(name: str) -> tuple[str, str]:
     """What a key is under, with the dot, and its last name."""
     under, dot, leaf = name.rpartition(".")
     return under + dot, leaf
+
+
+def _sentence(words: str) -> str:
+    """Words that begin with a capital, that of a link's text where they begin with a link."""
+    place = words.startswith("[")
+    return words[:place] + words[place].upper() + words[place + 1 :]
 
 
 if __name__ == "__main__":
