@@ -32,7 +32,7 @@ from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import Iterate
 from mbocp.solvers import SolverSettings, Start, run_strategy
-from mbocp.terms import running_cost, terminal_cost
+from mbocp.terms import OwnTerm, running_cost, terminal_cost
 
 __all__ = [
     "GAITS",
@@ -95,8 +95,9 @@ def quadrotor() -> mbocp.Problem:
     )
 
 
-# A pyramid about the cone of 0.7; impacts have none.
-_CONE = {"friction": 0.7 * 2**0.5, "facets": 4, "min_normal": 0.0, "impulses": False}
+_FRICTION, _BEYOND_CONE = 0.7, 10.0  # coefficient; weight of squares of what is beyond a pyramid [1/N^2]
+# The same pyramid, about the cone; impacts have none.
+_CONE = {"friction": _FRICTION * 2**0.5, "facets": 4, "min_normal": 0.0, "impulses": False}
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class Gait:
     landing: tuple[float, float, float] = (1e7, 10.0, 1e3)  # of the foot, the base's place, and the joints
     landed: int = 0  # steps after the last swing, in which the centre of mass is to be above the feet
     is_standing_at_end: bool = True
-    sole: Mapping[str, Any] = field(default_factory=dict)
+    sole: Mapping[str, Any] = field(default_factory=dict)  # bounds, and no cost beyond cones
 
 
 def _step(length: float, height: float, support: int, *feet: int) -> Swing:
@@ -206,7 +207,7 @@ def plan(gait: Gait, robot: mbocp.Robot) -> list[Planned]:
 
 
 def gait_problem(gait: Gait) -> mbocp.Problem:
-    """Costs of Crocoddyl's, but those of cones, which are constraints here."""
+    """Costs of Crocoddyl's, but those of soles, which are constraints here."""
     robot = mbocp.load_robot(gait.robot)
     q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
     planned, joints = plan(gait, robot), nv - 6
@@ -214,6 +215,7 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
     of_foot, of_base, of_joints = gait.landing
     of_landing = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
+    soles, cones = (gait.feet, []) if gait.sole else ((), [cost_of_cones(gait.feet)])
     last = planned[-1]
     landed = last.first + last.swing.steps  # the step that follows
 
@@ -254,12 +256,31 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     return mbocp.Problem.create(
         robot,
         phase=phases_of(gait),
-        path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in gait.feet],
+        path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in soles],
         start={"q": q},
         cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
-        terms=[running_cost(swinging), *([terminal_cost(standing)] if gait.is_standing_at_end else [])],
+        terms=[
+            running_cost(swinging),
+            *cones,
+            *([terminal_cost(standing)] if gait.is_standing_at_end else []),
+        ],
         **_SCHEME,
     )
+
+
+def cost_of_cones(feet: Sequence[str]) -> OwnTerm:
+    """Of forces of feet beyond their cones."""
+
+    def beyond_cones(at: Any) -> Any:
+        return sum((beyond_cone(at.force(foot)) for foot in feet), ca.SX(0))
+
+    return running_cost(beyond_cones, weight=_BEYOND_CONE)
+
+
+def beyond_cone(force: Any) -> Any:
+    """Half the squares of what a force is beyond a pyramid [N^2], or pulls."""
+    rows = [side * force[k] - _FRICTION * force[2] for k in (0, 1) for side in (-1, 1)]
+    return sum((ca.fmax(row, 0) ** 2 for row in [*rows, -force[2]]), ca.SX(0)) / 2
 
 
 def after_impact(at: Any, feet: Sequence[str]) -> Any:
@@ -444,7 +465,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--repeats", type=int, default=9, help="solves of which the median is taken")
     options = parser.parse_args(arguments)
     one_core()
-    os.environ["MBOCP_FUNCTIONS"] = "tapes"  # compiling takes minutes here, and gives nothing
+    os.environ["MBOCP_FUNCTIONS"] = "tapes"  # compiling takes minutes here, and gives a fifth
     show(header(), markdown=options.markdown)
     show(table(options.examples, options.repeats), markdown=options.markdown)
 

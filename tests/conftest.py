@@ -29,7 +29,6 @@ def interpreted_functions(
     key: str,
     build: Callable[[], dict[str, ca.Function]],
     *,
-    of_end: bool = False,
     deadline: float = math.inf,
     at_once: bool = False,
 ) -> CompiledFunctions:

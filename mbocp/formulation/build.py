@@ -120,7 +120,6 @@ def load_end_functions(
     return load_functions(
         "end " + signature.end_text,
         lambda: build_end_functions(signature.steps.mechanics(robot), signature),
-        of_end=True,
         deadline=deadline,
         at_once=at_once,
     )

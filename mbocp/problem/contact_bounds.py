@@ -14,6 +14,8 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.contact_force import ContactForce
+from mbocp.problem.cost import Cost
+from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.axes import perpendiculars
@@ -21,6 +23,7 @@ from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.cost import ForceRows
+from mbocp.terms.kinds import ConstraintForce
 from mbocp.terms.own import OwnTerm
 from mbocp.terms.span import Place, Span
 
@@ -354,6 +357,18 @@ def check_has_forces(key: str, scheme: str) -> None:
     raise ProblemError(f'{key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}')
 
 
+def weighs_forces(cost: Cost, phases: Iterable[Phase]) -> bool:
+    """Whether the cost, or that of a phase, has a weight on forces of constraints."""
+    key = ConstraintForce.key
+    return bool(np.any(cost.weight(key))) or any(key in phase.weights for phase in phases)
+
+
+def forces_of_costs(terms: Iterable[OwnTerm], robot: Robot) -> dict[str, str]:
+    """Return the constraints whose forces costs of one's own look at, with the key of a cost that does."""
+    running = [term for term in terms if term.role == "running"]
+    return {name: f"terms: {term.name}" for term in running for name in term.trace(robot).forces}
+
+
 def force_rows(
     terms: Iterable[OwnTerm], robot: Robot, scheme: str, table: SwitchTable | None
 ) -> dict[str, ForceRows]:
@@ -364,8 +379,7 @@ def force_rows(
     ProblemError
         If there is no such constraint, or it joins two joints, or forces are no unknowns of the scheme.
     """
-    running = [term for term in terms if term.role == "running"]
-    asked = {name: f"terms: {term.name}" for term in running for name in term.trace(robot).forces}
+    asked = forces_of_costs(terms, robot)
     sources, found = force_sources(robot, table) if asked else {}, {}
     for name, key in asked.items():
         check_has_forces(key, scheme)

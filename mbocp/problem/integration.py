@@ -13,7 +13,7 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_that
 from mbocp.problem._checks import check_choice, check_integer, check_number
-from mbocp.problem.contact_bounds import ContactBounds
+from mbocp.problem.contact_bounds import ContactBounds, forces_of_costs, weighs_forces
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
@@ -24,6 +24,7 @@ from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
+from mbocp.terms.own import OwnTerm
 
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 AUTO_SCHEME = "auto"
@@ -173,6 +174,8 @@ def choose_scheme(
     controls: str,
     said_goal: Goal,
     said_path: Sequence[object],
+    said_cost: Cost,
+    said_terms: tuple[OwnTerm, ...],
     said_phase: tuple[Phase, ...],
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
@@ -189,7 +192,8 @@ def choose_scheme(
     - natural coordinates, constraints that begin or end along the way, and bounds of their forces are for the
       tau family alone, of which `midpoint` is of order two; of legs that step, velocities alternate under it
       after impacts: `se1`;
-    - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones: `midpoint`;
+    - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones, and those whose forces
+      have a cost, which asks for one of each in a step: `midpoint`;
     - joints whose damping is stiff beside a step: `radau2`, or `se1` for large robots, under which velocities
       settle within it. Under others they ring, and Newton's matrix is singular to round-off;
     - floating bases and ball joints: `midpoint`. Their masses are the same in all poses, so that stages win
@@ -207,6 +211,7 @@ def choose_scheme(
     stiff, times = stiffest_joint(robot, ends[1])
     stiff_scheme = "se1" if robot.nv > _LARGE and controls == "constant" else "radau2"
     has_forces = any(isinstance(one, ContactForce | ContactBounds) for one in said_path)
+    has_cost = weighs_forces(said_cost, said_phase) or bool(forces_of_costs(said_terms, robot))
     suits = (  # the first that holds
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
         (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),
@@ -217,6 +222,7 @@ def choose_scheme(
         (not robot.nc and times > _STIFF, stiff_scheme, f"the damping of {stiff}, stiff beside a step"),
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
         (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
+        (has_cost, "midpoint", "costs of contact forces"),
         (robot.nc > 0 and robot.nv <= _SMALL_LOOP, "lobatto3", "small closed loops"),
         (robot.nc > 0, "midpoint", "closed loops of many joints"),
         (turns, "midpoint", "a floating base or ball joints"),

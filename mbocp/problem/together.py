@@ -9,7 +9,13 @@ import numpy as np
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.contact_bounds import ContactBounds, check_has_forces, contact_bounds, force_rows
+from mbocp.problem.contact_bounds import (
+    ContactBounds,
+    check_has_forces,
+    contact_bounds,
+    force_rows,
+    weighs_forces,
+)
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
@@ -68,12 +74,12 @@ def check_weights(
 
     Refuse weights on forces of constraints where there are none, too.
     """
-    key = "constraint_force"
-    if np.any(cost.weight(key)) or any(key in part.weights for part in phase):
-        check_has_forces(f"cost.{key}", scheme)
+    if weighs_forces(cost, phase):
+        check_has_forces("cost.constraint_force", scheme)
         if not robot.nc and switches is None:
             raise ProblemError(
-                f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
+                f"cost.constraint_force: robot {robot.name!r} has no constraints, and nothing is held; leave "
+                "it out"
             )
     force_rows(terms, robot, scheme, switches)  # refuses forces that are not there
     if goal.is_penalised and cost.terminal == 0.0:

@@ -36,14 +36,12 @@ class BackgroundCompiler:
         Of the tapes; the library is put beside it.
     key : str
         Of all that the library depends on.
-    of_end : bool
-        Whether functions are called once where others are called at every step.
     """
 
-    def __init__(self, file: Path, key: str, *, of_end: bool) -> None:
+    def __init__(self, file: Path, key: str) -> None:
         self.failure = ""
         self._is_stopped = False
-        self._command = python_command(_COMMAND, str(file), key, "end" if of_end else "")
+        self._command = python_command(_COMMAND, str(file), key)
         self._group: int | None = None
         self._thread = Thread(target=self._run, name="mbocp-compiler", daemon=True)
         _running.append(self)
@@ -91,12 +89,12 @@ def _stop() -> None:
         beside.stop()
 
 
-def run(file: str, key: str, end: str) -> None:
+def run(file: str, key: str) -> None:
     """Compile functions of tapes, in a process of its own; if another one does so, wait for it.
 
     Parameters
     ----------
-    file, key, end : str
+    file, key : str
         As `BackgroundCompiler` passes them.
     """
     os.nice(_PRIORITY)
@@ -107,4 +105,4 @@ def run(file: str, key: str, end: str) -> None:
         cc = compiler()
         if library_of(key) is None and cc is not None:
             functions, folder = functions_in(Path(file)), Path(file).parent
-            make_library(functions, cc, key, of_end=bool(end), folder=folder)
+            make_library(functions, cc, key, folder=folder)

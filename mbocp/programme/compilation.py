@@ -202,7 +202,6 @@ def load_functions(
     key: str,
     build: Callable[[], dict[str, ca.Function]],
     *,
-    of_end: bool = False,
     deadline: float = math.inf,
     at_once: bool = False,
 ) -> CompiledFunctions:
@@ -214,8 +213,6 @@ def load_functions(
         Text that stands for everything the functions depend on, the sources that write them included.
     build : callable
         Gives the CasADi functions by name; only called when the cache has no sound entry of this key.
-    of_end : bool
-        They are called once in an evaluation, and not at every step: compiling is worth less.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     at_once : bool
@@ -230,7 +227,7 @@ def load_functions(
     """
     policy = function_policy()
     place = _place(f"{key}{sources_digest()}{number_of_lanes()}", environment())
-    asked = _Asked(key, build, of_end, place, deadline)
+    asked = _Asked(key, build, place, deadline)
     if policy == TAPES:
         return asked.as_tapes()
     if place.is_sound:
@@ -285,7 +282,6 @@ class _Asked:
 
     key: str
     build: Callable[[], dict[str, ca.Function]]
-    of_end: bool
     place: _Place
     deadline: float
 
@@ -317,7 +313,7 @@ class _Asked:
 
     def compile(self, cc: tuple[str, ...]) -> CompiledFunctions:
         self.place.library, is_new = make_library(
-            self.functions, cc, library_key(self.key, cc), of_end=self.of_end, deadline=self.deadline
+            self.functions, cc, library_key(self.key, cc), deadline=self.deadline
         )
         return self.as_library(is_new=is_new)
 
@@ -339,10 +335,10 @@ class _Asked:
         if cc is None:
             _warn_no_compiler()
         elif file is not None:
-            self.place.beside = BackgroundCompiler(file, library_key(self.key, cc), of_end=self.of_end)
+            self.place.beside = BackgroundCompiler(file, library_key(self.key, cc))
 
     def _compile_now(self) -> CompiledFunctions:
-        return load_functions(self.key, self.build, of_end=self.of_end, at_once=True)
+        return load_functions(self.key, self.build, at_once=True)
 
 
 @lru_cache(maxsize=256)

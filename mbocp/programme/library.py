@@ -40,7 +40,6 @@ from mbocp.programme.cache import (
 from mbocp.programme.compiler import check_deadline, run_compiler
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.processor import instruction_flags, number_of_lanes
-from mbocp.programme.tapes import count_operations
 
 if TYPE_CHECKING:
     from mbocp.programme.c_files import CText
@@ -100,8 +99,9 @@ _LEFT_OUT = (
 _MOST_FILES = 4
 # What turns functions into tapes and C, beside this module; the kernel's part is `TAPE_FORMAT`.
 _SOURCES = ("tapes.py", "c_files.py", "processor.py", "lanes.h", "functions.h")
-_LARGE = 150_000  # operations of a function beyond which optimising it takes most of a minute: -O0, then
-_LARGE_END = 20_000  # the same for what is called once where others are called at every step
+# Lines of CasADi's, whose functions are whole: to optimise more takes minutes. Those of the kernel are in
+# pieces, so that time grows with their number; as -O0 leaves them, a tape is four times quicker.
+_LONG = 150_000
 
 
 def library_key(key: str, cc: tuple[str, ...] | None) -> str:
@@ -115,7 +115,6 @@ def make_library(
     cc: tuple[str, ...],
     depends_on: str,
     *,
-    of_end: bool,
     deadline: float = math.inf,
     folder: Path | None = None,
 ) -> tuple[Path, bool]:
@@ -128,8 +127,6 @@ def make_library(
         The compiler.
     depends_on : str
         Under this key the library is found again.
-    of_end : bool
-        Whether they are called once in an evaluation, and not at every step: compiling is worth less.
     deadline : float
         Time of `time.perf_counter` at which compiling is given up.
     folder : Path, optional
@@ -150,8 +147,8 @@ def make_library(
     """
     from mbocp.programme.c_files import CText  # what is compiled already needs none of it
 
-    flags = _flags_for(cc, functions.values(), _LARGE_END if of_end else _LARGE)
-    unit = _Unit(cc, flags, number_of_lanes(), CText.of(functions.values()))
+    text = CText.of(functions.values())
+    unit = _Unit(cc, _flags_for(cc, text), number_of_lanes(), text)
     check_deadline(deadline, "the functions were written in C")
     library = find_entry(unit.name)
     is_new = library is None
@@ -179,9 +176,9 @@ def _translation(cc: tuple[str, ...] | None, flags: Collection[str]) -> tuple[st
     return (platform.machine(), " ".join((*flags, *(cc[1:] if cc is not None else ()))))
 
 
-def _flags_for(cc: tuple[str, ...], functions: Collection[ca.Function], most: int) -> tuple[str, ...]:
-    """Flags by the largest function; `most` operations are worth optimising."""
-    if max(map(count_operations, functions)) > most:
+def _flags_for(cc: tuple[str, ...], text: CText) -> tuple[str, ...]:
+    """Flags by how much of it CasADi has written."""
+    if sum(written.count("\n") for written in text.others) > _LONG:
         return ("-O0", *instruction_flags(), *_FLAGS)
     return _flags() if _is_clang(cc) else (*_flags(), *_LEFT_OUT)
 

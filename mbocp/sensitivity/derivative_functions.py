@@ -52,7 +52,6 @@ def load_end_functions(formulation: Formulation) -> CompiledFunctions:
     return load_functions(
         f"sensitivities of the end {_own_digest()} {signature.end_text}",
         lambda: _build_end(signature.steps.mechanics(formulation.problem.robot), signature),
-        of_end=True,
     )
 
 

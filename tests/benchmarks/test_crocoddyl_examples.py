@@ -77,10 +77,11 @@ def test_costs_are_those_that_crocoddyl_has_found(
 @pytest.mark.parametrize(
     ("name", "expected", "within", "steps"),
     [
-        ("walk", 588.6368, 2e-3, 107),
-        ("trot", 231.7925, 5e-4, 55),
-        ("pace", 754.5215, 5e-3, 61),
-        ("jump", 2950.234, 6e-3, 60),
+        ("walk", 588.6368, 1.2e-3, 107),
+        ("trot", 231.7925, 4e-4, 55),
+        ("pace", 754.5215, 4e-3, 61),
+        ("bound", 1968.508, 7e-3, 61),
+        ("jump", 2950.234, 5e-3, 60),
     ],
 )
 def test_gaits_cost_what_crocoddyl_says_but_for_contacts(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import pytest
 from typer.testing import CliRunner
 
@@ -15,12 +16,18 @@ from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
+from mbocp.terms import running_cost
 
 from .conftest import EXAMPLES
 
 LINE = {"kind": "line", "frame": "tool0", "b": [0.4, 0.3, 0.4]}
 THERE = {"name": "tool0", "position": [0.4, 0.3, 0.4]}
 CRANK = {"q": {"crank": 1.5}, "v": 0}
+
+
+def pulls(at: Any) -> Any:
+    """Force of the first closed loop, squared."""
+    return ca.sumsqr(at.force(at.robot.constraints[0].name)[:3])
 
 
 def problem(robot: Any, **words: Any) -> Problem:
@@ -42,6 +49,8 @@ def problem(robot: Any, **words: Any) -> Problem:
         ("ur5", {"path": [LINE], "goal": {"frame": THERE}}, "gauss2"),  # not at rest
         ("ur5", {"phase": [{"name": "a", "steps": 20, "duration": 1.0}]}, "gauss2"),
         ("four_bar", {"goal": CRANK}, "lobatto3"),
+        ("four_bar", {"goal": CRANK, "cost": {"constraint_force": 1.0}}, "midpoint"),
+        ("four_bar", {"goal": CRANK, "terms": [running_cost(pulls)]}, "midpoint"),
         ("four_bar", {"goal": CRANK, "controls": "linear"}, "lobatto3"),
         ("four_bar", {"goal": CRANK, "coordinates": "natural"}, "midpoint"),
         ("stewart", {}, "midpoint"),

@@ -16,6 +16,7 @@ from mbocp.exceptions import CompilationError, InvalidValue
 from mbocp.formulation import transcribe
 from mbocp.problem import Problem
 from mbocp.programme import compilation, library
+from mbocp.programme.c_files import CText
 from mbocp.programme.compilation import NoCompilerWarning, load_functions
 from mbocp.programme.compiler import compiler
 from mbocp.robot.payload import Payload
@@ -251,8 +252,8 @@ def test_gravity_and_masses_are_part_of_the_shape(folder: Path) -> None:
     assert len(list(folder.glob("*.so"))) == LIBRARIES + 1  # the functions of the end have no forces in them
 
 
-def flags(functions: list[ca.Function], most: int, cc: tuple[str, ...] = GCC) -> tuple[str, ...]:
-    return library._flags_for(cc, functions, most)
+def flags(functions: list[ca.Function], cc: tuple[str, ...] = GCC) -> tuple[str, ...]:
+    return library._flags_for(cc, CText.of(functions))
 
 
 def long_function() -> ca.Function:
@@ -263,18 +264,17 @@ def long_function() -> ca.Function:
     return ca.Function("dense", [x], [value])
 
 
-def test_flags_follow_what_is_compiled() -> None:
-    x = ca.SX.sym("x", 2)
-    plain, dense = ca.Function("plain", [x], [2 * x]), long_function()
-    calling = ca.Function("calling", [x], [dense.call([x], False, True)[0]])
-    assert "-fno-tree-fre" in flags([plain, dense], 1000)
-    assert "-fno-tree-fre" in flags([plain, calling], 1000)
-    assert "-O0" in flags([plain, dense], 20)
-    assert "-O0" in flags([plain, calling], 20)
+def test_a_function_in_pieces_is_optimised_however_long_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, table = ca.MX.sym("x"), ca.interpolant("table", "linear", [[0.0, 1.0]], [0.0, 2.0])
+    by_casadi = ca.Function("by_casadi", [x], [table(x)])
+    assert "-O0" not in flags([long_function(), by_casadi])
+    monkeypatch.setattr(library, "_LONG", 20)
+    assert "-O1" in flags([long_function()])
+    assert "-O0" in flags([long_function(), by_casadi])
 
 
 def test_clang_gets_no_options_of_gcc() -> None:
     dense = [long_function()]
-    assert "-fno-tree-fre" in flags(dense, 10**6, (*GCC, "-m64"))
-    of_clang = flags(dense, 10**6, ("/usr/bin/ccache", "clang-14"))
+    assert "-fno-tree-fre" in flags(dense, (*GCC, "-m64"))
+    of_clang = flags(dense, ("/usr/bin/ccache", "clang-14"))
     assert "-fno-tree-fre" not in of_clang
