@@ -12,7 +12,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
-from mbocp.formulation.features.within_steps import block_within, names_within
+from mbocp.formulation.features.within_steps import names_within, units_within
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
@@ -129,9 +129,8 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_us = formulation.pieces.signature.control_values.sum_up(own)
     of_path = [bounds.path * slopes]
     states = formulation.layout.states
-    within = [block_within(letter) for letter in problem.limits_within if letter != "m"]
-    within += [LINES_WITHIN] if "m" in problem.limits_within else []
-    of_path += [bounds.xs[1:, states[name]] for name in within]
+    within = units_within(problem) | ({LINES_WITHIN: 1.0} if "m" in problem.limits_within else {})
+    of_path += [bounds.xs[1:, states[name]] / unit for name, unit in within.items()]
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 
