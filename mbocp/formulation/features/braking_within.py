@@ -8,7 +8,8 @@ stay within the convex hull of their Bernstein coefficients of degree three,
 
 Where a joint stands that brakes, see `mbocp.terms.braking`, is convex in both: where it keeps its limit at
 these four places it does so in the whole step. Nodes keep theirs, and the state after the step remembers
-those of the other two.
+those of the other two. Where controls are constant in steps speeds bulge less between nodes, and a little
+more reserve there is cheaper, see `mbocp.strategies`.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ class BrakingWithin(Feature):
 
     @classmethod
     def of(cls, problem: Problem, asked: Asked) -> BrakingWithin | None:
-        """Return those of a problem whose configurations say how speeds vary within a step."""
+        """Return those of a problem whose speeds and controls vary within a step."""
         rows, model = [], problem.robot.model
         for path, term in _braking(problem):
             joint = model.joints[model.frames[path.frame].parentJoint]
@@ -118,8 +119,8 @@ def names_of_braking(problem: Problem) -> tuple[str, ...]:
 
 
 def _braking(problem: Problem) -> list[tuple[PathConstraint, Braking]]:
-    """Constraints of joints whose angles are numbers, with their terms; none without cubics."""
-    if not has_cubics(problem):
+    """Constraints of joints whose angles are numbers, with their terms; none where cubics hardly bulge."""
+    if not has_cubics(problem) or problem.controls == "constant":
         return []
     model = problem.robot.model
     pairs = ((path, path.term) for path in problem.frame_constraints)
