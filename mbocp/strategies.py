@@ -221,7 +221,9 @@ def _with_lower_speeds(problem: Problem, lowered: Mapping[str, float]) -> Proble
 class RoomToBrake:
     """Solve; where a braking joint has less than its reserve between nodes, again with so much more at nodes.
 
-    Where that leads to no motion, the advice names the joints.
+    Where controls vary within steps it holds there from the first, see
+    `mbocp.formulation.features.braking_within`. Where more reserve leads to no motion, the advice names the
+    joints.
 
     Attributes
     ----------

@@ -9,10 +9,11 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.braking_within import BRAKING_WITHIN, names_of_braking
 from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
 from mbocp.formulation.features.reactions import reactions_along
-from mbocp.formulation.features.within_steps import block_within, names_within
+from mbocp.formulation.features.within_steps import names_within, units_within
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
@@ -38,7 +39,7 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
 
 def _names_within(problem: Problem) -> tuple[str, ...]:
     """Of all limits that hold within steps, too."""
-    return (*names_within(problem), *names_of_lines(problem))
+    return (*names_within(problem), *names_of_lines(problem), *names_of_braking(problem))
 
 
 def limit_violation(formulation: Formulation, iterate: Iterate, motion: Motion) -> float:
@@ -129,9 +130,8 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     lam_us = formulation.pieces.signature.control_values.sum_up(own)
     of_path = [bounds.path * slopes]
     states = formulation.layout.states
-    within = [block_within(letter) for letter in problem.limits_within if letter != "m"]
-    within += [LINES_WITHIN] if "m" in problem.limits_within else []
-    of_path += [bounds.xs[1:, states[name]] for name in within]
+    within = units_within(problem) | dict.fromkeys(states.keys() & {LINES_WITHIN, BRAKING_WITHIN}, 1.0)
+    of_path += [bounds.xs[1:, states[name]] / within[name] for name in states if name in within]
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 

@@ -106,6 +106,8 @@ class Passage:
         Parameters of the step, by name.
     forces : callable
         Rows of the robot's constraints -> their forces in the step [N, N m].
+    q0 : casadi.SX, shape (nq,), or ndarray, shape (N, nq)
+        Configuration before, where coordinates are those of the joints [m, rad].
     way : callable
         What leads from the configuration before to that after it, of the shape of speeds [m, rad].
     begin : casadi.SX, shape (nu,), or ndarray, shape (N, nu), or None
@@ -124,6 +126,7 @@ class Passage:
     controls: Mapping[str, Any]
     given: Mapping[str, Any]
     forces: Callable[[Sequence[int]], Any]
+    q0: Any
     way: Callable[[], Any]
     begin: Any = None
 

@@ -101,6 +101,7 @@ class States:
                 controls={name: us[:, where][taken] for name, where in at.controls.items()},
                 given={**for_all, **{name: rows[taken] for name, rows in given.items()}},
                 forces=lambda rows: forces[taken][:, list(rows) if forces.size else []],
+                q0=xs[:-1, at.z][taken],
                 way=lambda: self._ways(xs, taken),
                 begin=motion.values[taken, 0] if problem.controls == "linear" else None,
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar
 
 import casadi as ca
@@ -109,8 +109,10 @@ class Braking(PathTerm):
         joint = model.frames[self.frame].parentJoint
         q = at.mechanics.joint_displacement(joint, at.q)
         v = at.joint_velocity()[model.joints[joint].idx_v]
-        stops = [
-            q + side * ca.fmax(side * v + p["reserve"], 0.0) ** 2 / (2.0 * p["deceleration"])
-            for side in self.sides
-        ]
+        stops = [stop(q, v, side, p["reserve"], p["deceleration"], ca.fmax) for side in self.sides]
         return ca.vertcat(*stops)
+
+
+def stop(q: Any, v: Any, side: int, reserve: Any, deceleration: Any, largest: Callable[..., Any]) -> Any:
+    """Return where a joint would stand, of symbols or arrays; `largest` is the larger one of two [rad]."""
+    return q + side * largest(side * v + reserve, 0.0) ** 2 / (2.0 * deceleration)

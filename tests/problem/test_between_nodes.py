@@ -304,9 +304,29 @@ def test_states_remember_the_accelerations_of_a_step() -> None:
     problem = replace(swing("linear", acceleration=8.0), limits_within="a")
     s, formulation = mbocp.solve(problem, check=True), formulate(problem)
     iterate = formulation.iterate_of(motion_of(s), s.lams)
-    remembered = iterate.xs[1:, formulation.layout.states["acceleration_within"]]
+    remembered = (
+        8.0 * iterate.xs[1:, formulation.layout.states["acceleration_within"]]
+    )  # by the limit
     np.testing.assert_allclose(np.vstack(np.split(remembered, 2, axis=1)), accelerations_of(s), atol=1e-10)
     check_derivatives(formulation, 2, [0, 3, 4])
+
+
+@pytest.mark.parametrize("limits", [{"acceleration": 8.0}, {"acceleration": 8.0, "jerk": 60.0}], ids=len)
+def test_multipliers_within_steps_are_what_the_cost_gains_from_a_wider_limit(
+    limits: dict[str, float],
+) -> None:
+    """The last limit's, at nodes, within steps and at ends together."""
+    key, bound = list(limits.items())[-1]
+
+    def solved(factor: float) -> mbocp.Solution:
+        return mbocp.solve(swing("linear", 30, **{**limits, key: factor * bound}), check=True)
+
+    s, share = solved(1.0), 1e-4
+    slope = (solved(1.0 + share).cost - solved(1.0 - share).cost) / (2.0 * share * bound)
+    own = np.abs(s.lam_path[:, [name.startswith(key) for name in s.path_names]])
+    within = np.abs(s.lam_path[:, [name.startswith(key) and "step" in name for name in s.path_names]])
+    assert within.sum() > 0.1 * own.sum()
+    assert slope == pytest.approx(-own.sum(), rel=1e-2)  # jerks decide on accelerations at both ends, too
 
 
 def test_jerks_of_linear_controls_hold_within_steps_and_at_both_ends() -> None:

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ruckig
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tests.sent.cases import ROBOTS, TOLERANCE, row_of
+from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -26,6 +29,39 @@ def test_nothing_is_left_as_it_is_sent(name: str, seed: int) -> None:
     assert row["end_speed"] < 1e-6
     if name == "fr3":
         assert row["end_acceleration"] < 1e-4
+
+
+@pytest.mark.parametrize(("name", "seed"), [("ur5e", 1474), ("ur5e", 1820), ("fr3", 1003), ("fr3", 1022)])
+def test_controls_at_stages_are_as_fast_as_the_slowest_joint(name: str, seed: int) -> None:
+    """Where accelerations change in 10 ms, or speeds fall towards the limits of positions."""
+    row = row_of(name, seed, controls="stages")
+    assert row["status"] == "converged"
+    assert 1.0 <= row["sent"] / row["least"] < 1.005
+    assert row["iterations"] < 100
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000))
+def test_the_least_time_is_that_of_ruckig_far_from_limits_of_positions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ends, limits = rng.uniform(-2.0, 2.0, 2), (rng.uniform(0.5, 5.0), rng.uniform(5.0, 20.0), 5000.0)
+    planner, given_, found = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
+    given_.current_position, given_.target_position = [ends[0]], [ends[1]]
+    given_.max_velocity, given_.max_acceleration, given_.max_jerk = ([x] for x in limits)
+    planner.calculate(given_, found)
+    own = time_to_brake(tuple(ends), (-1e6, 1e6), (0.2, 3.0), limits)
+    assert own == pytest.approx(found.duration, rel=1e-3)
+    near = time_to_brake(tuple(ends), (min(ends) - 0.1, max(ends) + 0.1), (0.2, 3.0), limits)
+    assert near >= own
+
+
+def test_a_joint_that_is_slowed_all_along_takes_the_time_of_its_curve() -> None:
+    """v = sqrt(2 a (room - x)) - v_0 integrates in closed form; accelerations are hardly a limit."""
+    slowing, reserve, room, way = 2.0, 0.3, 2.0, 1.5
+    begin, end = np.sqrt(2.0 * slowing * np.array([room, room - way]))
+    exact = (begin - end + reserve * np.log((begin - reserve) / (end - reserve))) / slowing
+    found = time_to_brake((0.0, way), (-1.0, room), (reserve, slowing), (1e3, 1e6, 1e12))
+    assert found == pytest.approx(exact, rel=1e-4)
 
 
 def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import mbocp
 from mbocp.exceptions import ProblemError
+from mbocp.formulation import Motion, formulate
 from mbocp.job import Job
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.solution import Status
@@ -20,6 +21,7 @@ from mbocp.solution.curves import Curves
 from mbocp.solution.later import retold
 from mbocp.strategies import OneSolve, RoomToBrake
 from mbocp.terms.kinds import Braking
+from tests.formulation.stages import check_derivatives
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
@@ -103,22 +105,23 @@ def test_a_joint_that_slides_is_refused() -> None:
         Problem.create(robot, 1.0, 10, path=[{**BRAKING, "frame": name}])
 
 
-def cut_corner() -> Problem:
+def cut_corner(controls: str = "constant", steps: int = 16, **changes: float) -> Problem:
     """In steps so long that they cut a corner of the limit."""
     return Problem.create(
         mbocp.load_robot("double_pendulum", damping=False),
         {"min": 0.2, "max": 4.0},
-        16,
+        steps,
         start={"q": [-1.0, 0.0]},
         goal={"q": [0.9, 0.0], "v": 0},
         cost={"time": 1.0, "effort": 1e-4},
         limits={"acceleration": 12.0, "velocity": 2.0},
-        path=[{**BRAKING, "reserve": 0.0, "min": -9.0}],
+        path=[{**BRAKING, "reserve": 0.0, "min": -9.0, **changes}],
+        controls=controls,
     )
 
 
 def missing_reserve(s: mbocp.Solution) -> float:
-    q, v = (x[:, 0] for x in curves_of(s).places(20)[1][:2])
+    q, v = (x[:, 0] for x in Curves(s.t, s.qs, s.vs).places(20)[1][:2])
     return Braking.missing_reserve(cut_corner().path[0], q, v)
 
 
@@ -149,11 +152,10 @@ def test_a_reserve_that_is_not_had_is_told() -> None:
     assert float(told[1]) == pytest.approx(missing_reserve(s), rel=0.2)
 
 
-def test_it_holds_between_nodes_too() -> None:
-    """Where long steps cut a corner, nodes get more reserve until the cubics between them keep it."""
+def test_nodes_get_more_reserve_where_controls_are_constant() -> None:
+    """Where long steps cut a corner, until the cubics between them keep it."""
     problem = cut_corner()
-    s = mbocp.solve(problem, check=True)
-    alone = OneSolve().run(Job.of(problem))
+    s, alone = mbocp.solve(problem, check=True), OneSolve().run(Job.of(problem))
     assert missing_reserve(alone) > 0.01
     assert missing_reserve(s) <= 2e-4
     assert alone.duration < s.duration < 1.1 * alone.duration
@@ -162,5 +164,41 @@ def test_it_holds_between_nodes_too() -> None:
     assert constraint.number("reserve") == pytest.approx([0.0])
 
 
-def curves_of(s: mbocp.Solution) -> Curves:
-    return Curves(s.t, s.qs, s.vs)
+def test_it_holds_within_long_steps_and_costs_little() -> None:
+    s, fine = (mbocp.solve(cut_corner("stages", steps), check=True) for steps in (16, 48))
+    assert missing_reserve(s) <= 1e-6
+    assert fine.duration < s.duration < 1.01 * fine.duration
+    assert not any(phase.name == "reserves at nodes" for phase in s.phases)
+    within = [name for name in s.path_names if name.startswith("braking") and "steps" in name]
+    assert len(within) == 4
+    check_derivatives(formulate(cut_corner("stages")), 2, [0, 3, 4])
+
+
+def test_multipliers_are_what_the_time_gains_from_a_farther_limit() -> None:
+    s, step = mbocp.solve(cut_corner("stages"), check=True), 1e-4
+    nearer, farther = (
+        mbocp.solve(cut_corner("stages", max=LIMIT + d), check=True).cost for d in (-step, step)
+    )
+    own = s.lam_path[:, [name.startswith("braking of joint1.max") for name in s.path_names]]
+    within = s.lam_path[:, [name.startswith("braking of joint1.max ") for name in s.path_names]]
+    assert within.sum() > 0.05 * own.sum()
+    assert (farther - nearer) / (2.0 * step) == pytest.approx(-own.sum(), rel=1e-3)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_no_place_of_a_cubic_is_beyond_what_states_remember(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    formulation = formulate(cut_corner("linear", 4, reserve=RESERVE))
+    qs, vs = rng.uniform(-1.0, 1.0, (2, 5, 2))
+    qs[0], vs[0] = [-1.0, 0.0], 0.0  # where it starts
+    dts = rng.uniform(0.06, 0.9) * np.ones(4)
+    xs = formulation.iterate_of(Motion(qs, vs, np.zeros((4, 2)), dts), np.zeros((4, 0))).xs
+    remembered = xs[1:, formulation.layout.states["braking_within"]].reshape(4, 2, 2)
+    (path,) = formulation.problem.path
+    at = Curves(np.append(0.0, np.cumsum(dts)), qs, vs).places(20)[1]
+    values = path.values_along(formulation.problem.robot, at[0], at[1], np.zeros_like(at[0]))
+    nodes = path.values_along(formulation.problem.robot, qs, vs, np.zeros_like(qs))
+    for k, (within, own) in enumerate(zip(values.reshape(4, 21, 2), remembered, strict=True)):
+        corners = np.vstack([nodes[k : k + 2], own])
+        assert (within[:, 0] <= corners[:, 0].max() + 1e-9).all()
+        assert (within[:, 1] >= corners[:, 1].min() - 1e-9).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from mbocp.formulation.features.braking_within import BrakingWithin
 from mbocp.formulation.features.clock import Clock, Moment
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
@@ -32,6 +33,7 @@ _KINDS: tuple[type[Feature], ...] = (
     Memory,
     WithinSteps,
     LinesWithin,
+    BrakingWithin,
     Progress,
     Heat,
     Reactions,

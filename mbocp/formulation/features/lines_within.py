@@ -96,8 +96,8 @@ class LinesWithin(Feature):
         gains, slopes = step.given[_GAINS], step.given[_SLOPES]
         values = []
         for i, (place, control, dof) in enumerate(self.rows):
-            value = _entry(rates[place], dof) if control < 0 else gains[i] * _entry(controls[place], control)
-            values.append(value + slopes[i] * _entry(speeds[place], dof))
+            value = entry(rates[place], dof) if control < 0 else gains[i] * entry(controls[place], control)
+            values.append(value + slopes[i] * entry(speeds[place], dof))
         return np.column_stack(values) if isinstance(step.s0, np.ndarray) else ca.vertcat(*values)
 
     def _controls(self, step: Passage) -> tuple[Any, ...]:
@@ -150,6 +150,6 @@ def _parts(problem: Problem) -> list[tuple[int, SpeedLines]]:
     return found + [(2, one) for one in lines if one.control is None and is_cubic]
 
 
-def _entry(values: Any, place: int) -> Any:
+def entry(values: Any, place: int) -> Any:
     """An entry of a vector of symbols, or a column of an array with a row for each step."""
     return values[:, place] if isinstance(values, np.ndarray) else values[place]

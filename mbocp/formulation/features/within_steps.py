@@ -26,6 +26,7 @@ import numpy as np
 from mbocp._arrays import Array, IntArray
 from mbocp._dataclass import dataclass
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.problem.between_nodes import widest_within
@@ -59,13 +60,13 @@ class WithinSteps(Feature):
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """One entry for each, and place."""
         return tuple(
-            Block(block_within(key), len(_places(key)) * len(own), has_unit=key == "j")
+            Block(block_within(key), len(_places(key)) * len(own), has_unit=key != "v")
             for key, own in self.entries
         )
 
     def units(self, problem: Problem) -> Mapping[str, float]:
-        """Of jerks, the size of their limits: numbers that solvers see are of ordinary size."""
-        return {block_within("j"): _jerk_unit(problem)} if "j" in dict(self.entries) else {}
+        """Of rates, the size of their limits: numbers that solvers see are of ordinary size."""
+        return {name: unit for name, unit in units_within(problem).items() if name != block_within("v")}
 
     @property
     def state_key(self) -> Mapping[str, Any]:
@@ -79,7 +80,8 @@ class WithinSteps(Feature):
         if key == "v":
             values = [b]
         elif key == "a":
-            values = [2.0 * (b - step.s0) / step.dt, 2.0 * (step.s1 - b) / step.dt]
+            pieces = b - step.s0, step.s1 - b
+            values = [2.0 * piece / (step.dt * step.units[name]) for piece in pieces]
         else:
             values = [2.0 * (step.s0 + step.s1 - 2.0 * b) / step.dt**2 / step.units[name]]
         if isinstance(b, np.ndarray):
@@ -89,7 +91,7 @@ class WithinSteps(Feature):
     def state_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """Those of the limits; none in impacts, which take no time."""
         moves = np.flatnonzero(~problem.timeline.is_impact)
-        found = {}
+        found, units = {}, units_within(problem)
         for key, own in self.entries:
             places = len(_places(key))
             lower, upper = infinite_bounds(problem.num_steps, places * len(own))
@@ -98,8 +100,8 @@ class WithinSteps(Feature):
                 side[moves] = np.tile(limits[:, own], places)
             if key == "a" and "j" in problem.limits_within:
                 _begin_and_end(problem, list(own), moves, (lower, upper))
-            unit = _jerk_unit(problem) if key == "j" else 1.0
-            found[block_within(key)] = (lower / unit, upper / unit)
+            name = block_within(key)
+            found[name] = lower / units[name], upper / units[name]
         return found
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
@@ -116,6 +118,12 @@ class WithinSteps(Feature):
 def block_within(letter: str) -> str:
     """Return the name of the block of a limit, by its letter."""
     return f"{_KEYS[letter]}_within"
+
+
+def units_within(problem: Problem) -> dict[str, float]:
+    """Return units of the blocks of a problem, by name: of rates those of their limits."""
+    units = {"velocity": 1.0, **memory_units(problem)}
+    return {block_within(key): units[_KEYS[key]] for key, _ in _entries(problem)}
 
 
 def names_within(problem: Problem) -> tuple[str, ...]:
@@ -145,10 +153,6 @@ def _begin_and_end(problem: Problem, own: list[int], moves: IntArray, sides: tup
         spare = np.where(asked[own], spare, np.inf)
         low, high = (side[step, columns] for side in sides)
         low[:], high[:] = np.maximum(low, at[own] - spare), np.minimum(high, at[own] + spare)
-
-
-def _jerk_unit(problem: Problem) -> float:
-    return next(limit.scale for limit in problem.rate_limits if limit.key == "jerk")
 
 
 def _entries(problem: Problem) -> tuple[tuple[str, tuple[int, ...]], ...]:
