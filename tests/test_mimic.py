@@ -13,6 +13,7 @@ import pytest
 import mbocp
 from mbocp._arrays import Array
 from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.mechanics.motion_rates import accelerations
 from mbocp.problem import Problem
 from mbocp.problem.problem import problem_from_tables
 from mbocp.robot import describe, load_robot
@@ -137,6 +138,18 @@ def test_limits_and_path_constraints(hand: Tied) -> None:
     assert max(speeds) == pytest.approx(0.9 * fastest, rel=1e-6)
     assert np.abs(s.vs[:, 2]).max() <= limits["velocity"]["knuckle"] + 1e-7
     assert s.cost > free.cost
+
+
+def test_speeds_are_looked_at_between_nodes(hand: Tied) -> None:
+    """With `"gauss2"` they are followed along the flow, which takes accelerations of the tied joints."""
+    limits = {"velocity": {"knuckle": 1.2}}
+    s = solved(
+        problem(hand, steps=10, cost={"velocity": 0.1}, integrator={"scheme": "gauss2"}, limits=limits)
+    )
+    assert s.limit_excess < 0.05
+    found = accelerations(hand.robot, s.qs[:-1], s.vs[:-1], s.us)
+    expected = [hand.acceleration(q, v, u) for q, v, u in zip(s.qs, s.vs, s.us, strict=False)]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_the_adjoint_is_the_price_of_the_start(pair: Tied) -> None:

@@ -182,7 +182,6 @@ def _of_joint(problem: Problem, name: str) -> JointHandle:
     present = value(problem.goal.q)
     if is_circle:
         return JointHandle(name, -np.pi, np.pi, value, move)
-    model = robot.model
-    lower, upper = float(model.lowerPositionLimit[at][0]), float(model.upperPositionLimit[at][0])
+    lower, upper = (float(side[at][0]) for side in (robot.limits.position_lower, robot.limits.position_upper))
     lower, upper = max(lower, present - _FURTHEST), min(upper, present + _FURTHEST)
     return JointHandle(name, min(lower, present), max(upper, present), value, move)

@@ -26,6 +26,32 @@ class Frames(Protocol):
         """Derivative of a function of the configuration along its tangent, shape (rows, nv)."""
 
 
+class Geared(Protocol):
+    """Motors with gears, in any coordinates."""
+
+    robot: Robot
+
+    def gear_ratio(self, dof: int) -> ca.SX:
+        """Turns of the motor for one of a joint with this velocity; 1 without a gear."""
+
+
+def controls_for(mechanics: Geared, force: ca.SX) -> ca.SX:
+    """Controls with B u = force, or nearest to it, shape (nu,) [N, N m]; of frames that turn and drives 0.
+
+    Parameters
+    ----------
+    mechanics : JointMechanics or NaturalMechanics
+        Gives gear ratios.
+    force : casadi.SX, shape (nv,)
+        Generalised force [N, N m].
+    """
+    robot = mechanics.robot
+    found = ca.sparsify(ca.SX(ca.DM(robot.actuation.inverse))) @ force
+    for motor in robot.opened_motors:  # their ratios are found, or parameters
+        found[motor.column] *= motor.gear_ratio / mechanics.gear_ratio(motor.dof)
+    return ca.vertcat(found, ca.SX.zeros(robot.nu - found.numel(), 1))
+
+
 def force_element_force(index: int, mechanics: Frames, q: ca.SX, v: ca.SX) -> ca.SX:
     """Generalised force of one element, shape (nv,) [N, N m].
 

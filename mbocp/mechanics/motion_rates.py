@@ -85,7 +85,11 @@ def accelerations(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
     for n, (q, v, u) in enumerate(zip(qs, vs, us, strict=True)):
         passive = robot.force_elements(q, v) if has_springs else losses[n]
         force = (matrix if constant else robot.actuation_matrix(q)) @ u + passive
-        found[n] = pin.aba(model, data, q, v, force)
+        if len(model.mimicking_joints):  # Pinocchio's forward dynamics refuses them
+            held = pin.rnea(model, data, q, v, np.zeros(robot.nv)).copy()
+            found[n] = robot.velocity_from_momentum(q, force - held)
+        else:
+            found[n] = pin.aba(model, data, q, v, force)
     return found
 
 

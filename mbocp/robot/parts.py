@@ -6,11 +6,12 @@ All of it is data. A frame is an index into `pin.Model.frames`; frame 0 is the u
 from __future__ import annotations
 
 from dataclasses import field
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
-from mbocp._arrays import Array, freeze
+from mbocp._arrays import Array, freeze, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
 
@@ -172,6 +173,15 @@ class Actuation:
     def is_constant(self) -> bool:
         """Whether B does not depend on q."""
         return not self.frame_actuators
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Pseudo-inverse of the constant part of B, shape (nu_joint, nv)."""
+        products = self.selection.T @ self.selection
+        squares = np.diagonal(products)
+        if (squares > 0.0).all() and np.array_equal(products, np.diag(squares)):
+            return frozen_array(self.selection.T / squares[:, None])  # without round-off
+        return frozen_array(np.linalg.pinv(self.selection))
 
 
 @dataclass(frozen=True)

@@ -194,9 +194,11 @@ def _largest(values: Array) -> float:
 
 def _touch(kind: str, columns: Sequence[Column], values: Array, limits: Array) -> Iterator[ActiveLimit]:
     for i, column in enumerate(columns):
-        for side, bound, sign in (("lower", limits[0, i], -1.0), ("upper", limits[1, i], 1.0)):
+        lower, upper = limits[:, i]
+        for side, bound, sign in (("lower", lower, -1.0), ("upper", upper, 1.0)):
             if np.isfinite(bound):
-                margin = _TOUCHES * (abs(bound) if kind in _OF_TIME else max(1.0, abs(bound)))
+                size = abs(bound) if kind in _OF_TIME else max(1.0, abs(bound))
+                margin = _TOUCHES * (min(size, upper - lower) or size)  # small robots have narrow ranges
                 count = int(np.count_nonzero(sign * (values[:, i] - bound) >= -margin))
                 if count:
                     yield ActiveLimit(kind, column.name, side, float(bound), column.unit, count, len(values))

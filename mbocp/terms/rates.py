@@ -12,8 +12,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 from mbocp._dataclass import dataclass
 
 if TYPE_CHECKING:
@@ -235,10 +233,11 @@ class ControlRateAtEnd(RateAtEnd, ControlRateLimit):
             return super().goal(at, p)
         import casadi as ca  # slow to import, and what prints results needs names of limits alone
 
+        from mbocp.mechanics.forces import controls_for
+
         still = ca.SX.zeros(at.v.numel()), ca.SX.zeros(at.mechanics.nu)
         weight = at.mechanics.gravity(at.q) - at.mechanics.force(at.q, *still)
-        inverse = np.linalg.inv(at.mechanics.robot.actuation_matrix(at.mechanics.robot.q0))
-        return (ca.DM(inverse) @ weight)[list(self.entries)]
+        return controls_for(at.mechanics, weight)[list(self.entries)]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
+from mbocp.mechanics.forces import controls_for
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import (
@@ -221,7 +222,7 @@ class Potential(Weighted):
 
 @dataclass(frozen=True)
 class EffortAboutGravity(Weighted):
-    """Efforts beyond what gravity asks of each control, u - B(q)' g(q)."""
+    """Efforts beyond those that hold the weight, u less the controls that are nearest to B u = g(q)."""
 
     key = "effort_about_gravity"
     over = "u"
@@ -230,13 +231,17 @@ class EffortAboutGravity(Weighted):
         """Keys."""
 
         effort_about_gravity: Annotated[
-            ControlWeights, Key("on squares of the controls less what holds the weight")
+            ControlWeights,
+            Key("on squares of the controls less what holds the weight; not with closed loops and holds"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the differences."""
-        held = at.pushes().T @ at.mechanics.gravity(at.q)
-        return half_square(p[self.key], at.control - held)
+        weight = at.mechanics.gravity(at.q)
+        for joint in at.mechanics.robot.elastic:  # at rest its spring hands the weight on to the motor
+            link, motor = joint.at_v
+            weight[motor] += weight[link]
+        return half_square(p[self.key], at.control - controls_for(at.mechanics, weight))
 
 
 @dataclass(frozen=True)

@@ -254,6 +254,23 @@ def test_self_collision_finds_its_pairs(planar, tmp_path):
         p.with_(start={"q": [0.0, 2.0944, 2.0944]})
 
 
+@pytest.mark.parametrize("given", ['lower="0" upper="0"', 'lower="0.4" upper="0.4"', ""])
+def test_joints_without_limits_find_what_they_may_meet(planar, tmp_path, given):
+    """Equal limits are none: such joints do not stay where these are."""
+    text = next(tmp_path.glob("*.urdf")).read_text().replace('lower="-3" upper="3"', given)
+    free = problem(load_robot(write(tmp_path, text)), self_collision=True)
+    assert free.clearance.self_pairs.links == problem(planar, self_collision=True).clearance.self_pairs.links
+
+
+def test_springs_beside_self_collision_change_no_pair(planar):
+    """Their motors have no position limits, and no links."""
+    spring = {"joint": "j2", "stiffness": 100.0, "motor_inertia": 1.0}
+    elastic = load_robot(planar.source, elastic=[spring])
+    goal = {"q": {"j1": 1.0, "j2": 0.3, "j3": 0.3}, "v": 0}
+    p = Problem.create(elastic, 1.0, 8, start={"q": [0.0, 0.3, 0.3]}, goal=goal, self_collision=True)
+    assert p.clearance.self_pairs.links == problem(planar, self_collision=True).clearance.self_pairs.links
+
+
 def test_the_nearest_approach_is_that_of_every_pose(planar):
     """Compared with coal at all poses, shape by shape."""
     p = problem(

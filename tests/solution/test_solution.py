@@ -75,6 +75,13 @@ def test_limits_that_the_motion_touches() -> None:
     assert not any(name == "clearance" for _, name, _ in found)
 
 
+def test_small_motors_are_not_at_limits_that_they_are_far_from() -> None:
+    us = np.tile([1e-12, 0.0, 0.0], (20, 1))
+    sides = np.array([[-2e-12, -1.0, -1.0], [1e-12, 1.0, 1.0]])
+    (found,) = [a for a in limited(us=us, limits_u=sides).active_limits if a.kind == "control"]
+    assert (found.name, found.side, found.count) == ("force_x", "upper", 20)
+
+
 def test_bounds_of_path_constraints_are_those_of_the_problem() -> None:
     facts = Facts(path=(PathRow("ceiling.z", -5.5, np.inf, "m", 20),))
     (ceiling,) = [a for a in limited(facts_kept=facts).active_limits if a.kind == "path"]

@@ -31,6 +31,7 @@ from mbocp.terms.written import range_of, read_side
 
 _FOLDER = Path(__file__).parents[2] / "profiles"
 _OF_CONTROLS = ("effort", "effort_rate", "power")
+_OF_FORCES = ("effort", "effort_rate")
 _OF_ANGLES = ("position", "velocity", "acceleration", "jerk")
 _OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
     "effort": Motor,
@@ -131,7 +132,7 @@ class Profile:
         """Return the tables of `[limits]` for a robot, by key.
 
         Positions of continuous joints are left out, and controls that are not those of a joint. Rates and
-        efforts of elastic joints are those of their motors.
+        efforts of elastic joints are those of their motors, efforts of joints with gears those before these.
 
         Raises
         ------
@@ -145,7 +146,11 @@ class Profile:
             if values is None:
                 continue
             moved = {} if key == "position" else {joint.name: joint.motor for joint in robot.elastic}
-            named = {moved.get(name, name): values[i] for name, i in names.items()}
+            ratios = _ratios(robot) if key in _OF_FORCES else {}
+            before = {
+                name: (np.array(values[i]) / ratios.get(name, 1.0)).tolist() for name, i in names.items()
+            }
+            named = {moved.get(name, name): value for name, value in before.items()}
             entries = {name: value for name, value in named.items() if self._has(key, name, robot, controls)}
             finite = {name: value for name, value in entries.items() if np.isfinite(value).any()}
             found |= {key: finite} if finite else {}
@@ -170,9 +175,11 @@ class Profile:
         speeds = [self._number(speed, "rad/s", f"{key}.speed") for speed in written["speed"]]
         values = np.array(self._rows(key, robot))
         moved = {joint.name: joint.motor for joint in robot.elastic}
+        ratios = _ratios(robot) if key in _OF_FORCES else {}
         controls, found = {label.name for label in robot.u_labels}, []
         for name, i in self._joints(robot).items():
-            curve = np.column_stack([speeds, values[:, i]])
+            ratio = ratios.get(name, 1.0)
+            curve = np.column_stack([np.array(speeds) * ratio, values[:, i] / ratio])
             where = f"limits.profile: {show(self.name)}: {key} of {self.table.joints[i]}"
             lines = falling_lines(curve, where, term.values)
             motor = moved.get(name, name)
@@ -292,6 +299,11 @@ class Profile:
             return plain_number(written, unit, f"limits.profile: {key} of {show(self.name)}")
         in_degrees = self.table.degrees and key not in _OF_CONTROLS
         return written * (math.pi / 180.0) if in_degrees else float(written)
+
+
+def _ratios(robot: Robot) -> dict[str, float]:
+    """Of the gears behind which profiles speak of torques, before which controls are, by joint."""
+    return {motor.name: motor.gear_ratio for motor in robot.motors}
 
 
 def profile_names() -> list[str]:

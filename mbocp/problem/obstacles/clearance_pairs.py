@@ -215,8 +215,8 @@ def _find_self_pairs(
     lower, upper = (
         np.where(np.isfinite(mine), mine, theirs)
         for mine, theirs in (
-            (np.array(q_lower), np.asarray(robot.model.lowerPositionLimit)),
-            (np.array(q_upper), np.asarray(robot.model.upperPositionLimit)),
+            (np.array(q_lower), robot.limits.position_lower),
+            (np.array(q_upper), robot.limits.position_upper),
         )
     )
     return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), disabled)

@@ -146,6 +146,17 @@ def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path
         problem("double_pendulum", {"profile": over_speed(tmp_path, "[[6, 3]]")})
 
 
+def test_torques_are_those_behind_gears(tmp_path: Path) -> None:
+    """The control of a joint with a gear is the torque before it."""
+    limits = {"profile": over_speed(tmp_path, "[[6, 3], [6, 2.5], [1, 0]]")}
+    geared = mbocp.load_robot("double_pendulum", motor=[{"joint": "joint1", "gear_ratio": 50.0}])
+    bare, one = (problem(robot, limits, controls="linear") for robot in ("double_pendulum", geared))
+    assert one.limits.u_upper.tolist() == [6.0 / 50.0, 3.0]
+    for path, expected, ratio in zip(one.path, bare.path, (50.0, 1.0), strict=True):
+        np.testing.assert_allclose(path.number("speeds"), expected.number("speeds") * ratio)
+        np.testing.assert_allclose(path.number("values"), expected.number("values") / ratio)
+
+
 def test_torques_over_payload_and_speed_are_those_between_two_loads(tmp_path: Path) -> None:
     """A table of each load by itself gives the same at that load; halfway, torques are the means."""
     file, robot = tmp_path / "both.toml", mbocp.load_robot("double_pendulum")

@@ -161,6 +161,17 @@ def test_numbers_are_those_of_mujoco(tmp_path: Path, text: str) -> None:
         np.testing.assert_allclose(frame.translation, data.xpos[number], atol=1e-12)
 
 
+@pytest.mark.parametrize("geoms", ['<geom type="sphere" size="0.1" group="4"/>', ""])
+def test_bodies_without_geoms_that_count_have_what_inertial_says(tmp_path: Path, geoms: str) -> None:
+    compiler = '<compiler inertiafromgeom="true" inertiagrouprange="0 2"/>'
+    inertial = '<inertial pos="0 0 0.2" mass="0.7" diaginertia="0.1 0.2 0.25"/>'
+    body = f'<body name="b"><joint name="j"/>{inertial}{geoms}</body>'
+    text = f"<mujoco>{compiler}<worldbody>{body}</worldbody></mujoco>"
+    inertia = load(tmp_path, text).model.inertias[1]
+    assert inertia.mass == 0.7
+    np.testing.assert_allclose(inertia.inertia, np.diag([0.1, 0.2, 0.25]))
+
+
 def test_joints_motors_and_a_pose(tmp_path: Path) -> None:
     robot = load(tmp_path, ARM)
     assert format_of(tmp_path / "robot.xml").kind == "mjcf"
@@ -425,6 +436,7 @@ def test_what_cannot_be_is_refused_by_name(tmp_path: Path, message: str, parts: 
             {"JOINT": 'type="ball" limited="false"', "EQUALITY": '<joint name="e" joint1="j"/>'},
         ),
         (r"actuators 'm \(on joint j\)'", {"MOTORS": '<motor name="m" joint="j" gear="0"/>'}),
+        (r"actuators 'm \(on joint j\)'", {"MOTORS": '<damper name="m" joint="j" kv="1" ctrlrange="0 1"/>'}),
     ],
 )
 def test_what_says_nothing_of_a_joint_is_told(tmp_path: Path, message: str, parts: dict[str, str]) -> None:
@@ -435,8 +447,8 @@ def test_what_says_nothing_of_a_joint_is_told(tmp_path: Path, message: str, part
 def test_the_limit_of_a_joint_bounds_its_motors_together(tmp_path: Path) -> None:
     motors = '<motor joint="j" ctrlrange="-20 20"/><motor joint="j" gear="2" ctrlrange="-10 10"/>'
     assert load(tmp_path, one(MOTORS=motors)).limits.effort == [40.0]
-    bounded = one(MOTORS=motors, JOINT='actuatorfrcrange="-30 30"')
-    assert load(tmp_path, bounded).limits.effort == [30.0]
+    bounded = load(tmp_path, one(MOTORS=motors, JOINT='actuatorfrcrange="-5 30"')).limits
+    assert (bounded.effort_lower, bounded.effort) == ([-5.0], [30.0])
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ class _Tables:
             node = self.mjcf.node(element)
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
             gear = node.number("gear", 1.0)
-            turns = gear != 0.0 and element.tag in ACTUATORS
+            turns = gear != 0.0 and element.tag in ACTUATORS and element.tag != "damper"  # which only brakes
             if turns and joint is not None and joint.held is None and joint.kind in _SINGLE:
                 limits[joint.name] = limits.get(joint.name, 0.0) + np.sort(gear * _force_range(node))
             elif (thruster := self._thruster(node)) is not None:
@@ -107,7 +107,7 @@ class _Tables:
                 self.found.left_out.add("actuators", f"{node.text('name', element.tag)}{self._why(node)}")
         for name, sides in limits.items():
             joint = self.joints[name]
-            joint.effort_lower, joint.effort = np.clip(sides, -joint.effort, joint.effort).tolist()
+            joint.effort_lower, joint.effort = np.clip(sides, joint.effort_lower, joint.effort).tolist()
         if elements:
             told["actuation"] = {"joints": list(limits)}
             told["actuator"] = thrusters

@@ -153,7 +153,7 @@ class _Reader:
         if kind != "free" or node.tag == "joint":
             joint.damping, joint.friction = node.number("damping", 0.0), node.number("frictionloss", 0.0)
             joint.armature = node.number("armature", 0.0)
-        joint.effort = node.largest("actuatorfrc")
+        joint.effort_lower, joint.effort = node.range("actuatorfrc").tolist()
         if np.any(node.vector("stiffness", None)):
             self.found.left_out.add("springs (stiffness) of joints", name)
         if len(node.vector("damping", None)) > 1:
@@ -164,13 +164,13 @@ class _Reader:
         """What <inertial> says, else what follows from the geoms."""
         written = element.find("inertial")
         from_geoms = self.mjcf.compiler.get("inertiafromgeom", "auto")
-        if written is not None and from_geoms != "true":
+        least, most = self.groups
+        chosen = [geom for geom in geoms if least <= geom.node.number("group", 0.0) <= most]
+        if written is not None and not (from_geoms == "true" and chosen):
             return _written_inertia(self.mjcf.node(written), body.name)
         total = pin.Inertia.Zero()
-        least, most = self.groups
-        for geom in geoms if from_geoms != "false" else ():
-            if least <= geom.node.number("group", 0.0) <= most:
-                total = total + inertia_of(geom, self.folders)
+        for geom in chosen if from_geoms != "false" else ():
+            total = total + inertia_of(geom, self.folders)
         return total
 
 

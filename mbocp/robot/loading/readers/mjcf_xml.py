@@ -87,11 +87,6 @@ class Node:
         limits = self.limits(of)
         return np.array([-math.inf, math.inf]) if limits is None or not limits.any() else limits
 
-    def largest(self, of: str) -> float:
-        """The largest size within limits; infinite where there are none."""
-        limits = self.limits(of)
-        return math.inf if limits is None else float(np.abs(limits).max()) or math.inf
-
     def number(self, key: str, default: float) -> float:
         """The first number of an attribute."""
         return float(self.vector(key, (default,))[0])
