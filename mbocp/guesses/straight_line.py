@@ -29,6 +29,7 @@ from mbocp.robot.kinematics import difference
 from mbocp.robot.nodes import steps_between
 
 _NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
+_NO_SPEED = 1e-9  # [m/s, rad/s] of what may not move at all
 _SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
 
 
@@ -57,10 +58,16 @@ def _free_motions(problem: Problem) -> Array:
 
 
 def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:
-    """Straight line from start to goal, or another way, with the controls that this takes."""
+    """Straight line from start to goal, or another way, with the controls that this takes.
+
+    Where the duration is free, another way takes at least the time that limits of speeds ask for.
+    """
     problem = formulation.problem
-    qs, vs = _line_states(formulation, way)
     dts = problem.timeline.lengths()
+    qs, vs = _line_states(formulation, way, dts)
+    if way is not None and (slower := _slower(problem, vs)) > 1.0:
+        dts = slower * dts
+        qs, vs = _line_states(formulation, way, dts)
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
     points = formulation.evaluation_points(qs, vs, dts)
     us, lams = balances(problem.robot, *points, accelerations, problem.timeline.switches, deadline)
@@ -118,10 +125,22 @@ def _end(problem: Problem) -> Array:
     return problem.goal.q
 
 
-def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Array]:
+def _slower(problem: Problem, vs: Array) -> float:
+    """How many times as long a motion has to take to keep limits of speeds, if it may; 1 at least."""
+    phases, clearance = problem.timeline.phases, problem.clearance
+    has_movers = clearance is not None and bool(clearance.movers)  # a way past these is one by the time
+    if len(phases) > 1 or not phases[0].is_free or has_movers:
+        return 1.0
+    limits = problem.widest_limits
+    over = np.maximum(vs / np.maximum(limits.v_upper, _NO_SPEED), vs / np.minimum(limits.v_lower, -_NO_SPEED))
+    longest = problem.timeline.sides_of(phases[0])[1] / problem.duration
+    return float(min(over.max(initial=1.0), longest))
+
+
+def _line_states(formulation: Formulation, way: Way | None, dts: Array) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
-    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, problem.timeline.lengths())
+    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, dts)
     is_impact, T = problem.timeline.is_impact, problem.timeline.num_timed_steps
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
@@ -148,6 +167,9 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
     if tau == 0.0:
         return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
     # From rest: beginning with the start velocity they would swing about the line's. Their means are rates.
+    if way is not None and not robot.nc:
+        qs = _without_corners(robot, qs)
+        steps = repeat_at_impacts(steps_between(robot, qs) / dts[:, None], is_impact)
     vs = np.zeros((N + 1, robot.nv))
     firsts = [0, *(step + 1 for step in problem.timeline.impacts)]
     for first, end in zip(firsts, [*firsts[1:], N + 1], strict=True):
@@ -157,6 +179,17 @@ def _line_states(formulation: Formulation, way: Way | None) -> tuple[Array, Arra
         vs[first + 1 : end] = signs * (2 * np.cumsum(signs * steps[first : end - 1], axis=0) - vs[first])
     vs[0] = v_start
     return qs, vs
+
+
+def _without_corners(robot: Robot, qs: Array) -> Array:
+    """Nodes of which each is drawn halfway to the middle of its neighbours.
+
+    Velocities whose means are the rates of the steps swing for ever after a corner. With the weights 1/4, 1/2
+    and 1/4 they are the mean rates of two steps, without a swing.
+    """
+    ahead = steps_between(robot, qs) / 4.0
+    inner = [robot.integrate(q, step) for q, step in zip(qs[1:-1], ahead[1:] - ahead[:-1], strict=True)]
+    return np.vstack([qs[:1], *inner, qs[-1:]])
 
 
 def _after(problem: Problem, qs: Array, steps: Array, n: int) -> Array:

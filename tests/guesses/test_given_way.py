@@ -74,3 +74,37 @@ def test_the_guess_goes_through_them(arm):
 def test_what_is_no_way_is_refused(arm, guess, words):
     with pytest.raises(mbocp.MbocpError, match=words):
         problem(arm, guess=guess)
+
+
+def test_velocities_do_not_swing_after_a_corner(arm):
+    asked = problem(arm, integrator={"scheme": "midpoint"}, guess={"q": [[-1.0, 0.4], [0.3, -0.7]]})
+    formulation = formulate(asked)
+    motion = formulation.motion_of(make_guess("way", formulation)[0])
+    rates = np.diff(motion.qs, axis=0) / motion.dts[:, None]
+    np.testing.assert_allclose((motion.vs[1:] + motion.vs[:-1]) / 2.0, rates, atol=1e-12)
+    bends = np.abs(np.diff(motion.vs, n=2, axis=0))
+    assert np.median(bends, axis=0).max() < 0.02 * np.abs(rates).max()  # but for the two corners
+
+
+@pytest.mark.parametrize("longest", [20.0, 1.5])
+def test_a_way_takes_the_time_that_speeds_ask_for(arm, longest):
+    asked = Problem.create(
+        arm,
+        {"min": 0.5, "max": longest, "guess": 1.0},
+        40,
+        start={"q": [0.0, 0.0]},
+        goal={"q": [1.0, 0.5], "v": 0},
+        cost={"time": 1.0, "effort": 1.0},
+        limits={"velocity": [2.0, 1.0]},
+        guess={"q": [[-1.0, 0.4], [0.3, -0.7]]},
+        integrator={"scheme": "midpoint"},
+    )
+    formulation = formulate(asked)
+    motion = formulation.motion_of(make_guess("way", formulation)[0])
+    fastest = np.abs(motion.vs / [2.0, 1.0]).max()
+    if longest > 2.0:
+        np.testing.assert_allclose(fastest, 1.0, rtol=1e-9)
+        assert 1.0 < motion.dts.sum() < longest
+    else:
+        assert fastest > 1.0
+        np.testing.assert_allclose(motion.dts.sum(), longest)
