@@ -28,8 +28,6 @@ from mbocp.strategies import OneSolve, RoomForSpeeds
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 LIMIT = 2.0
 
 

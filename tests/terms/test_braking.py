@@ -21,8 +21,6 @@ from mbocp.solution.later import retold
 from mbocp.strategies import OneSolve, RoomToBrake
 from mbocp.terms.kinds import Braking
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 DECELERATION, RESERVE, LIMIT = 1.5, 0.2, 1.0
 BRAKING: dict[str, Any] = {
     "kind": "braking",
