@@ -56,7 +56,7 @@ release: setup
 	.ci/try_wheel.sh build/release/*.whl
 	@echo 'git tag v$(shell $(BIN)/python -c "import mbocp; print(mbocp.__version__)") and git push --tags publish it'
 
-# One process a core, at most eight; the tests of a file stay together, the longest files first (conftest.py).
+# One process more than cores (conftest.py), at most eight; the tests of a file stay together, the longest files first.
 PARALLEL := -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 # Levels stand in tests/levels.py: what is quick, for every save; each feature solved, for every commit; all but the

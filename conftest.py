@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from pathlib import Path
 
 import pytest
 
 from tests.levels import LONGEST, level_of, name_of
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: tests wait, too, for processes that they start."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

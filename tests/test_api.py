@@ -32,7 +32,6 @@ def ur5() -> mbocp.Solution:
     return mbocp.solve(UR5)
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda p: p.stem)
 def test_robots_reach_their_goal(path: Path) -> None:
     problem = mbocp.load_problem(path)

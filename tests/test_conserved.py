@@ -22,8 +22,6 @@ from mbocp.problem import Problem
 
 from .mechanics import models
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 TOLERANCE = 1e-9  # of the relative drift
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton")

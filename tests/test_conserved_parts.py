@@ -17,7 +17,6 @@ WORLD = {
 }
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("coordinates", ["joint", "natural"])
 def test_each_keeps_its_own(coordinates: str) -> None:
     goal = {"q": [0.5, -1.0, -0.4, -1.3], "v": 0}

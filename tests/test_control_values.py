@@ -22,8 +22,6 @@ from mbocp.solution import Solution
 from tests.formulation.stages import check_derivatives
 from tests.integrators.test_orders_of_optima import order, solved, swing
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 KINDS = ("linear", "stages")
 

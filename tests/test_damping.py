@@ -21,8 +21,6 @@ from mbocp.solution import Solution
 from tests.robot import urdfs
 from tests.robot.urdfs import joint, link, losses
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ORDER = {"se1": 1, "se2": 1, "midpoint": 2, "rk4": 4}
 
 

@@ -16,8 +16,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from tests.robot.test_unicycle import closed_form, driven_acceleration
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FILE = Path(__file__).parents[1] / "examples" / "so3" / "unicycle_pendulum.toml"
 ROTATIONS, LIE = ("quaternion", "dcm"), ("plain", "baumgarte", "munthe_kaas")
 

@@ -24,8 +24,6 @@ from tests.campaign.tasks import draw
 from tests.checker import check_solution
 from tests.robot import urdfs
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FREE = {"min": 0.02, "max": 5.0, "guess": 0.17}
 

@@ -21,8 +21,6 @@ from mbocp.view.marks import marks_of, marks_of_result
 from tests.solution.damage import make_old
 from tests.timelines import numbers_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ROOT = Path(__file__).parents[1]
 BEAD = {"name": str(ROOT / "examples" / "optima" / "robots" / "bead.urdf"), "gravity": [0, 0, 0]}
 SCHEMES = ["se1", "se2", "midpoint", "euler", "heun", "rk4", "rkf5"]

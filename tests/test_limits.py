@@ -9,8 +9,6 @@ import pytest
 
 import mbocp
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UR5 = EXAMPLES / "arms" / "ur5_limits.toml"
 UNICYCLE = EXAMPLES / "so3" / "unicycle_pendulum.toml"

@@ -16,8 +16,6 @@ from mbocp._arrays import Array
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 _PLACES = 20  # in a step
 _LOCAL = 1e-6  # [rad, m, and per second] what the scheme is wrong by in a step, and what limits are met to

@@ -13,8 +13,6 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Proble
 from mbocp.solution import read_solution as reading
 from mbocp.solvers import Status
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
 

@@ -25,8 +25,6 @@ from tests.mechanics.mimics import HAND, Tied, tied
 from tests.robot import urdfs
 from tests.view.pages import read_page
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Tied:

@@ -16,8 +16,6 @@ from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import robot_from_spec
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 UR5_START = [0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]
 UR5_GOAL = [0.5, 1.2, 0.5, -0.3, 0.4, 0.2]
 

@@ -23,8 +23,6 @@ from mbocp.problem.file.tables import tables_of, to_toml
 from mbocp.problem.goals.periodic import Periodic, point_jacobian
 from mbocp.problem.problem import problem_from_tables
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[1] / "examples"
 Vector = NDArray[np.float64]
 BOB = """<robot name="swing"><link name="world"/>

@@ -62,7 +62,6 @@ def solved(problem):
         return mbocp.solve(problem, check=True)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_cart_without_feedback_strays_as_theory_says(cart):
     start, tau = {"q": 0.01, "v": 0.05}, 0.3
     given = {"start": start, "disturbance": {"tau": tau}, "feedback": "none"}
@@ -74,7 +73,6 @@ def test_a_cart_without_feedback_strays_as_theory_says(cart):
     assert not solution.sigma_us.any()
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_cart_with_feedback_keeps_the_lyapunov_equation(cart):
     solution = solved(cart_problem(cart, robust={"start": {"q": 0.01}, "disturbance": {"tau": 0.3}}))
     h, P = solution.t[1], np.diag([0.01**2, 0.0])
@@ -86,7 +84,6 @@ def test_a_cart_with_feedback_keeps_the_lyapunov_equation(cart):
         np.testing.assert_allclose(deviations, np.sqrt(np.diag(P)), rtol=1e-8)
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(("scheme", "substeps"), [("gauss2", 1), ("rk4", 3)])
 def test_covariances_are_those_of_simulations(scheme, substeps):
     problem = pendulum(scheme, steps=48).with_(substeps=substeps)  # the damping of the joints is fast
@@ -99,7 +96,6 @@ def test_covariances_are_those_of_simulations(scheme, substeps):
     np.testing.assert_allclose((runs.us - solution.us).std(axis=0), solution.sigma_us, rtol=0.12)
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("scheme", ["midpoint", "munthe_kaas"])
 def test_a_floating_body_strays_along_its_tangent(scheme):
     given = {"lie": "munthe_kaas"} if scheme == "munthe_kaas" else {}
@@ -156,7 +152,6 @@ def slope(robot, state, tau):
     return np.concatenate([v, np.linalg.solve(np.block([[M, J.T], [J, zeros]]), right)[: robot.nv]])
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_closed_loops_stray_along_what_they_leave():
     path = EXAMPLES / "loops" / "four_bar.toml"
     size = 1e-4
@@ -193,7 +188,6 @@ def followed(robot, solution, move, steps):
     return state
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_limits_keep_off_and_the_next_motion_does_not_move():
     given = {"start": {"q": 0.005, "v": 0.01}, "disturbance": {"tau": 1e-4}}
     problem = pendulum(limits={"velocity": [0.42, 0.57], "effort": [0.7, 0.4]}, robust=given)
@@ -209,7 +203,6 @@ def test_limits_keep_off_and_the_next_motion_does_not_move():
     np.testing.assert_allclose(again.vs, solution.vs, atol=2e-3)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_speeds_keep_off_within_coarse_steps(monkeypatch):
     given = {"start": {"q": 0.005, "v": 0.01}, "disturbance": {"tau": 1e-4}}
     problem = pendulum(steps=8, limits={"velocity": [0.45, 0.7]}, robust=given)
@@ -223,7 +216,6 @@ def test_speeds_keep_off_within_coarse_steps(monkeypatch):
     assert beyond() > 0.8
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_confidence_is_a_number_of_deviations_and_results_keep_tubes(tmp_path):
     problem = pendulum(limits={"velocity": [0.5, 0.85]})
     sure = problem.with_(robust={"confidence": 0.9772498680518208})
@@ -239,7 +231,6 @@ def test_confidence_is_a_number_of_deviations_and_results_keep_tubes(tmp_path):
     assert found.problem.robust.sigmas == sure.robust.sigmas
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_limit_without_room_is_refused():
     with pytest.raises(
         ProblemError, match=r"velocity limit of joint1 .* has no room: 40 standard deviations"
@@ -247,7 +238,6 @@ def test_a_limit_without_room_is_refused():
         solved(pendulum(limits={"velocity": [0.5, 0.85]}).with_(robust={"sigmas": 40.0}))
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_room_that_leaves_no_motion_is_told():
     solution = mbocp.solve(pendulum(limits={"velocity": [5.0, 0.55]}))
     assert not solution.converged
@@ -272,7 +262,6 @@ def test_wrong_values_are_refused(given, words):
         pendulum(robust=given)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_what_has_no_tubes_is_refused():
     with pytest.raises(ProblemError, match=r"robust: states are not \(q, v\)"):
         solved(pendulum("midpoint").with_(coordinates="natural"))
@@ -288,7 +277,6 @@ def test_what_has_no_tubes_is_refused():
         mbocp.RecedingHorizon(pendulum())
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_many_problems_are_as_robust_as_one():
     problem = pendulum(limits={"velocity": [0.5, 0.85]}, steps=12)
     goals = np.array([[0.48, 0.08], [0.5, 0.1]])

@@ -18,8 +18,6 @@ from mbocp.view.plots import plot_solution
 from mbocp.view.replay import write_replay
 from tests.robot import urdfs
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 AXIS = 'rpy="0.1 0.2 0.3"'
 
 

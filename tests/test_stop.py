@@ -12,8 +12,6 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError
 from mbocp.problem import Problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 INERTIA, TORQUE, SPEED = 0.5, 2.0, 3.0
 ROTOR = f"""<robot name="rotor"><link name="base"/>
 <link name="wheel"><inertial><mass value="1"/>

@@ -24,6 +24,7 @@ from mbocp.problem import SolverOptions
 from mbocp.programme import Iterate
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.kernel import kernel_programme
+from mbocp.programme.tapes import Tapes
 from mbocp.solution import IterationRecord, Status
 from tests.test_determinism import digest, digest_of
 
@@ -319,7 +320,9 @@ def parts_of(
 
 def test_functions_that_cannot_be_copied_have_one_thread():
     def interpreted(functions: CompiledFunctions, names: str) -> CompiledFunctions:
-        return CompiledFunctions.interpret({name: functions.function(name) for name in names.split()})
+        return CompiledFunctions(
+            None, Tapes.of({name: functions.function(name) for name in names.split()}), compiled_now=False
+        )
 
     programme = formulate(pendulum()).programme
     made = replace(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
 from mbocp import Problem
 from mbocp.accuracy.rounds import Round
 from mbocp.job import Job
@@ -14,7 +12,6 @@ from mbocp.strategies import OneSolve
 COST = 0.05922544  # of 768 steps; 192 differ by 2e-5
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_the_error_at_a_velocity_limit_is_not_below_the_truth() -> None:
     """Differences of costs with 12, 24 and 48 steps grow, and the last is less than what is missing."""
     problem = Problem.create(

@@ -20,8 +20,6 @@ from mbocp.formulation import Motion
 from mbocp.solution import Accuracy, Solution
 from tests.phases.test_holds import hits
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOCAL_ORDERS = {"se1": 2, "se2": 2, "midpoint": 3, "heun": 3, "rk4": 5}
 

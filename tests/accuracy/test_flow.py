@@ -13,8 +13,6 @@ from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.accuracy.flow import Flow
 from mbocp.robot import Robot
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 TREES = ["double_pendulum", "ur5", "hector", "solo12"]
 H = 0.02
 

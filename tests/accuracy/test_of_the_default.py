@@ -10,8 +10,6 @@ import pytest
 import mbocp
 from mbocp.problem import parse_problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ARMS = Path(__file__).parents[2] / "examples" / "arms"
 
 

@@ -21,8 +21,6 @@ from mbocp.problem.file.tables import problem_to_toml
 from tests.phases.test_holds import hits
 from tests.phases.test_partings import thrown
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COSTS = json.loads((Path(__file__).parents[1] / "data/reference_costs.json").read_text())
 SYSTEMS = {"cart_pendulum_rigid": "lobatto3", "cart_pendulum_elastic": "gauss2"}

@@ -18,7 +18,6 @@ from benchmarks.crocoddyl_examples import GAITS, arm, gait_problem, nodes_of, qu
 from mbocp.formulation import Motion
 
 pytestmark = [
-    pytest.mark.usefixtures("interpreted"),
     pytest.mark.filterwarnings("ignore:start.q. outside the position limits"),
     pytest.mark.filterwarnings("ignore:points are held wherever"),  # a cost says where
 ]

@@ -157,7 +157,6 @@ def test_via_points_add_up(double):
     assert found.duration == pytest.approx(1.0)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_ways_through_via_points_cost_what_straight_ways_cost(double):
     """A joint that goes up by 0.5 and down by 0.8 in T at least W 1.3^2 / (2 T)."""
     via = [{"name": "a", "q": [0.5, 0.0], "time": "free"}]
@@ -168,7 +167,6 @@ def test_ways_through_via_points_cost_what_straight_ways_cost(double):
     assert 0.0 < found.gap < 0.05
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("seed", range(3))
 def test_efforts_through_via_points_are_not_beaten(double, seed):
     ways = np.random.default_rng(seed).uniform(-0.3, 0.3, (2, 2))
@@ -177,7 +175,6 @@ def test_efforts_through_via_points_are_not_beaten(double, seed):
     assert 0.0 < found.value < found.reached
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_joints_of_closed_loops_go_their_ways_alone():
     """Those of a parallelogram turn alike, so that all can go straight at once; efforts count zero."""
     problem = load_problem(EXAMPLES / "loops" / "parallelogram_arm.toml").with_(cost={"effort": 1e-9})

@@ -18,9 +18,6 @@ from tests.campaign.tasks import draw
 from tests.checker import check_solution
 from tests.checker.conditions import step_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
-
 # These ask of a method of order four what others above ask of one of order one, and it is asked alone, too.
 TWICE = ("rates_gauss2", "free_gauss2", "double_pendulum_gauss2")
 

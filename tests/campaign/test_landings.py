@@ -12,8 +12,6 @@ import pytest
 import mbocp
 from tests.campaign.landings import failures, landing, run_landing
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 @pytest.mark.parametrize(
     ("name", "seed"),

@@ -22,8 +22,6 @@ from tests.checker.frames import bound_values, pose_values
 from tests.checker.optimality import _Projection
 from tests.checker.task import Ball, Shape
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 @pytest.fixture
 def pendulum(tmp_path: Path) -> Draw:

@@ -28,7 +28,6 @@ from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Status
 
 FLYER = Path(__file__).parents[2] / "examples" / "optima" / "robots" / "free_flyer" / "robot.toml"
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 SWING = {
     "robot": {"name": "double_pendulum", "damping": False},

@@ -20,7 +20,6 @@ from mbocp.robot import Label, load_robot
 from tests.formulation.stages import check_derivatives, near
 
 N, BEGIN = 6, np.array([3.0, 4.0])
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 @dataclass(frozen=True)

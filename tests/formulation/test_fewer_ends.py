@@ -11,8 +11,6 @@ import mbocp
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.formulate import without_end_rows
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 WAYS: dict[str, dict[str, Any]] = {
     "explicit": {"integrator": {"scheme": "rk4"}},
     "implicit": {"integrator": {"scheme": "se1"}},

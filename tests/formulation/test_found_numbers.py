@@ -137,7 +137,6 @@ def test_is_the_optimum_of_plain_solves(
 
 
 @pytest.mark.parametrize("scheme", ["se1", "lobatto3", "rk4"])
-@pytest.mark.usefixtures("interpreted")
 def test_derivatives_are_exact(scheme: str) -> None:
     loops = {"robot": {"name": "five_bar"}, "goal": {"q": {"left_shoulder": -0.8, "right_shoulder": 1.0}}}
     words = ["robot.joint.left_elbow.length", "robot.base.z"]

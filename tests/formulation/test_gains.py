@@ -11,8 +11,6 @@ import pytest
 import mbocp
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 STEP = 1e-4
 
 

@@ -27,7 +27,6 @@ CASES: list[tuple[str, dict[str, Any]]] = [
     ("free_flyer/drone_flip", {"scheme": "rk4", "lie": "munthe_kaas"}),
 ]
 LIMITS = {"acceleration": 40.0, "jerk": 300.0, "effort_rate": 50.0, "power": 20.0}
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 def limited(name: str, integrator: dict[str, Any], *, is_free: bool = True) -> Problem:

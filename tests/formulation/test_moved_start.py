@@ -16,7 +16,6 @@ Vector = NDArray[np.float64]
 
 @pytest.mark.parametrize("limits", [{}, {"velocity": 50.0}], ids=["group", "flat"])
 @pytest.mark.parametrize("scheme", ["midpoint", "rk4"])
-@pytest.mark.usefixtures("interpreted")
 def test_derivatives_in_the_moves(scheme: str, limits: dict[str, float]) -> None:
     """Columns and curvature of the moves, on the group and in coordinates, against differences."""
     spec = {"name": "hector", "actuated": ["root_joint"]}

@@ -26,6 +26,8 @@ from mbocp.terms import Kinematics, path_constraint, running_cost, terminal_cost
 from tests.mechanics import mimics
 from tests.robot import urdfs
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 LIBRARIES = 2  # of a shape: the functions of its stages, and those of its end
 CARRIERS = {
@@ -227,7 +229,6 @@ STAGE = dict.fromkeys(KINDS, ("values", "complete"))
 STAGE |= dict.fromkeys(("frames", "obstacles", "own terms"), ("values", "complete", "path", "path_values"))
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=[] if k in QUICK else pytest.mark.slow) for k in KINDS]
 )

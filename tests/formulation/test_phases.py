@@ -27,7 +27,6 @@ ARM = [
     ("arms/ur5_limits", {"scheme": "se1"}),
     ("arms/ur5_limits", {"scheme": "rk4"}),
 ]
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 def clock(k: Any) -> Any:

@@ -29,7 +29,6 @@ CASES = [
     ("free_flyer/drone_flip", {"scheme": "euler", "lie": "plain", "substeps": 3}),
     ("so3/unicycle_pendulum", {}),
 ]
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 
 def free(name: str, integrator: dict[str, Any]) -> Problem:

@@ -14,8 +14,6 @@ from mbocp.problem import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 # Searches for poses of frames end 6e-9 apart on different processors.
 ROUGH = ("arms/straight_line.toml", "arms/throw_into_bucket.toml")
 

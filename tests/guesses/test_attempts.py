@@ -14,8 +14,6 @@ from mbocp.guesses import guess_candidates, starts
 from mbocp.guesses.kinds import can_hold, hold
 from tests.phases.test_partings import cell
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 COARSE: dict[str, Any] = {"duration": 4.0, "steps": 10}  # a fall that no simulation with such steps follows
 
 

@@ -20,8 +20,6 @@ from mbocp.robot import Robot
 from tests.holds.cases import CASES
 from tests.phases.test_partings import cell
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ROBOT = cell()
 ANGLES = st.floats(-3.0, 3.0, allow_nan=False)
 PAIRS = st.tuples(ANGLES, ANGLES).map(list)

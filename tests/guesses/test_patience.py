@@ -18,8 +18,6 @@ from mbocp.solvers.strategies import patience
 from mbocp.solvers.strategies.patience import Patience
 from tests.problem.test_causes import floats
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
 
 

@@ -26,8 +26,6 @@ from mbocp.solvers import SolverSettings, Start, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import run_elsewhere
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 
 

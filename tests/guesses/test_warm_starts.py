@@ -21,8 +21,6 @@ from mbocp.solution.later import is_complete
 from mbocp.solution.rest import place_of_start
 from tests.holds.cases import pendulum as held
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FREE = {"min": 0.05, "max": 5.0, "guess": 0.6}
 
 

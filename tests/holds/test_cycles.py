@@ -21,8 +21,6 @@ from mbocp.formulation import formulate
 from mbocp.problem.timeline.hold import Hold
 from tests.holds.cases import drone, four_bar, pendulum
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 POINT = '<inertial>{}<mass value="{}"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
 LINK = '<link name="{}">{}</link>'
 JOINT = """<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/>

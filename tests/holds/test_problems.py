@@ -14,8 +14,6 @@ from mbocp.formulation import formulate
 from mbocp.problem.timeline.hold import Hold, Release
 from tests.holds.cases import arm, drone, four_bar, pendulum
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SCHEMES = ("se1", "midpoint")
 
 

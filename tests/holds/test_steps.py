@@ -23,8 +23,6 @@ from mbocp.terms.point import Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SCHEMES = ("se1", "midpoint", "semi_implicit_euler")
 SHORT = {"semi_implicit_euler": {"duration": 0.1}}  # its damping is explicit: long steps swing up
 

@@ -14,8 +14,6 @@ import mbocp
 from mbocp._arrays import Array
 from tests.checker import System, read_system
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ORDERS = {"se1": 1, "midpoint": 2, "rk4": 4}
 STEPS = (20, 40, 80)
 ACCURATE = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12}

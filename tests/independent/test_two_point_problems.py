@@ -17,8 +17,6 @@ from scipy.integrate import solve_bvp
 import mbocp
 from mbocp._arrays import Array
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ORDERS = {
     "se1": 1,
     "se2": 1,

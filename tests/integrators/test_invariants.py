@@ -17,8 +17,6 @@ from mbocp.robot.kinematics import momenta_of
 from tests.mechanics.models import BODY, ORIGIN, chain
 from tests.mechanics.models import robot as robot_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ON_CONSTRAINTS = [name for name, pair in PAIRS.items() if pair.holds_constraints]
 BODY_OF_ITS_OWN, FALLING, FOUR_BAR, ARM = SYSTEMS
 FEW_STAGES = [name for name, pair in PAIRS.items() if pair.num_stages <= 2]

@@ -14,8 +14,6 @@ from mbocp._arrays import Array
 from mbocp.integrators import EULER_SCHEMES, TAU, VELOCITY_TAU
 from mbocp.problem import Problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYSTEMS = (
     "paper/elastic_pendulum",

@@ -238,7 +238,6 @@ def rate_of_unicycle(_: float, x: Array) -> Array:
     return np.concatenate([towards, turning, u[:1], closed_form(q, s, a_B), u[1:]])
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     ("scheme", "expected", "steps"),
     [

@@ -22,8 +22,6 @@ from tests.integrators.test_symplecticity import null_space
 from tests.mechanics.models import BODY, ORIGIN, chain
 from tests.mechanics.models import robot as robot_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 STEPS = {
     "gauss1": (20, 40, 80),
     "gauss2": (5, 10, 20),

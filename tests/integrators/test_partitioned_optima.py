@@ -11,8 +11,6 @@ import mbocp
 from mbocp.problem import Problem
 from tests.integrators.test_schemes import by_hand
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SMALL = {
     "gauss1": "paper/elastic_pendulum.toml",

@@ -30,8 +30,6 @@ from mbocp.terms.kinds import ExactGoal
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ORDER = {"se1": 1, "se2": 1, "midpoint": 2, "semi_implicit_euler": 1}
 

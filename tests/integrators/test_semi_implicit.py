@@ -19,8 +19,6 @@ from mbocp.robot import Robot, load_robot
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SCHEME = "semi_implicit_euler"
 ROBOTS: dict[str, Callable[[], Robot]] = {
     "plain": lambda: load_robot("double_pendulum", damping=False),

@@ -26,8 +26,6 @@ from mbocp.robot import Robot, load_robot
 from mbocp.terms.kinds import Effort, ExactGoal, Tracking, Velocity
 from mbocp.terms.point import Sizes
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 TAU_SCHEMES = [scheme for scheme in EULER_SCHEMES if TAU[scheme] == VELOCITY_TAU[scheme]]  # Appendix B
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SYMPLECTIC = [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5)]

@@ -17,8 +17,6 @@ from mbocp.solvers import Status
 
 SE1 = ["integrator.scheme=se1"]
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 @pytest.fixture(scope="module")
 def ur5_problem() -> mbocp.Problem:

@@ -26,7 +26,6 @@ _SAMPLE = (
 )
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("names", _SAMPLE, ids="+".join)
 def test_features_go_together(names: tuple[str, ...], tmp_path: Path) -> None:
     row = run_set("small", names, tmp_path)

@@ -20,8 +20,6 @@ from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.timeline.hold import Hold, Release
 from tests.holds.cases import four_bar, pendulum
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 TIP: dict[str, Any] = {"name": "tip", "frame": "tip", "kind": "line"}
 PENDULUM = {"name": "double_pendulum", "payload": pendulum().robot.spec["payload"]}
 FREE = {"min": 0.1, "max": 0.4}

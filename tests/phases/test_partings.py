@@ -16,8 +16,6 @@ from mbocp.mechanics.held_frames import held_jacobians
 from mbocp.robot import Robot, load_parts
 from tests.holds.cases import drone
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SCHEMES = ("se1", "midpoint")
 COORDINATES = ("joint", "natural")
 

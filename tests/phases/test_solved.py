@@ -12,8 +12,6 @@ from mbocp import Problem, Solution, load_robot, solve
 from mbocp.formulation import formulate
 from mbocp.solution.export import solution_dict
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 UR5 = load_robot("ur5")
 GOAL = {"q": [0.5, -1.0, 1.0, 0.0, 0.5, 0.0], "v": 0}
 COST = {"velocity": 300.0}

@@ -155,7 +155,6 @@ def test_a_motion_without_numbers_keeps_clear_and_comes_near_to_nothing(clearanc
     assert nearest_approach(clearance, np.array([0.0, 1.0]), qs) is None
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_motion_that_keeps_clear_tells_how_near_it_comes_when_asked():
     goal = {"q": START - np.array([0.3, 0, 0, 0, 0, 0]), "v": 0}
     problem = Problem.create("ur5", 1.0, 6, start={"q": START}, goal=goal, obstacle=OBSTACLES)

@@ -28,8 +28,6 @@ from mbocp.strategies import OneSolve, RoomForSpeeds
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 LIMIT = 2.0
 
 
@@ -304,9 +302,7 @@ def test_states_remember_the_accelerations_of_a_step() -> None:
     problem = replace(swing("linear", acceleration=8.0), limits_within="a")
     s, formulation = mbocp.solve(problem, check=True), formulate(problem)
     iterate = formulation.iterate_of(motion_of(s), s.lams)
-    remembered = (
-        8.0 * iterate.xs[1:, formulation.layout.states["acceleration_within"]]
-    )  # by the limit
+    remembered = 8.0 * iterate.xs[1:, formulation.layout.states["acceleration_within"]]  # by the limit
     np.testing.assert_allclose(np.vstack(np.split(remembered, 2, axis=1)), accelerations_of(s), atol=1e-10)
     check_derivatives(formulation, 2, [0, 3, 4])
 

@@ -9,8 +9,6 @@ import pytest
 import mbocp
 from mbocp.problem import Problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 Q_START = np.array([-1.0, -1.2, 1.0, -1.3, -1.57, 0.0])
 Q_END = np.array([1.2, -1.0, 1.4, -1.9, -1.57, 0.3])
 

@@ -12,8 +12,6 @@ import mbocp
 from mbocp.exceptions import ProblemFileError
 from mbocp.solvers import Status
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("panda", "z1", "baxter")]  # to compile
 
 

@@ -19,8 +19,6 @@ from mbocp.receding import RecedingHorizon
 from mbocp.solution import loads_of
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LIMIT, WAY, INERTIA = 1.5, 2.0, 0.5
 LEAST = 12.0**0.25 * np.sqrt(INERTIA * WAY / LIMIT)  # of the control that falls linearly from J 6 WAY / T^2

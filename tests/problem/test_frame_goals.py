@@ -30,8 +30,6 @@ from mbocp.problem.goals.frames import pose_errors
 from mbocp.robot import FrameTarget, InverseKinematics, Robot, load_robot, robot_from_spec
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 PANDA = {"name": "panda", "lock": ["panda_finger_joint1", "panda_finger_joint2"]}
 DRONE = {"name": "hector", "actuated": ["root_joint"]}
 STEADY = {"effort": 1.0, "velocity": 10.0}

@@ -23,8 +23,6 @@ from mbocp.solution import active_limits as limits
 from mbocp.view.meshcat.goals import goal_commands, goal_placements
 from mbocp.view.of_solution import goals_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 NEAR = {"frame": {"name": "tool0", "position": [0.45, 0.25, 0.35]}}
 FAR = {"frame": {"name": "tool0", "position": [-0.45, 0.3, 0.35]}}
 BEYOND = {"frame": {"name": "tool0", "position": [2.0, 0.0, 0.3]}}

@@ -14,8 +14,6 @@ from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
 from tests.holds.cases import pendulum
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 PENDULUM: dict[str, Any] = {"name": "double_pendulum", "payload": pendulum().robot.spec["payload"]}
 MU = 0.2
 

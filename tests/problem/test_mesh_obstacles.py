@@ -191,7 +191,6 @@ def test_hulls_are_drawn_where_they_are(planar: Robot) -> None:
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [points.min(0), points.max(0)])
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("words", [{}, {"scheme": "gauss2"}, {"scheme": "rk4"}])
 def test_formulations_have_the_rows(planar: Robot, words: dict[str, Any]) -> None:
     made = formulate(problem(planar, obstacle=[stone(margin=0.01)], **words))
@@ -268,7 +267,6 @@ def test_others_touch_nothing(name: str) -> None:
     assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -0.01
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 def test_a_stone_that_is_carried_is_gone_around(planar: Robot, scheme: str) -> None:
     """It moves with the first link, and the last one has to pass it; by coal at a thousand poses a second."""

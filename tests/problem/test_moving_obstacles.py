@@ -120,7 +120,6 @@ def test_what_cannot_be_right_is_refused(motion: dict[str, Any], told: str) -> N
         reach(motion)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_other_refusals() -> None:
     with pytest.raises(MbocpError, match="frame: got 'tool0', expected no frame"):
         Problem.create(
@@ -166,7 +165,6 @@ def test_rows_have_exact_derivatives_in_configuration_and_time() -> None:
     assert np.abs(slope[:, 6]).max() == 0.0  # after its last time it stands still
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("duration", [1.0, {"min": 0.5, "max": 2.0, "guess": 1.0}])
 def test_states_tell_the_time(duration: Any) -> None:
     """Functions of the path see poses at the times of the nodes, whatever the steps, with derivatives."""

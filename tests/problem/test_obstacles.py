@@ -319,7 +319,6 @@ def test_what_happens_between_nodes_is_seen(planar):
     assert "inside box at t = 0." in found.words
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_formulation_has_the_rows(planar):
     p = problem(planar, obstacle=[box(margin=0.01)])
     made = formulate(p)

@@ -15,8 +15,6 @@ from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 GOAL = {"q": [1.0, 0.0], "v": 0.0}
 FREE = {"min": 0.1, "max": 5.0}
 LEAST = {"time": 1.0, "effort": 1e-7}

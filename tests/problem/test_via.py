@@ -20,8 +20,6 @@ from mbocp.robot import load_robot
 from mbocp.solution import Solution
 from mbocp.terms.point import Point
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PANDA = {"name": "panda", "lock": ["panda_finger_joint1", "panda_finger_joint2"]}
 DRONE = {"name": "hector", "actuated": ["root_joint"]}

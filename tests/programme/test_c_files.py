@@ -23,7 +23,10 @@ from mbocp.programme.tapes import as_operations
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from tests.programme.test_tape import STEP, built
 
-pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+pytestmark = [
+    pytest.mark.usefixtures("compiled"),
+    pytest.mark.skipif(compiler() is None, reason="no C compiler"),
+]
 COUNT = 19  # stages, which no number of lanes divides
 SIZES = (3, 2)  # of the inputs of `calling`
 

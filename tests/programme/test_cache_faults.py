@@ -23,6 +23,8 @@ from mbocp.programme import cache, compiler
 from mbocp.programme.cache import cache_folder, scratch_folder, seal, trim
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 LOADS = """
 import casadi as ca
 from mbocp.programme.compilation import load_functions

@@ -21,6 +21,8 @@ from mbocp.programme.compilation import NoCompilerWarning, load_functions
 from mbocp.programme.compiler import compiler
 from mbocp.robot.payload import Payload
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 

@@ -15,6 +15,8 @@ from mbocp.programme import compilation, library
 from mbocp.programme.compilation import load_functions
 from mbocp.terms import running
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 Functions = dict[str, ca.Function]
 LIBRARIES = 2  # of a problem: the functions of its stages, and those of its end
 

@@ -17,6 +17,9 @@ from mbocp.problem import Problem
 from mbocp.programme.compilation import CompiledFunctions, Later
 from mbocp.programme.compiler import compiler
 from mbocp.programme.kernel import kernel_programme
+from mbocp.programme.tapes import Tapes
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 LIBRARIES = 2  # of a shape: the functions of its stages, and those of its end
@@ -76,7 +79,7 @@ def test_sweeps_are_the_same_with_either_function(scheme: str) -> None:
 
 def functions_of(name: str) -> CompiledFunctions:
     x = ca.SX.sym("x")
-    return CompiledFunctions.interpret({name: ca.Function(name, [x], [2 * x])})
+    return CompiledFunctions(None, Tapes.of({name: ca.Function(name, [x], [2 * x])}), compiled_now=False)
 
 
 def test_another_process_gets_what_is_compiled_here() -> None:

@@ -22,7 +22,6 @@ from mbocp.receding.unknowns import unknowns_of
 from mbocp.robot import Payload, Robot
 from tests.mechanics.models import chain, point_mass, robot, weightless
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 HERE = Path(__file__).parent
 LOAD = {"frame": "tool0", "name": "load", "com": [0.0, 0.0, 0.05]}
 PERIOD = 1e-3  # [s]

@@ -200,7 +200,6 @@ def sways(at):
     return ca.sumsqr(at.q - 0.3 * ca.sin(4.0 * (at.t + at["start"])))
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("moves", ["target", "term"])
 def test_what_belongs_to_times_moves_by_parts_of_a_step(moves):
     """After a step and three tenths the optimum is that of a problem that begins there."""

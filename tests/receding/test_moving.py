@@ -44,7 +44,6 @@ def settled(horizon: RecedingHorizon, problem: Problem) -> mbocp.receding.Horizo
     raise AssertionError(found.status)
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize(
     ("steps", "cut"),
     [
@@ -112,7 +111,6 @@ def test_a_trot_goes_on_through_a_push_at_the_speed_that_is_asked_for(trot, monk
     assert np.mean(np.linalg.norm(forces[:, :2], axis=1) > 0.7 * forces[:, 2]) < 0.02
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_what_cannot_be_is_said():
     horizon = RecedingHorizon(pendulum(("lift", 3), ("swing", 5), ("rest", 2)))
     for given, words in (
@@ -151,7 +149,6 @@ def by_way(*vias: tuple[str, float, list[float]], start: dict, limits: dict) -> 
 VIAS = ("up", 0.2, [0.3, 0.4]), ("down", 0.35, [0.5, -0.2])
 
 
-@pytest.mark.usefixtures("interpreted")
 @pytest.mark.parametrize("limits", [{}, {"effort": 12.0}])
 @pytest.mark.parametrize("steps", [1, 3, 4, 7])
 def test_via_points_come_nearer_until_they_are_over(steps, limits):

@@ -14,10 +14,10 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import ProblemError, ResultFileError
-from mbocp.formulation import build
 from mbocp.problem import Bounds, Problem
 from mbocp.receding import HEADERS, HorizonStep, RecedingHorizon
-from tests.conftest import interpreted_functions
+
+pytestmark = pytest.mark.usefixtures("compiled")
 
 HERE = Path(__file__).parent
 FOLLOW = HERE.parents[1] / "examples" / "receding" / "ur5_follow.toml"
@@ -167,7 +167,7 @@ def test_the_folder_needs_neither_python_nor_casadi(program, problem, tmp_path):
 
 
 def test_interpreted_functions_are_refused(problem, tmp_path, monkeypatch):
-    monkeypatch.setattr(build, "load_functions", interpreted_functions)
+    monkeypatch.setenv("MBOCP_FUNCTIONS", "tapes")
     with pytest.raises(ProblemError, match="no C compiler"):
         RecedingHorizon(problem).save(tmp_path)
 

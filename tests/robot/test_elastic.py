@@ -22,8 +22,6 @@ from mbocp.robot.loading.model_changes import with_motors
 from mbocp.robot.loading.robot_tables import ElasticTable
 from tests.robot.urdfs import link, robot
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 G = 9.81
 L1, C1, M1, I1 = 0.5, 0.2, 3.0, 0.08  # length [m], to the centre of mass [m], mass [kg], about it [kg m^2]
 C2, M2, I2 = 0.25, 2.0, 0.05

@@ -21,8 +21,6 @@ from mbocp.exceptions import DimensionMismatch, ProblemError
 from . import stubs
 from .conftest import write_problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 STATE = stubs.JointState(["gripper", "elbow", "shoulder"], [0.01, 0.3, -0.2], [0.0, 0.0, 0.0])
 
 

@@ -16,8 +16,6 @@ from mbocp.solution.sent_states import Follower
 
 from .conftest import write_problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 HERE = {"shoulder": 0.2, "elbow": -0.4, "gripper": 0.01}
 
 

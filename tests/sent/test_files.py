@@ -13,8 +13,6 @@ from hypothesis import strategies as st
 from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 LIMITS = {"position": np.array([[-3.0], [3.0]]), "velocity": np.array([[-2.0], [2.0]])}
 LIMITS |= {"acceleration": np.array([[-9.0], [9.0]]), "jerk": np.array([[-70.0], [70.0]])}
 

@@ -18,8 +18,6 @@ from mbocp.solution import read_solution as reading
 from mbocp.solution._values import same
 from mbocp.solution.later import Later, complete, is_complete, retold
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PENDULUM = EXAMPLES / "paper/rigid_pendulum.toml"
 _MEASURES = ("constraint_violation", "limit_violation", "manifold_drift", "manifold_drift_resimulated")

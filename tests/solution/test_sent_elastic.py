@@ -19,8 +19,6 @@ from mbocp.solution.sent_checks import check_sent, controls_along
 from mbocp.solution.sent_states import Follower
 from tests.robot.test_elastic import TWO, elastic
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> mbocp.Robot:

@@ -94,7 +94,6 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     assert (tmp_path / "b.csv").exists()
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_rates_of_torques_are_kept_between_samples(tmp_path: Path) -> None:
     """Torques of cubics leap from step to step; the moving mean over a step makes slopes of these."""
     most, rate = 150.0, 500.0

@@ -17,8 +17,6 @@ from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solvers.strategies.elsewhere import Elsewhere
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 def endless(power: float = 1e-300, **solver: object) -> Problem:
     """Joints that no power may drive: fatrop's loop over ever larger shifts does not end."""

@@ -22,7 +22,6 @@ from mbocp.solvers import GlobalisedNewton
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewton, KernelNewtonState
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
 UNICYCLE = PAPER.parent / "so3" / "unicycle_pendulum.toml"

@@ -11,8 +11,6 @@ import pytest
 import mbocp
 from tests.campaign.run import run_task
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 TINY = 2.0**-44  # 6e-14
 
 

@@ -25,7 +25,6 @@ from mbocp.terms import OwnTerm, path_constraint
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewtonState
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 FILE = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 STEPS = 20

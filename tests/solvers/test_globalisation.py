@@ -22,7 +22,6 @@ from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewtonState
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PEERS = EXAMPLES.parent / "benchmarks" / "peers" / "problems"

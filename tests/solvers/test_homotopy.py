@@ -22,8 +22,6 @@ from mbocp.solvers.strategies.within_limits import (
     without_limits,
 )
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 def pendulum() -> tuple[StagewiseProgramme, Iterate]:
     """Limits of every sort, and the straight line, which goes beyond them."""

@@ -25,8 +25,6 @@ from mbocp.solvers.nlp.iteration_log import IterationLog
 from mbocp.solvers.nlp.nlp_functions import calm_or_none
 from mbocp.solvers.nlp.nlp_layout import NlpLayout
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FILE = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 SETTINGS = ("horizon.steps=20", "limits={effort=5.3}")  # without limits up to 5.8 N
 METHODS = pytest.mark.parametrize("method", ["ipopt", "fatrop"])

@@ -12,7 +12,6 @@ import pytest
 import mbocp
 
 pytestmark = [
-    pytest.mark.usefixtures("interpreted"),
     pytest.mark.skipif(sys.platform != "linux", reason="mallinfo2 is glibc's"),
 ]
 

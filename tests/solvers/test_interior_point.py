@@ -17,8 +17,6 @@ from mbocp.solution import Solution
 from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from tests.integrators.explicit import heavy_top
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FIELDS = (
     "qs", "vs", "us", "lams", "mus", "zetas", "eta", "control_momenta", "control_hamiltonians",

@@ -24,7 +24,6 @@ from tests.problem.test_obstacles import planar
 
 __all__ = ["planar"]
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 SMALL = (0.3 * np.array(STONE)).tolist()
 SHAPES: dict[str, dict[str, Any]] = {

@@ -17,8 +17,6 @@ from mbocp.problem import Problem
 from mbocp.solution import Solution
 from tests.integrators.explicit import hector
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FILE = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 LIMITS = "limits={effort=5.3, velocity={y=6.5}, position={z=[-11.3, 100]}}"
 BOX = '{name="box", kind="position", frame="bob", z=[-11.3, inf]}'

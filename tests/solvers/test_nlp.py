@@ -18,8 +18,6 @@ from mbocp.solvers.nlp.nlp_functions import NlpFunctions, parameters
 from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from tests.integrators.explicit import towed_body
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 UPSIDE_DOWN = [1.0, 0.5, 1.5, 0.9489846193555862, 0, 0, 0.3153223623952687]
 PATH = [
     {"name": "box", "kind": "position", "frame": "base_link", "x": [-9, 9], "z": [-5, 7]},
@@ -147,12 +145,7 @@ def differences(f: Callable[[Array], Array], w: Array) -> Array:
 )
 def nlp(request: pytest.FixtureRequest) -> Nlp:
     make, wants_gaps = CASES[request.param]
-    with pytest.MonkeyPatch.context() as patch:
-        from mbocp.formulation import build
-        from tests.conftest import interpreted_functions
-
-        patch.setattr(build, "load_functions", interpreted_functions)
-        return Nlp(make(), wants_gaps=wants_gaps)
+    return Nlp(make(), wants_gaps=wants_gaps)
 
 
 def close(got: Any, wanted: Array, tolerance: float) -> bool:

@@ -21,8 +21,6 @@ from mbocp.solvers.strategies import interior
 from mbocp.solvers.strategies.iterating import SolverResult
 from tests.campaign.tasks import draw
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FILE = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 LIMITED = ("horizon.steps=20", "limits={effort=5.3, velocity={y=6.5}}")
 TOLERANCE = 1e-9

@@ -17,8 +17,6 @@ from mbocp.problem import Problem
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.view.figures.panels import rate_limit_panels
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 GOAL = {"q": [0.6, 0.3], "v": 0.0}
 N = 16

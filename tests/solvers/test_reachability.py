@@ -16,8 +16,6 @@ from tests.integrators.explicit import heavy_top
 from tests.mechanics.models import chain
 from tests.mechanics.models import robot as robot_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FILE = Path(__file__).parents[2] / "examples" / "so3" / "unicycle_pendulum.toml"
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
 FORMULATIONS = [(r, lie) for r in ("quaternion", "dcm") for lie in ("plain", "baumgarte", "munthe_kaas")]

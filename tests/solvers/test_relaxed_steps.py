@@ -10,8 +10,6 @@ import pytest
 
 import mbocp
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 SPHERE = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml"
 
 

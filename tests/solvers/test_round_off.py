@@ -18,7 +18,6 @@ from mbocp.solvers import GlobalisedNewton, Status
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewtonState, Sizes
 
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
 

@@ -12,8 +12,6 @@ from mbocp.problem import Problem
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers import GlobalisedNewton
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 def flight() -> Problem:
     robot = mbocp.load_robot("hector", actuated=["root_joint"], damping=False)

@@ -18,8 +18,6 @@ from mbocp.solvers.strategies.in_units import counted_in, iterate_in
 from tests.campaign.robots import arm_urdf
 from tests.campaign.run import run_task
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 FORCE, COST = 2.0**7, 2.0**-9
 ARRAYS = ("xs", "ys", "us", "ms", "eta")
 PROBLEMS: dict[str, dict[str, Any]] = {

@@ -10,8 +10,6 @@ from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 GOAL = {"q": [0.7, -0.4], "v": [0.0, 0.0]}
 WEIGHTS = [0.3, 0.02]
 

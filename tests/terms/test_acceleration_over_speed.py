@@ -21,8 +21,6 @@ from mbocp.solution.sent_states import Follower
 from tests.formulation.stages import check_derivatives
 from tests.sent.reader import samples_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 ROTOR = """<robot name="rotor"><link name="base"/>
 <link name="wheel"><inertial><mass value="1"/>
 <inertia ixx="0.5" iyy="0.5" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>

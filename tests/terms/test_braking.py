@@ -23,8 +23,6 @@ from mbocp.strategies import OneSolve, RoomToBrake
 from mbocp.terms.kinds import Braking
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 DECELERATION, RESERVE, LIMIT = 1.5, 0.2, 1.0
 BRAKING: dict[str, Any] = {
     "kind": "braking",

@@ -16,8 +16,6 @@ from mbocp.terms import running_cost, terminal_cost
 from tests.problem.file.test_ground import solo as on_phases
 from tests.terms.contacts import BODY, FOOT, GRAVITY, hopper
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 def test_the_ground_bears_what_the_leg_pushes(tmp_path: Path) -> None:
     """The force on the foot is the leg's and the foot's weight, so that either weight leads to one motion."""

@@ -20,8 +20,6 @@ from mbocp.problem.timeline.hold import Hold
 from tests.robot.urdfs import write
 from tests.terms.contacts import BODY, FEET, FOOT, GRAVITY, HOPPER, hopper, on_feet, on_ground, solo
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DOWN = [{"share": 0.5, "frame": {"name": "solo/base_link", "z": 0.165}}]
 WELDED = {
@@ -53,13 +51,8 @@ def forces(problem: Problem, solution: Solution) -> dict[str, np.ndarray]:
 @pytest.fixture(scope="module")
 def squat() -> tuple[Problem, Solution]:
     """On slippery ground, so that all cones are active."""
-    with pytest.MonkeyPatch.context() as patch:
-        from mbocp.formulation import build
-        from tests.conftest import interpreted_functions
-
-        patch.setattr(build, "load_functions", interpreted_functions)
-        problem = solo(via=DOWN, path=on_feet(friction=0.1), limits={"effort": 2.5}, steps=6)
-        return problem, solve(problem)
+    problem = solo(via=DOWN, path=on_feet(friction=0.1), limits={"effort": 2.5}, steps=6)
+    return problem, solve(problem)
 
 
 def test_forces_are_those_of_inverse_dynamics(squat: tuple[Problem, Solution]) -> None:

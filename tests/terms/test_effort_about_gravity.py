@@ -15,8 +15,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 POSE = [0.3, -1.2, 1.4, -1.6, -1.57, 0.0]
 
 

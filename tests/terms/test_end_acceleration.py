@@ -17,8 +17,6 @@ from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.solution import Solution
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 GOAL = {"q": [0.6, 0.3], "v": 0.0, "a": 0.0}
 

@@ -15,8 +15,6 @@ from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.solution import loads_of
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LOSSES, SPEED, DURATION, INERTIA = 0.3, 2.0, 1.5, 0.5
 KINETIC = INERTIA * SPEED**2 / 2.0

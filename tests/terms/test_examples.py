@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import pytest
-
-pytestmark = pytest.mark.usefixtures("interpreted")
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "terms"
 

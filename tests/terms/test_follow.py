@@ -19,8 +19,6 @@ from mbocp.robot import load_robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of, marks_of_result
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = {"q": [0, -1.57, 1.57, -1.57, -1.57, 0]}
 N = 24

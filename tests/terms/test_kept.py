@@ -16,8 +16,6 @@ from mbocp.robot import Robot, load_robot
 from mbocp.solution import Solution
 from mbocp.view.marks import marks_of
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = {"q": [0, -1.57, 1.57, -1.57, -1.57, 0]}
 GOAL = {"v": 0, "frame": {"name": "tool0", "position": [0.45, -0.2, 0.4]}}

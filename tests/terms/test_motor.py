@@ -16,8 +16,6 @@ from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.strategies import OneSolve
 from tests.formulation.stages import check_derivatives
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 STALL, NO_LOAD, INERTIA = 2.0, 5.0, 0.5
 ROTOR = f"""<robot name="rotor"><link name="base"/>
 <link name="wheel"><inertial><mass value="1"/>

@@ -15,8 +15,6 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot, load_robot
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 START = [0.0, -1.2, 1.5, -1.87, -1.57, 0.0]  # [rad] the tool points down
 GOAL = [1.2, -1.6, 2.0, -1.97, -1.57, 0.5]
 WITHIN = 0.2  # [rad]

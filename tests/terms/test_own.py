@@ -23,8 +23,6 @@ from mbocp.robot import load_robot
 from mbocp.terms import Kinematics, OwnTerm, end_condition, path_constraint, running_cost, terminal_cost
 from mbocp.terms.own import _trace
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 GOAL = {"q": [0.7, -0.4], "v": [0.0, 0.0]}
 COST = {"effort": 0.5, "velocity": 0.1}
 
@@ -325,9 +323,8 @@ def test_conditions_and_costs_of_the_end() -> None:
     assert np.linalg.norm(dear.q_final) < np.linalg.norm(cheap.q_final)
 
 
-def test_numbers_never_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.undo()  # of what is interpreted
-
+@pytest.mark.usefixtures("compiled")
+def test_numbers_never_recompile() -> None:
     def library(term: OwnTerm) -> tuple[Path | None, ...]:
         programme = formulate(pendulum(term)).programme
         return programme.functions.library, programme.end_functions.library

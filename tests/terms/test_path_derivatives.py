@@ -11,8 +11,6 @@ import pytest
 from mbocp.formulation import formulate
 from mbocp.problem import Problem
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 POSE = {"name": "tool0", "position": [0.3, 0.35, 0.5], "rpy": [3.0, 0.2, 0.4]}
 AXIS = {"name": "tool0", "axis": [0, 0.1, 1], "direction": [0, 0.2, -1]}
 BOX = {"position_tolerance": [0.01, 0.02, 0.03], "orientation_tolerance": 0.1}

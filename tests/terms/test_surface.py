@@ -69,7 +69,6 @@ def test_beyond_its_edges_heights_go_on(surface: Surface) -> None:
     assert slopes[1, 0] == 0.0
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_a_tool_glides_over_a_map() -> None:
     """A path constraint of its own: the flange keeps a height above a map, and has it at every node."""
     heights = (0.02 * np.sin(np.arange(12))[None, :] * np.ones((4, 1))).tolist()

@@ -14,8 +14,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from tests.problem.file.test_ground import solo, steps
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 BOTH = [
     {"kind": "centre_of_mass", "x": [-9, 9], "y": [-9, 9], "z": [-9, 9]},
     {"kind": "angular_momentum", "x": [-99, 99], "y": [-99, 99], "z": [-99, 99]},

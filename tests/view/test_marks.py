@@ -13,8 +13,6 @@ from mbocp.view.marks import marks_of, marks_of_result
 from mbocp.view.replay import write_replay
 from tests.view.pages import read_page
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 
 def test_via_points_are_balls_axes_and_boxes_and_lines_are_drawn(tmp_path: Path) -> None:
     place = [0.3, 0.35, 0.5]

@@ -12,8 +12,6 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from tests.problem.file.test_ground import EXAMPLES, FEET, GROUND, LEVEL, solo
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 BIPED = {"left": "left_sole_link", "right": "right_sole_link"}
 
 

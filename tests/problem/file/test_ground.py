@@ -14,8 +14,6 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.contact_bounds import ContactBounds
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 EXAMPLES = Path(__file__).parents[3] / "examples" / "legged"
 FEET = {name: f"{name}_FOOT" for name in ("FL", "FR", "HL", "HR")}
 GROUND = {"feet": FEET, "friction": 0.7}

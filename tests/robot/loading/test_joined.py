@@ -418,7 +418,6 @@ def test_a_single_arm_may_start_at_a_pose() -> None:
 # The example
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_two_arms_carry_one_load() -> None:
     """Closed to 1e-12 at every node, at its goal, with the grips' forces by name; IPOPT ends there, too."""
     problem = load_problem(EXAMPLE)

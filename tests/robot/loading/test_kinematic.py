@@ -15,8 +15,6 @@ from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot import load_parts
 from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
 
-pytestmark = pytest.mark.usefixtures("interpreted")
-
 LIMIT = '<limit lower="-2" upper="2" effort="30" velocity="2"/><dynamics damping="3"/>'
 ARM = f"""<robot name="bare"><link name="base"/><link name="upper"/><link name="fore"/><link name="tool"/>
 <joint name="lift" type="prismatic"><parent link="base"/><child link="upper"/>

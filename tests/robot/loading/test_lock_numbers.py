@@ -118,6 +118,7 @@ def test_joints_of_parts() -> None:
 
 
 @needs_compiler
+@pytest.mark.usefixtures("compiled")
 @pytest.mark.parametrize(
     "scheme", ["se1", "euler", *(pytest.param(name, marks=pytest.mark.slow) for name in ("gauss2", "rk4"))]
 )

@@ -410,7 +410,6 @@ def test_two_pendulums_solve_as_each_alone() -> None:
     np.testing.assert_allclose(both.us, np.hstack([one.us, other.us]), atol=1e-7)
 
 
-@pytest.mark.usefixtures("interpreted")
 def test_the_example_solves() -> None:
     problem = mbocp.load_problem(Path(__file__).parents[3] / "examples" / "worlds" / "two_arms.toml")
     problem = problem.with_(integrator={"scheme": "se1"})  # whose steps are one call of RNEA
