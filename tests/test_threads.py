@@ -318,6 +318,7 @@ def parts_of(
     return [np.array(numbers, dtype=float).tobytes(), *(array.tobytes() for array in arrays)]
 
 
+@pytest.mark.usefixtures("compiled")
 def test_functions_that_cannot_be_copied_have_one_thread():
     def interpreted(functions: CompiledFunctions, names: str) -> CompiledFunctions:
         return CompiledFunctions(

@@ -28,13 +28,18 @@ DAY = 86_400.0  # [s]
 
 @contextlib.contextmanager
 def full_disk(free: int) -> Iterator[None]:
-    """Let no file grow beyond `free` bytes, which any user can ask for: EFBIG instead of ENOSPC."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """Let no file grow beyond `free` bytes, which any user can ask for: EFBIG instead of ENOSPC.
+
+    Python would keep the bytecode of what is imported meanwhile, cut off there.
+    """
+    (soft, hard), writes = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
     resource.setrlimit(resource.RLIMIT_FSIZE, (free, hard))
+    sys.dont_write_bytecode = True
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = writes
 
 
 def page(path: Path) -> Path:
@@ -93,7 +98,7 @@ def test_a_full_disk_does_not_end_the_process_otherwise(tmp_path: Path) -> None:
     """HDF5 never sees the disk, so that nothing of it breaks when the process ends."""
     path = pendulum().save(tmp_path / "result.h5")
     ended = subprocess.run(
-        [sys.executable, "-c", ON_A_FULL_DISK, path], check=False, capture_output=True, text=True
+        [sys.executable, "-B", "-c", ON_A_FULL_DISK, path], check=False, capture_output=True, text=True
     )
     assert (ended.returncode, ended.stderr) == (2, "")
     assert Solution.load(path) == pendulum()

@@ -82,6 +82,7 @@ def test_phases_share_it() -> None:
     assert "fbsm_bb ran out of time after" in s.advice
 
 
+@pytest.mark.usefixtures("compiled")
 def test_compiling_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = tmp_path / "cc"
     script.write_text(f"#!/bin/sh\nexec {shutil.which('sleep')} 60\n")

@@ -26,6 +26,8 @@ from mbocp.problem import Problem
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.solution import Solution, Status
 
+pytestmark = pytest.mark.usefixtures("compiled")
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METHODS = ("monolithic", "fbsm_newton", "fbsm_bb", "fbsm_bb+monolithic", "fbsm_bb+fbsm_newton", "auto")
 INTERIOR_POINT = ("ipopt", "fatrop")
