@@ -8,6 +8,8 @@ lines say where each name is::
         from mbocp.robot.robot import Robot as Robot
 
     __getattr__ = names_of(__name__, __file__)
+
+Modules of the package, as ``mbocp.identification``, are imported when they are first asked for, too.
 """
 
 from __future__ import annotations
@@ -36,6 +38,8 @@ def names_of(package: str, source: str) -> Callable[[str], Any]:
         if name == "__all__":
             return list(homes)
         if name not in homes:
+            if _is_module(Path(source).parent, name):
+                return import_module(f"{package}.{name}")
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         module, there = homes[name]
         found = getattr(import_module(module), there)
@@ -43,6 +47,12 @@ def names_of(package: str, source: str) -> Callable[[str], Any]:
         return found
 
     return find
+
+
+def _is_module(folder: Path, name: str) -> bool:
+    """Whether a package has a public module of this name."""
+    places = (folder / name / "__init__.py", folder / f"{name}.py")
+    return not name.startswith("_") and any(place.is_file() for place in places)
 
 
 def homes_in(source: str) -> dict[str, tuple[str, str]]:

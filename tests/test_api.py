@@ -205,6 +205,7 @@ def test_a_motion_that_the_steps_do_not_resolve_has_a_status(tmp_path: Path) -> 
     column = [label.name for label in problem.robot.v_labels].index(found[1])
     assert float(found[2]) == pytest.approx(np.abs(s.vs[:, column]).max() * problem.dt, abs=0.051)
     assert "the optimality conditions hold" in s.advice
+    assert "or give cost.velocity a larger weight;" in s.advice
     assert mbocp.Solution.load(s.save(tmp_path / "coarse.h5")).status is Status.UNDER_RESOLVED
     assert s.to_dict()["status"] == "under_resolved"
     assert s.to_dict()["converged"] is False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from mbocp.problem.problem import problem_from_tables
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import robot_from_spec
 from mbocp.solution import Solution
+from mbocp.solvers import Status
+from tests.robot import urdfs
 
 UR5_START = [0.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0]
 UR5_GOAL = [0.5, 1.2, 0.5, -0.3, 0.4, 0.2]
@@ -234,3 +237,16 @@ def test_limits_on_controls_hold() -> None:
     limited = solved(double_pendulum(50, limits={"effort": bound}, solver={"method": "ipopt"}))
     assert np.abs(limited.us).max() <= bound + 1e-8
     assert limited.cost > free.cost
+
+
+def test_rest_that_few_steps_do_not_resolve_asks_for_more(tmp_path: Path) -> None:
+    """Velocities of bodies are at rest to the order of the scheme: that is no other root."""
+    arm = str(urdfs.write(tmp_path, urdfs.chain("revolute", "revolute", "prismatic")))
+    tables: dict[str, Any] = {"goal": {"q": [1.9, -0.9, 0.02], "v": 0}, "cost": {"velocity": 1.0}}
+    few, more = (
+        mbocp.solve(Problem.create(arm, 1.0, n, coordinates="natural", scheme="midpoint", **tables))
+        for n in (6, 12)
+    )
+    assert few.status is Status.UNDER_RESOLVED, few.advice
+    assert "take more steps" in few.advice
+    assert more.converged, more.advice

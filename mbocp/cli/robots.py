@@ -133,7 +133,7 @@ def _joints(facts: Mapping[str, Any]) -> Table:
             "prescribed" if joint["driven"] else "yes" if joint["actuated"] else "no",
             *(_limit(joint[side][0]) if has_limits else "" for side in ("lower", "upper")),
             _limit(joint["velocity"][0]) if joint["nv"] == 1 else "",
-            ", ".join(filter(None, dict.fromkeys(joint["units"]))) or "rad",
+            ", ".join(filter(None, dict.fromkeys(joint["units"]))) or ("rad" if joint["nv"] else ""),
             *(f"{joint[key]:.4g}" if joint[key] else "" for key in losses),
         )
     return table

@@ -38,6 +38,7 @@ _OPEN = (
     1e-3  # violation of the loops, by that distance, that speaks of drift: on another branch it is round-off
 )
 _UNSAID = "the conditions of the end do not say it there; start from another guess"
+_OF_BODIES = "those of bodies are those of joints to the order of the scheme alone: take more steps"
 _ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme"
 _SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
@@ -141,7 +142,7 @@ class RatesMissed(NamedTuple):
     ----------
     is_free : bool
         Whether the constraints would let the robot end with the velocities of the goal; else the scheme's
-        steps leave velocities across the constraints.
+        steps leave velocities across the constraints, or those of joints beside those of bodies.
     words : str
         By how much, and what to do.
     is_small : bool
@@ -173,8 +174,9 @@ def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | Non
     largest = smallest if free.shape[1] == robot.nv else by_scheme
     labels = robot.p_labels if is_momentum else robot.v_labels
     across = f"{_ACROSS} {'se1' if problem.timeline.switches else 'lobatto3 or se1'}"
+    of_joints = formulation.counts_turns
     for is_free, part, least, most, remedy in (
-        (True, along, smallest, largest, _UNSAID),
+        (of_joints, along, smallest, largest, _UNSAID if of_joints else _OF_BODIES),
         (False, error - along, by_scheme, by_scheme, across),
     ):
         worst = int(np.argmax(np.abs(part) / least))

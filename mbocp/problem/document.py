@@ -85,13 +85,37 @@ def make_document(
     tables = dict(plain(document))
     if robot is not None:
         tables["robot"] = "" if isinstance(robot, Robot) else plain(robot)
-    checked = read_tables(tables, label)
-    with in_file(label), locate("robot"):
-        folder = source.parent if source is not None else None
-        loaded = robot if isinstance(robot, Robot) else load_keys(checked["robot"], folder)
+    loaded = _load(robot, tables, source, label)
     tables.pop("robot", None)
     name = name or (printable(source.stem) if source else "problem")
     return Document(tables, loaded, {}, terms, source, label, name)
+
+
+def _load(
+    robot: Robot | str | Path | Mapping[str, Any] | None,
+    tables: Mapping[str, Any],
+    source: Path | None,
+    label: str,
+) -> Robot:
+    """Check tables, and load the robot of their key unless it is a `Robot` already."""
+    checked = read_tables(tables, label)
+    if isinstance(robot, Robot):
+        return robot
+    with in_file(label), locate("robot"):
+        return load_keys(checked["robot"], source.parent if source is not None else None)
+
+
+def robot_in(document: Document, robot: Robot | str | Path | Mapping[str, Any]) -> Robot:
+    """Load a robot to take the place of a document's, named from where its file is; a `Robot` is one already.
+
+    Raises
+    ------
+    ProblemFileError, MbocpError
+        If the robot cannot be loaded.
+    """
+    if isinstance(robot, Robot):
+        return robot
+    return _load(None, {**document.tables, "robot": plain(robot)}, document.source, document.label)
 
 
 def read_document(document: Document, before: tuple[Document, Mapping[str, Any]] | None) -> dict[str, Any]:

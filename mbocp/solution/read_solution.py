@@ -268,7 +268,8 @@ def _resolution(formulation: Formulation, motion: Motion, status: Status, advice
     words = describe_coarse_turn(formulation, motion)
     if words is None:
         return status, advice
-    remedy = 'take more steps, or give cost.velocity a weight ("auto")'
+    weight = "a larger weight" if np.any(formulation.problem.cost.velocity) else 'a weight ("auto")'
+    remedy = f"take more steps, or give cost.velocity {weight}"
     if status is not Status.CONVERGED:
         return status, f"{advice}; {words}: {remedy}"
     return Status.UNDER_RESOLVED, f"{words}: {remedy}; the optimality conditions hold: {advice}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ def test_stiff_damping_and_starts_at_limits_are_met(run, here):
 
 def test_a_urdf_with_mimic_joints_beside_the_file(run, here):
     path = write(here, PAIR)
+    assert re.search(r"^jb +mimic +no *$", run("robots", str(path)).stdout, re.MULTILINE)  # without a unit
     assert run("new", str(path)).exit_code == 0
     assert 'robot = "robot.urdf"' in (here / "robot.toml").read_text()
     assert "follows another joint" in (here / "robot.toml").read_text()

@@ -55,6 +55,11 @@ def test_the_package_alone_imports_nothing_heavy() -> None:
     assert not heavy("import mbocp\ndir(mbocp)")
 
 
+def test_modules_are_there_when_they_are_asked_for() -> None:
+    assert "mbocp.identification.exciting" in modules("import mbocp\nmbocp.identification.information")
+    assert not heavy("import mbocp\nassert not hasattr(mbocp, 'nothing') and not hasattr(mbocp, '__path')")
+
+
 def test_help_imports_nothing_heavy() -> None:
     assert heavy(SHELL.format(words=["--help"])) <= {"rich"}
 

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.robot import Robot
+from tests.robot import urdfs
 
 from .conftest import EXAMPLES
 
@@ -150,3 +152,17 @@ def test_guess_from_a_file_is_relative_to_the_problem(load: Loader, arm_file: Pa
     saved.write_bytes(b"")
     guess = load("guess.file=before.h5").guess
     assert (guess.kind, guess.path) == ("solution", saved)
+
+
+def test_another_robot_is_named_as_create_takes_it(tmp_path: Path) -> None:
+    """By a name, a path from where the file is, or a table."""
+    file = tmp_path / "motion.toml"
+    file.write_text('robot = "double_pendulum"\n[horizon]\nduration = 1.0\nsteps = 10\n[goal]\nv = 0\n')
+    beside = urdfs.write(tmp_path, urdfs.chain("revolute", "revolute"))
+    problem = load_problem(file)
+    assert problem.with_(robot=f"./{beside.name}").robot.joint_names == ("j1", "j2")
+    carrying = {"name": "double_pendulum", "payload": [{"frame": problem.robot.frame_names[-1], "mass": 2.0}]}
+    assert [load.mass for load in problem.with_(robot=carrying, steps=5).robot.payloads] == [2.0]
+    for wrong, message in (({"nme": "x"}, r"robot\.nme: unknown key"), (3, "robot: got 3")):
+        with pytest.raises(ProblemError, match=message):
+            problem.with_(robot=wrong)

@@ -14,7 +14,7 @@ from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.cost import Cost
-from mbocp.problem.document import UNSAID, Document
+from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
 from mbocp.problem.file.read_tables import READ
@@ -247,7 +247,9 @@ def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:
 
 
 def _with_about(document: Document, values: Mapping[str, Any]) -> Document:
-    about = {key: values[key] for key in ("robot", "source", "name") if key in values}
+    about = {key: values[key] for key in ("source", "name") if key in values}
+    if "robot" in values:
+        about["robot"] = robot_in(document, values["robot"])
     if "terms" in values:
         about["terms"] = tuple(values["terms"])
         about["tables"] = _without(document.tables, "terms")
