@@ -13,7 +13,8 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -96,8 +97,6 @@ def quadrotor() -> mbocp.Problem:
 
 
 _FRICTION, _BEYOND_CONE = 0.7, 10.0  # coefficient; weight of squares of what is beyond a pyramid [1/N^2]
-# The same pyramid, about the cone; impacts have none.
-_CONE = {"friction": _FRICTION * 2**0.5, "facets": 4, "min_normal": 0.0, "impulses": False}
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ class Gait:
     landing: tuple[float, float, float] = (1e7, 10.0, 1e3)  # of the foot, the base's place, and the joints
     landed: int = 0  # steps after the last swing, in which the centre of mass is to be above the feet
     is_standing_at_end: bool = True
-    sole: Mapping[str, Any] = field(default_factory=dict)  # bounds, and no cost beyond cones
+    sole: tuple[float, float] | None = None  # along x and y [m]
 
 
 def _step(length: float, height: float, support: int, *feet: int) -> Swing:
@@ -159,7 +158,7 @@ GAITS: Mapping[str, Gait] = {
         joint_velocity=1e3,
         landing=(1e8, 10.0, 0.1),
         is_standing_at_end=False,
-        sole={"pressure": [0.1, 0.05], "yaw_friction": 0.7 * (0.05 + 0.025)},
+        sole=(0.1, 0.05),
     ),
 }
 
@@ -207,7 +206,7 @@ def plan(gait: Gait, robot: mbocp.Robot) -> list[Planned]:
 
 
 def gait_problem(gait: Gait) -> mbocp.Problem:
-    """Costs of Crocoddyl's, but those of soles, which are constraints here."""
+    """Costs of Crocoddyl's."""
     robot = mbocp.load_robot(gait.robot)
     q, nv = robot.model.referenceConfigurations[gait.standing], robot.nv
     planned, joints = plan(gait, robot), nv - 6
@@ -215,7 +214,6 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     of_v = np.array([1e3] * 6 + [gait.joint_velocity] * joints)
     of_foot, of_base, of_joints = gait.landing
     of_landing = np.array([of_base] * 6 + [of_joints] * joints), np.full(nv, 1e3)
-    soles, cones = (gait.feet, []) if gait.sole else ((), [cost_of_cones(gait.feet)])
     last = planned[-1]
     landed = last.first + last.swing.steps  # the step that follows
 
@@ -256,31 +254,41 @@ def gait_problem(gait: Gait) -> mbocp.Problem:
     return mbocp.Problem.create(
         robot,
         phase=phases_of(gait),
-        path=[{"kind": "contact_force", "constraint": foot, **_CONE, **gait.sole} for foot in soles],
         start={"q": q},
         cost={"effort": 0.1, "velocity": of_v, "tracking": 1.0, **weights},
         terms=[
             running_cost(swinging),
-            *cones,
+            cost_of_cones(gait),
             *([terminal_cost(standing)] if gait.is_standing_at_end else []),
         ],
         **_SCHEME,
     )
 
 
-def cost_of_cones(feet: Sequence[str]) -> OwnTerm:
-    """Of forces of feet beyond their cones."""
+def cost_of_cones(gait: Gait) -> OwnTerm:
+    """Of forces of feet beyond their cones; impacts have none."""
 
     def beyond_cones(at: Any) -> Any:
-        return sum((beyond_cone(at.force(foot)) for foot in feet), ca.SX(0))
+        rows = [row for foot in gait.feet for row in cone(at.force(foot), gait.sole)]
+        return sum((ca.fmax(row, 0) ** 2 for row in rows), ca.SX(0)) / 2
 
     return running_cost(beyond_cones, weight=_BEYOND_CONE)
 
 
-def beyond_cone(force: Any) -> Any:
-    """Half the squares of what a force is beyond a pyramid [N^2], or pulls."""
-    rows = [side * force[k] - _FRICTION * force[2] for k in (0, 1) for side in (-1, 1)]
-    return sum((ca.fmax(row, 0) ** 2 for row in [*rows, -force[2]]), ca.SX(0)) / 2
+def cone(wrench: Any, sole: tuple[float, float] | None) -> list[Any]:
+    """What is at most zero within a pyramid about the cone, or of a sole as in Crocoddyl's `WrenchCone`."""
+    force, friction = wrench[:3], _FRICTION if sole is None else _FRICTION / 2**0.5
+    rows = [side * force[k] - friction * force[2] for k in (0, 1) for side in (-1, 1)] + [-force[2]]
+    if sole is None:
+        return rows
+    (x, y), torque, sides = np.array(sole) / 2, wrench[3:], (-1, 1)
+    for one in sides:
+        rows += [one * torque[0] - y * force[2], one * torque[1] - x * force[2]]
+        for along, across in product(sides, sides):  # about the corners
+            twist = friction * (along * torque[0] + across * torque[1]) + torque[2]
+            push = along * y * force[0] + across * x * force[1] - friction * (x + y) * force[2]
+            rows.append(push + one * twist)
+    return rows
 
 
 def after_impact(at: Any, feet: Sequence[str]) -> Any:

@@ -177,7 +177,8 @@ def with_fewer_steps(formulation: Formulation, part: int = _FEWER) -> Formulatio
 def can_screen(formulation: Formulation) -> bool:
     """Whether the ways of a screening suit a problem: to a goal that is a place, past nothing in between."""
     problem = formulation.problem
-    return is_whole(problem) and not problem.via and problem.guess.kind in ("auto", "line")
+    has_between = problem.phase or problem.via
+    return is_whole(problem) and not has_between and problem.guess.kind in ("auto", "line")
 
 
 def _effort(formulation: Formulation, iterate: Iterate) -> float:

@@ -81,6 +81,7 @@ def test_costs_are_those_that_crocoddyl_has_found(
         ("pace", 754.5215, 4e-3, 61),
         ("bound", 1968.508, 7e-3, 61),
         ("jump", 2950.234, 5e-3, 60),
+        ("biped", 5111.964, 3e-3, 39),
     ],
 )
 def test_gaits_cost_what_crocoddyl_says_but_for_contacts(

@@ -20,6 +20,9 @@ FOUR_BAR = Path(__file__).parents[2] / "examples" / "loops" / "four_bar.toml"
 REST = {"q": [0.0, 0.0], "v": [0.0, 0.0]}
 
 
+PHASES = [{"name": name, "steps": 50, "duration": 0.5} for name in ("first", "second")]
+
+
 def swing_up(**tables: object) -> mbocp.Problem:
     """From hanging to upright with a motor at the elbow; the least effort known before was 0.0193."""
     cost = {"effort": 1.0, "velocity": 0.0}
@@ -72,10 +75,16 @@ def test_no_trial_begins_after_the_time_limit(monkeypatch):
         ({"guess": {"kind": "hold"}}, False),
         ({"goal": {"q": {"joint2": 0.0}, "v": [0.0, 0.0]}}, False),
         ({"via": [{"time": 0.5, "q": {"joint1": 1.0}}]}, False),
+        ({"phase": PHASES}, False),
     ],
 )
 def test_ways_are_tried_where_they_lead_to_the_goal(tables, may):
     assert can_screen(formulate(swing_up(**tables))) is may
+
+
+def test_with_effort_alone_phases_keep_their_steps():
+    solution = mbocp.solve(swing_up(phase=PHASES), check=True)
+    assert not any("trial" in phase.name for phase in solution.phases)
 
 
 @pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4"])
