@@ -156,6 +156,8 @@ def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
 
 _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 _MOSTLY = 0.9  # of a cost: what makes it one of time
+_LIGHT = 1e-3  # of the largest inertia; that of a UR5 is 3e-3 at least, of a Panda 2e-3
+_TAKES_PART = 0.3  # of a direction of length 1
 _SENSITIVE = 5.0  # times as large as the change of all limits of controls: 0.5 is usual, as for a mass
 
 
@@ -167,6 +169,31 @@ def describe_coarse_turn(formulation: Formulation, motion: Motion) -> str | None
     if not turn > _LARGEST_TURN:
         return None
     return f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"
+
+
+def describe_light_joints(robot: Robot, q: Array, name: str) -> str | None:
+    """Say which joints together turn next to nothing at a configuration; None if the named one turns more.
+
+    Where a URDF leaves rotors out, wrists whose axes are in line turn against each other with the inertia of
+    a small link alone, and a torque that a step holds takes them anywhere.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (nq,)
+    name : str
+        Of an entry of the velocity.
+    """
+    turns = [i for i, label in enumerate(robot.v_labels) if label.unit == "rad/s"]
+    names = [robot.v_labels[i].name for i in turns]
+    if robot.nc or name not in names:
+        return None
+    inertias, ways = np.linalg.eigh(robot.mass_matrix(q)[np.ix_(turns, turns)])
+    shares = np.abs(ways[:, 0])
+    if inertias[0] > _LIGHT * inertias[-1] or shares[names.index(name)] < _TAKES_PART:
+        return None
+    light = " and ".join(one for one, share in zip(names, shares, strict=True) if share >= _TAKES_PART)
+    return f"the inertia that {light} turn{'' if ' and ' in light else 's'} there is {inertias[0]:.2g} kg m^2"
 
 
 def describe_sensitive_time(

@@ -24,6 +24,7 @@ from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of, with_robot_of
 from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
+    describe_light_joints,
     describe_sensitive_time,
     measures_of,
     read_trajectory,
@@ -204,7 +205,8 @@ def judge(
     status, advice = _at_goal(formulation, motion, status, advice)
     us = motion.values if motion.shares else motion.us
     excess = largest_excess(formulation.problem, t, motion.qs, motion.vs, us, motion.shares)
-    status, advice = _within_limits(excess, status, advice, varies=bool(motion.shares))
+    light = _light_joints(formulation.problem, motion, t, excess)
+    status, advice = _within_limits(excess, status, advice, light, varies=bool(motion.shares))
     return status, advice, excess
 
 
@@ -291,13 +293,25 @@ def _ratio_of(excess: LimitExcess | None, problem: Problem) -> float:
     return 0.0 if is_followed(problem) else math.nan
 
 
+def _light_joints(problem: Problem, motion: Motion, t: Array, excess: LimitExcess | None) -> str:
+    """What is said of joints that leave a limit of speed because they have nothing to turn; "" of others."""
+    if excess is None or not excess.is_gross or excess.kind != "speed":
+        return ""
+    node = max(int(np.searchsorted(t, excess.time)) - 1, 0)
+    words = describe_light_joints(problem.robot, motion.qs[node], excess.name)
+    return "" if words is None else f"{words}: with that of rotors, [[robot.motor]], steps resolve more"
+
+
 def _within_limits(
-    excess: LimitExcess | None, status: Status, advice: str, *, varies: bool
+    excess: LimitExcess | None, status: Status, advice: str, light: str, *, varies: bool
 ) -> tuple[Status, str]:
     """Status and advice of a motion that leaves a limit between its nodes by more than drives put up with."""
+    if status is Status.MAX_ITERATIONS and light:  # costs then hardly tell one motion from the next
+        return status, f"{advice}; {light}"
     if excess is None or not excess.is_gross or status is not Status.CONVERGED:
         return status, advice
     remedy = "take more steps" + (", or controls that are constant in each" if varies else "")
+    remedy += _suffix(light or None)
     return Status.UNDER_RESOLVED, f"{excess.words}: {remedy}; the optimality conditions hold: {advice}"
 
 

@@ -17,12 +17,13 @@ from typer.testing import CliRunner
 import mbocp
 from mbocp.accuracy.errors import motion_of
 from mbocp.cli.app import app
-from mbocp.formulation import formulate
+from mbocp.formulation import Motion, formulate
 from mbocp.job import Job
 from mbocp.problem import Problem, between_nodes
 from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, can_hold_within, largest_excess
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.solution import Status
+from mbocp.solution.read_solution import judge
 from mbocp.solution.sent import motion_as_sent
 from mbocp.strategies import OneSolve, RoomForSpeeds
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
@@ -477,3 +478,33 @@ def test_what_is_not_known_of_one_step_hides_no_excess_of_others() -> None:
     sides = np.full((2, 1), -LIMIT), np.full((2, 1), LIMIT)
     look = between_nodes._Look("speed", values, np.zeros((2, 1)), sides, labels)
     assert [one.ratio for one in look.excesses()] == [0.5]
+
+
+def test_joints_that_have_nothing_to_turn_are_named() -> None:
+    """A wrist whose axes are in line leaves its speeds under any torque that a long step holds."""
+    rotors = [{"joint": f"j2s6s200_joint_{number}", "inertia": 0.05} for number in range(1, 7)]
+    aligned = np.array([1.0, 0.0, 3.0, 2.0, 1.0, 0.0, 3.14, 1.0, 0.0])
+    for motor in (None, rotors):
+        robot, is_light = mbocp.load_robot("kinova", motor=motor), motor is None
+        limits = {"velocity": True}
+        problem = Problem.create(
+            robot,
+            0.4,
+            4,
+            start={"q": aligned},
+            goal={"q": aligned},
+            limits=limits,
+            integrator={"scheme": "midpoint"},
+        )
+        formulation = formulate(problem)
+        us = np.zeros((4, 6))
+        us[:, 5] = [1.0, -1.0, -1.0, 1.0]
+        motion = Motion(np.tile(aligned, (5, 1)), np.zeros((5, 6)), us, np.full(4, 0.1))
+        t = 0.1 * np.arange(5.0)
+        with patch.object(between_nodes, "_COARSE", -np.inf):  # cubics of what stays know nothing of it
+            status, advice, _ = judge(formulation, motion, t, Status.CONVERGED, "end")
+            stalled = judge(formulation, motion, t, Status.MAX_ITERATIONS, "stalled")
+        assert status is Status.UNDER_RESOLVED
+        words = "the inertia that j2s6s200_joint_4 and j2s6s200_joint_6 turn there is"
+        assert (words in advice, words in stalled[1]) == (is_light, is_light)
+        assert stalled[0] is Status.MAX_ITERATIONS
