@@ -24,7 +24,6 @@ from mbocp.problem import SolverOptions
 from mbocp.programme import Iterate
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.tapes import Tapes
 from mbocp.solution import IterationRecord, Status
 from tests.test_determinism import digest, digest_of
 
@@ -321,9 +320,7 @@ def parts_of(
 @pytest.mark.usefixtures("compiled")
 def test_functions_that_cannot_be_copied_have_one_thread():
     def interpreted(functions: CompiledFunctions, names: str) -> CompiledFunctions:
-        return CompiledFunctions(
-            None, Tapes.of({name: functions.function(name) for name in names.split()}), compiled_now=False
-        )
+        return CompiledFunctions.interpret({name: functions.function(name) for name in names.split()})
 
     programme = formulate(pendulum()).programme
     made = replace(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import field
 from functools import cache, cached_property, lru_cache
 from pathlib import Path
@@ -82,6 +82,11 @@ class CompiledFunctions:
     ) -> None:
         self.library, self.tapes, self.compiled_now = library, tapes, compiled_now
         self.later, self.opened = later, {}
+
+    @classmethod
+    def interpret(cls, functions: Mapping[str, ca.Function]) -> CompiledFunctions:
+        """Functions that no compiler is asked for: the kernel executes their instructions."""
+        return cls(None, Tapes.of(functions), compiled_now=False)
 
     @property
     def identity(self) -> str:

@@ -13,7 +13,6 @@ from mbocp.formulation import build, transcribe
 from mbocp.formulation.stage import build_functions
 from mbocp.problem import Problem
 from mbocp.programme.compilation import CompiledFunctions
-from mbocp.programme.tapes import Tapes
 from mbocp.robot import load_robot
 
 PENDULUM = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
@@ -77,7 +76,7 @@ def test_the_estimate_is_of_the_right_size(
         check(*args)
 
     monkeypatch.setattr(build, "check_operations", remember)
-    none = CompiledFunctions(None, Tapes.of({}), compiled_now=False)
+    none = CompiledFunctions.interpret({})
     monkeypatch.setattr(build, "load_functions", lambda *_, **__: none)
     transcribe(problem)
     _, nv, signature = shapes[0]

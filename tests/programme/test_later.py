@@ -17,7 +17,6 @@ from mbocp.problem import Problem
 from mbocp.programme.compilation import CompiledFunctions, Later
 from mbocp.programme.compiler import compiler
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.tapes import Tapes
 
 pytestmark = pytest.mark.usefixtures("compiled")
 
@@ -79,7 +78,7 @@ def test_sweeps_are_the_same_with_either_function(scheme: str) -> None:
 
 def functions_of(name: str) -> CompiledFunctions:
     x = ca.SX.sym("x")
-    return CompiledFunctions(None, Tapes.of({name: ca.Function(name, [x], [2 * x])}), compiled_now=False)
+    return CompiledFunctions.interpret({name: ca.Function(name, [x], [2 * x])})
 
 
 def test_another_process_gets_what_is_compiled_here() -> None:
