@@ -12,8 +12,8 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 Conditions on velocities are chosen by what the constraints leave free at `goal.q`, which is a guess where the
 goal does not give every joint. At another configuration they may leave velocities free that should be zero:
 `miss_of_rates` looks at the configuration in which the motion ends. What it finds across the constraints is
-the scheme's: those of index 3 keep velocities in the constraints to some order alone. Conditions that hold,
-and say all that is free there, leave nothing else: of an arm at rest, its load's velocity is across.
+the scheme's: those of index 3 keep velocities in the constraints to some order alone. A part of that may be
+seen along the constraints, until the conditions are chosen where the motion ends.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | Non
     error = np.where(goal.rate_active, to_rate @ motion.vs[-1] - goal.value, 0.0)
     free = _free_velocities(formulation, q)
     basis = _range(np.where(goal.rate_active[:, None], to_rate @ free, 0.0))
-    along = basis @ _along(formulation.end_rows.D_rate, basis, error)
+    along = basis @ (basis.T @ error)
     scale = _largest_of_unit(formulation, motion, is_momentum)
     tolerance = np.maximum(_REACHED * scale, _REACHED)
     by_scheme = np.maximum(_SHARE * scale, tolerance)
@@ -185,19 +185,6 @@ def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | Non
             off = f"{labels[worst].name} ends {size:.3g} {labels[worst].unit} off goal.{goal.rate}"
             return RatesMissed(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
     return None
-
-
-def _along(conditions: Array, basis: Array, error: Array) -> Array:
-    """Coefficients of the part of an error that is along the constraints, shape (any,).
-
-    It is what the conditions see of it; in directions of which they see less than a scheme may leave across
-    the constraints, the nearest part.
-    """
-    left, values, right = np.linalg.svd(conditions @ basis)
-    seen = int((values > _SHARE).sum())
-    told = (left[:, :seen].T @ (conditions @ error)) / values[:seen]
-    unseen = right[seen:]
-    return right[:seen].T @ told + unseen.T @ (unseen @ (basis.T @ error))
 
 
 def _free_velocities(formulation: Formulation, q: Array) -> Array:

@@ -178,7 +178,7 @@ def test_the_numbers_of_a_pose_are_parameters() -> None:
 
     first, second = formulated([0.4, 0.2, 0.4], 3.0), formulated([0.3, 0.3, 0.5], 2.0)
     assert (first.rho_terminal != second.rho_terminal).any()
-    assert first.end_functions is second.end_functions
+    assert first.end_functions.identity == second.end_functions.identity
 
 
 NAMES = {

@@ -42,7 +42,8 @@ def test_controls_at_stages_are_as_fast_as_the_slowest_joint(name: str, seed: in
 @given(seed=st.integers(0, 10_000))
 def test_the_least_time_is_that_of_ruckig_far_from_limits_of_positions(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    ends, limits = rng.uniform(-2.0, 2.0, 2), (rng.uniform(0.5, 5.0), rng.uniform(5.0, 20.0), 5000.0)
+    ends = rng.uniform(-2.0, 2.0) + np.array([0.0, rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 4.0)])
+    limits = rng.uniform(0.5, 5.0), rng.uniform(5.0, 20.0), 5000.0
     planner, given_, found = ruckig.Ruckig(1), ruckig.InputParameter(1), ruckig.Trajectory(1)
     given_.current_position, given_.target_position = [ends[0]], [ends[1]]
     given_.max_velocity, given_.max_acceleration, given_.max_jerk = ([x] for x in limits)
