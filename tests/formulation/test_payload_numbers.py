@@ -1,4 +1,4 @@
-"""Inertias of bodies that carry payloads are parameters: another payload compiles nothing."""
+"""Inertias of bodies that carry payloads are parameters: another payload builds nothing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from mbocp.accuracy.flow import Flow
 from mbocp.formulation import formulate, transcribe
 from mbocp.problem import Problem
 from mbocp.problem.file.tables import problem_to_toml
-from mbocp.programme.compiler import compiler
 from mbocp.robot import Payload, Robot, load_robot
 from mbocp.study import Study, run_study
 from mbocp.symbolic import model_functions
@@ -26,10 +25,7 @@ from mbocp.terms import Kinematics, path_constraint, running_cost, terminal_cost
 from tests.mechanics import mimics
 from tests.robot import urdfs
 
-pytestmark = pytest.mark.usefixtures("compiled")
-
-needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
-LIBRARIES = 2  # of a shape: the functions of its stages, and those of its end
+FILES = 2  # of a shape: the functions of its stages, and those of its end
 CARRIERS = {
     "ur5": "tool0",
     "panda": "panda_link5",
@@ -51,8 +47,8 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Robot]:
     return {name: load_robot(hand if name == "hand" else name) for name in CARRIERS}
 
 
-def num_libraries(folder: Path) -> int:
-    return len(list(folder.glob("*.so")))
+def num_files(folder: Path) -> int:
+    return len(list(folder.glob("*.tape")))
 
 
 class Baked(Robot):
@@ -152,19 +148,18 @@ HEAVY = {
 }
 
 
-@needs_compiler
 @pytest.mark.parametrize(
     "scheme", ["se1", "midpoint", "gauss2", pytest.param("lobatto3", marks=pytest.mark.slow), "rk4"]
 )
-def test_another_payload_compiles_nothing(scheme: str, folder: Path) -> None:
+def test_another_payload_builds_nothing(scheme: str, folder: Path) -> None:
     first = mbocp.solve(reach(LIGHT, scheme))
-    compiled = num_libraries(folder)
-    assert compiled >= LIBRARIES
+    built = num_files(folder)
+    assert built >= FILES
     problem = reach(HEAVY, scheme)
     second = mbocp.solve(problem)
-    assert num_libraries(folder) == compiled
+    assert num_files(folder) == built
     same = mbocp.solve(problem.with_(robot=baked(problem.robot)))
-    assert num_libraries(folder) > compiled
+    assert num_files(folder) > built
     assert all(solution.converged for solution in (first, second, same))
     np.testing.assert_allclose(second.us, same.us, rtol=1e-9, atol=1e-9 * np.abs(same.us).max())
     np.testing.assert_allclose(second.qs, same.qs, atol=1e-10)
@@ -267,9 +262,8 @@ def test_natural_coordinates_keep_constants() -> None:
     assert joint[0].end_text == joint[1].end_text
 
 
-@needs_compiler
 def test_bodies_that_are_picked_up(folder: Path) -> None:
-    """A part that is a simple body: another mass, and another one of the cup, compile nothing."""
+    """A part that is a simple body: another mass, and another one of the cup, build nothing."""
 
     def carry(box: float, cup: float) -> Problem:
         chain = {"name": "arm", "robot": "chain_3", "payload": [{"frame": "tip", "name": "cup", "mass": cup}]}
@@ -280,22 +274,21 @@ def test_bodies_that_are_picked_up(folder: Path) -> None:
         return Problem.create({"part": [chain, body]}, phase=phases, goal={"v": 0}, scheme="se1")
 
     transcribe(carry(1.5, 0.2))
-    compiled = num_libraries(folder)
-    assert compiled >= LIBRARIES
+    built = num_files(folder)
+    assert built >= FILES
     second = carry(2.5, 0.4)
     programme = transcribe(second)
-    assert num_libraries(folder) == compiled
+    assert num_files(folder) == built
     assert 2.5 in programme.theta
     assert len(second.robot.varying) == 2 * 10 + 3
 
 
-@needs_compiler
 def test_flows_share_their_functions(folder: Path) -> None:
     robots = [reach(p, "se1").robot for p in (LIGHT, HEAVY)]
     flows = [Flow.of(robot) for robot in robots]
-    compiled = num_libraries(folder)
+    built = num_files(folder)
     flows.append(Flow.of(baked(robots[1])))
-    assert num_libraries(folder) == compiled + 1
+    assert num_files(folder) == built + 1
     rng = np.random.default_rng(0)
     qs, vs, us = rng.standard_normal((3, 5, 2))
     light, heavy, constant = (np.hstack(flow.ends(qs, vs, us, np.full(5, 0.1), 4)) for flow in flows)
@@ -304,15 +297,14 @@ def test_flows_share_their_functions(folder: Path) -> None:
     np.testing.assert_allclose(flows[1].energies(qs, vs), flows[2].energies(qs, vs), rtol=1e-12)
 
 
-@needs_compiler
-def test_a_study_of_payloads_compiles_once(folder: Path, tmp_path: Path) -> None:
+def test_a_study_of_payloads_builds_once(folder: Path, tmp_path: Path) -> None:
     problem = reach(LIGHT, "se1")
     tables = {"problem": parse_toml(problem_to_toml(problem))}
-    compiled = []
+    built = []
     for masses in ([0.1], [0.5, 1.0, 1.5]):
         study = Study.from_tables({**tables, "grid": {"robot.payload.0.mass": masses}})
         table = run_study(study, tmp_path / f"{len(masses)}.jsonl", workers=1)
         assert [row["status"] for row in table.rows] == ["converged"] * len(masses)
         assert len({row["cost"] for row in table.rows}) == len(masses)
-        compiled.append(num_libraries(folder))
-    assert compiled[0] == compiled[1] > 0
+        built.append(num_files(folder))
+    assert built[0] == built[1] > 0
