@@ -10,6 +10,9 @@ import pytest
 
 from tests.levels import LONGEST, level_of, name_of
 
+# Processes share the cores: threads of a BLAS would wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 
 def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: tests wait, too, for processes that they start."""
