@@ -8,15 +8,17 @@ from pathlib import Path
 
 import pytest
 
+from mbocp._environment import available_workers
 from tests.levels import LONGEST, level_of, name_of
 
 # Processes share the cores: threads of a BLAS would wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
+@pytest.hookimpl(optionalhook=True)  # without pytest-xdist nobody asks
 def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: tests wait, too, for processes that they start."""
-    return (os.cpu_count() or 1) + 1
+    return available_workers() + 1
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -14,8 +14,6 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.contact_force import ContactForce
-from mbocp.problem.cost import Cost
-from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
 from mbocp.robot.loops.kinds.axes import perpendiculars
@@ -23,7 +21,6 @@ from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.cost import ForceRows
-from mbocp.terms.kinds import ConstraintForce
 from mbocp.terms.own import OwnTerm
 from mbocp.terms.span import Place, Span
 
@@ -355,12 +352,6 @@ def check_has_forces(key: str, scheme: str) -> None:
     )
     solving = schemes_that(lambda data: data.has_forces)
     raise ProblemError(f'{key}: scheme = "{scheme}" {why}; take one of integrator.scheme = {solving}')
-
-
-def weighs_forces(cost: Cost, phases: Iterable[Phase]) -> bool:
-    """Whether the cost, or that of a phase, has a weight on forces of constraints."""
-    key = ConstraintForce.key
-    return bool(np.any(cost.weight(key))) or any(key in phase.weights for phase in phases)
 
 
 def forces_of_costs(terms: Iterable[OwnTerm], robot: Robot) -> dict[str, str]:

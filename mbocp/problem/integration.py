@@ -13,7 +13,7 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_that
 from mbocp.problem._checks import check_choice, check_integer, check_number
-from mbocp.problem.contact_bounds import ContactBounds, forces_of_costs, weighs_forces
+from mbocp.problem.contact_bounds import ContactBounds, forces_of_costs
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.cost import Cost
@@ -22,6 +22,7 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.timeline.phase_values import is_weighed
 from mbocp.problem.warn import has_equations_throughout
 from mbocp.robot import Robot
 from mbocp.terms.own import OwnTerm
@@ -211,7 +212,8 @@ def choose_scheme(
     stiff, times = stiffest_joint(robot, ends[1])
     stiff_scheme = "se1" if robot.nv > _LARGE and controls == "constant" else "radau2"
     has_forces = any(isinstance(one, ContactForce | ContactBounds) for one in said_path)
-    has_cost = weighs_forces(said_cost, said_phase) or bool(forces_of_costs(said_terms, robot))
+    has_weight = is_weighed("constraint_force", said_cost, said_phase)
+    has_cost = has_weight or bool(forces_of_costs(said_terms, robot))
     suits = (  # the first that holds
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
         (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),

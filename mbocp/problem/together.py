@@ -14,7 +14,6 @@ from mbocp.problem.contact_bounds import (
     check_has_forces,
     contact_bounds,
     force_rows,
-    weighs_forces,
 )
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
@@ -23,6 +22,7 @@ from mbocp.problem.goals.goal import Goal
 from mbocp.problem.guess import Guess
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.timeline.phase_values import is_weighed
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
@@ -74,15 +74,13 @@ def check_weights(
 
     Refuse weights on forces of constraints where there are none, too.
     """
-    if weighs_forces(cost, phase):
-        check_has_forces("cost.constraint_force", scheme)
+    if is_weighed(key := "constraint_force", cost, phase):
+        check_has_forces(f"cost.{key}", scheme)
         if not robot.nc and switches is None:
             raise ProblemError(
-                f"cost.constraint_force: robot {robot.name!r} has no constraints, and nothing is held; leave "
-                "it out"
+                f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
             )
-    key = "effort_about_gravity"
-    if np.any(cost.weight(key)) or any(key in part.weights for part in phase):
+    if is_weighed(key := "effort_about_gravity", cost, phase):
         _check_carries_itself(f"cost.{key}", robot, switches)
     force_rows(terms, robot, scheme, switches)  # refuses forces that are not there
     if goal.is_penalised and cost.terminal == 0.0:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from mbocp._keys import Table
 from mbocp.terms.cost import COST_TERMS as COST_TERMS
 from mbocp.terms.running import (
-    ConstraintForce as ConstraintForce,
     ControlRate as ControlRate,
     Effort as Effort,
     EffortAboutGravity as EffortAboutGravity,

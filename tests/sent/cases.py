@@ -125,7 +125,7 @@ def time_to_brake(
 
     In the plane of position and speed: no faster than the limits, than it can have become, and than it can
     brake from. Ramps of the acceleration a take a / j in all; corners between them, where speeds are high,
-    are left out: 1e-5 of the time.
+    are left out: 1e-5 of the time, but more of ways that are hardly longer than these ramps.
 
     Parameters
     ----------

@@ -139,6 +139,11 @@ def heaviest_cost(cost: Cost, phases: Sequence[Phase], robot: Robot) -> Cost:
     return cost.with_weights({key: _shape(key, _heaviest(values)) for key, values in rows.items()})
 
 
+def is_weighed(key: str, cost: Cost, phases: Sequence[Phase]) -> bool:
+    """Whether a term of the cost has a weight in the whole motion, or one of its own in a phase."""
+    return bool(np.any(cost.weight(key))) or any(key in phase.weights for phase in phases)
+
+
 def weight_shares(cost: Cost, phases: Sequence[Phase], robot: Robot) -> dict[str, Array]:
     """Return which part of the heaviest weights counts in each step, shape (N, size), by the term's key."""
     found, counts = {}, [phase.last - phase.first for phase in phases]
