@@ -144,12 +144,13 @@ def _step(model: pin.Model, data: pin.Data, q: Array, v: Array, tau: Array, h: f
     return pin.integrate(model, q, dq), v + dv
 
 
-def robust_table(runs: int, path: Path = EXAMPLE) -> Table:
+def robust_table(runs: int, path: Path = EXAMPLE, sigmas: Sequence[float] = ()) -> Table:
     """How many runs leave a limit somewhere, and in the worst step of each limit."""
     problem = mbocp.load_problem(path)
     rows = []
-    for name, sigmas in (("as near as limits allow", NONE), ("robust", problem.robust.sigmas)):
-        tried = problem.with_(robust={"sigmas": sigmas})
+    rooms = {f"robust, {count:g} sigmas": count for count in sigmas or (problem.robust.sigmas,)}
+    for name, count in ({"as near as limits allow": NONE} | rooms).items():
+        tried = problem.with_(robust={"sigmas": count})
         clock = time.perf_counter()
         solution = mbocp.solve(tried, check=True)
         spent = time.perf_counter() - clock
@@ -176,11 +177,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.robust", description=__doc__)
     parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--sigmas", type=float, nargs="+", default=(), help="in place of the problem's")
     parser.add_argument("--problem", type=Path, default=EXAMPLE)
     parser.add_argument("--markdown", action="store_true", help="for the documentation")
     options = parser.parse_args(arguments)
     one_core()
-    for table in (header(), robust_table(options.runs, options.problem)):
+    for table in (header(), robust_table(options.runs, options.problem, options.sigmas)):
         show(table, markdown=options.markdown)
 
 
