@@ -20,17 +20,64 @@ constexpr double repeated = 0.1;       // two passes that differ by less than th
 
 bool has(double bound) { return std::isfinite(bound); }
 
+using dense::Indices;
+using dense::Vec;
+
+constexpr Vec none = {};
+
+Vec all(double value) { return Vec{value, value, value, value}; }
+Vec larger(Vec a, Vec b) { return b > a ? b : a; }  // a where b is no number
+
+// As many rows at once as a vector has entries, from `first` on; behind the last of those that are left there are no
+// sides, and zeros elsewhere.
+struct Rows {
+    int first, left;
+
+    Vec of(const Numbers& values) const { return dense::first_of(values.data() + first, left); }
+    Vec side(const Numbers& bounds, double infinite) const {
+        const long long size = left;
+        return Indices{0, 1, 2, 3} < Indices{size, size, size, size} ? of(bounds) : all(infinite);
+    }
+    void store(Vec from, Numbers& to) const { dense::store_first(to.data() + first, from, left); }
+};
+
+// The sides of rows, infinite where there are none.
+struct Sides {
+    Vec lower, upper;
+    Indices has_lower, has_upper;
+
+    Sides(const Limits& limits, const Rows& rows)
+        : lower(rows.side(limits.lower, -INFINITY)), upper(rows.side(limits.upper, INFINITY)),
+          has_lower(lower > all(-INFINITY)), has_upper(upper < all(INFINITY)) {}
+};
+
+template <class Work>
+void for_rows(int size, Work work) {
+    for (int i = 0; i < size; i += dense::width) work(Rows{i, size - i});
+}
+
 // -mu log of the distances, many factors to a logarithm.
 struct LogBarrier {
-    double product = 1.0, sum = 0.0;
-    bool ok = true;
+    Vec product = all(1.0);
+    double sum = 0.0;
+    Indices ok = {-1, -1, -1, -1};
 
-    void add(double distance) {
-        ok = ok && distance > 0.0;
+    void add(Indices has, Vec distance) {
+        distance = has ? distance : all(1.0);
+        ok &= distance > 0.0;
         product *= distance;
-        if (product < 1e-200 || product > 1e200) sum += std::log(product), product = 1.0;
+        const Indices is_safe = (product >= 1e-200) & (product <= 1e200);
+        if (!(is_safe[0] & is_safe[1] & is_safe[2] & is_safe[3])) take_logarithms();
     }
-    double value(double mu) const { return -mu * (sum + std::log(product)); }
+    void take_logarithms() {
+        for (int i = 0; i < dense::width; ++i) sum += std::log(product[i]);
+        product = all(1.0);
+    }
+    bool is_ok() const { return ok[0] & ok[1] & ok[2] & ok[3]; }
+    double value(double mu) {
+        take_logarithms();
+        return -mu * sum;
+    }
 };
 
 }  // namespace
@@ -78,13 +125,12 @@ void Barrier::start(const Point& at, double parameter, double inside) {
 }
 
 void Barrier::set_parameter(double parameter) {
-    for (int i = 0; i < num_rows(); ++i) {
-        const double lower = limits_.lower[i], upper = limits_.upper[i];
-        double sigma = 0;
-        if (has(lower)) sigma += z_lower[i] / (slack[i] - lower);
-        if (has(upper)) sigma += z_upper[i] / (upper - slack[i]);
-        sigma_[i] = sigma;
-    }
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack);
+        const Vec below = sides.has_lower ? rows.of(z_lower) / (s - sides.lower) : none;
+        rows.store(below + (sides.has_upper ? rows.of(z_upper) / (sides.upper - s) : none), sigma_);
+    });
     aim(parameter, false);
     for (std::size_t k = 0; k < weight_.size(); ++k) {
         const double slope = std::max(limits_.squared_slope(k), least_slope);
@@ -97,35 +143,37 @@ void Barrier::set_parameter(double parameter) {
 
 void Barrier::aim(double parameter, bool is_curved) {
     parameter_ = parameter;
-    for (int i = 0; i < num_rows(); ++i) {
-        const double lower = limits_.lower[i], upper = limits_.upper[i];
-        curved_lower_[i] = is_curved ? ds_[i] * dz_lower_[i] : 0.0;
-        curved_upper_[i] = is_curved ? -ds_[i] * dz_upper_[i] : 0.0;
-        double force = 0;
-        if (has(lower)) force -= (parameter - curved_lower_[i]) / (slack[i] - lower);
-        if (has(upper)) force += (parameter - curved_upper_[i]) / (upper - slack[i]);
-        force_[i] = force + sigma_[i] * defect_[i];
-    }
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack), ds = is_curved ? rows.of(ds_) : none;
+        const Vec curved_lower = ds * rows.of(dz_lower_), curved_upper = -ds * rows.of(dz_upper_);
+        rows.store(curved_lower, curved_lower_), rows.store(curved_upper, curved_upper_);
+        const Vec below = sides.has_lower ? (parameter - curved_lower) / (s - sides.lower) : none;
+        const Vec above = sides.has_upper ? (parameter - curved_upper) / (sides.upper - s) : none;
+        rows.store(above - below + rows.of(sigma_) * rows.of(defect_), force_);
+    });
 }
 
 void Barrier::finish(Evaluation& e) const {
     LogBarrier barrier;
-    double squared = 0;
-    for (int i = 0; i < num_rows(); ++i) {
-        const auto add = [&](double distance, double z) {
-            const double product = distance * z;
-            barrier.add(distance);
-            squared += product * product;
-            e.barrier_error = std::max(e.barrier_error, std::abs(product - parameter_));
+    Vec squares = {}, errors = {};
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack);
+        const auto add = [&](Indices has, Vec distance, Vec z) {
+            const Vec product = has ? distance * z : none, error = has ? product - parameter_ : none;
+            barrier.add(has, distance);
+            squares += product * product, errors = larger(errors, error < 0.0 ? -error : error);
         };
-        if (has(limits_.lower[i])) add(slack[i] - limits_.lower[i], z_lower[i]);
-        if (has(limits_.upper[i])) add(limits_.upper[i] - slack[i], z_upper[i]);
-    }
+        add(sides.has_lower, s - sides.lower, rows.of(z_lower));
+        add(sides.has_upper, sides.upper - s, rows.of(z_upper));
+    });
+    e.barrier_error = std::max(e.barrier_error, dense::largest_of(errors));
     e.objective = e.cost + barrier.value(parameter_);
-    e.complementarity = std::sqrt(squared);
+    e.complementarity = std::sqrt(dense::sum_of(squares));
     e.dual = std::hypot(e.dual, e.complementarity);
     e.residual = std::hypot(e.primal, e.dual);
-    e.finite = e.finite && barrier.ok && std::isfinite(e.residual) && std::isfinite(e.objective);
+    e.finite = e.finite && barrier.is_ok() && std::isfinite(e.residual) && std::isfinite(e.objective);
 }
 
 void Barrier::add_to_controls(int n, double* Quu, int ld) const {
@@ -210,38 +258,43 @@ void Barrier::take_back(int passes) {
 void Barrier::find_step(const Increment& step, Direction& d) {
     limits_.along(step, ds_);
     const double mu = parameter_, tau = std::max(1.0 - least_rest, 1.0 - mu);
-    double approach = 0, decline = 0;  // largest relative loss of a distance, and of a multiplier
-    for (int i = 0; i < num_rows(); ++i) {
-        const double ds = ds_[i] += defect_[i];
-        if (has(limits_.lower[i])) {
-            const double inverse = 1.0 / (slack[i] - limits_.lower[i]);
-            dz_lower_[i] = (mu - curved_lower_[i] - z_lower[i] * ds) * inverse - z_lower[i];
-            approach = std::max(approach, -ds * inverse), decline = std::max(decline, -dz_lower_[i] / z_lower[i]);
-            d.slope -= mu * inverse * ds;
-        }
-        if (has(limits_.upper[i])) {
-            const double inverse = 1.0 / (limits_.upper[i] - slack[i]);
-            dz_upper_[i] = (mu - curved_upper_[i] + z_upper[i] * ds) * inverse - z_upper[i];
-            approach = std::max(approach, ds * inverse), decline = std::max(decline, -dz_upper_[i] / z_upper[i]);
-            d.slope += mu * inverse * ds;
-        }
-    }
+    Vec losses = {}, declines = {}, slopes = {};  // relative losses of distances, and of multipliers
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack), ds = rows.of(ds_) + rows.of(defect_);
+        rows.store(ds, ds_);
+        const auto step = [&](Indices has, Vec distance, Vec growth, Vec curved, Vec z, Numbers& dz) {
+            const Vec inverse = has ? 1.0 / distance : none;
+            const Vec change = has ? (mu - curved - z * growth) * inverse - z : none;
+            rows.store(change, dz);
+            losses = larger(losses, -growth * inverse), declines = larger(declines, has ? -change / z : none);
+            slopes -= mu * inverse * growth;
+        };
+        step(sides.has_lower, s - sides.lower, ds, rows.of(curved_lower_), rows.of(z_lower), dz_lower_);
+        step(sides.has_upper, sides.upper - s, -ds, rows.of(curved_upper_), rows.of(z_upper), dz_upper_);
+    });
+    const double approach = dense::largest_of(losses), decline = dense::largest_of(declines);
+    d.slope += dense::sum_of(slopes);
     for (const Equation& e : limits_.equations) ds_[e.row] = 0.0;
     d.longest = longest_ = approach > tau ? tau / approach : 1.0;
     d.longest_dual = decline > tau ? tau / decline : 1.0;
 }
 
 double Barrier::mean_product(double alpha, double alpha_limits) const {
-    double sum = 0;
-    int count = 0;
-    for (int i = 0; i < num_rows(); ++i) {
-        const auto add = [&](double distance, double approach, double z, double dz) {
-            sum += std::max(distance + alpha * approach, 0.0) * (z + alpha_limits * dz), ++count;
+    Vec sums = {}, counts = {};
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack), ds = rows.of(ds_);
+        const auto add = [&](Indices has, Vec distance, Vec growth, Vec z, Vec dz) {
+            const Vec moved = distance + alpha * growth;
+            sums += has ? (moved < 0.0 ? none : moved) * (z + alpha_limits * dz) : none,
+                counts += has ? all(1.0) : none;
         };
-        if (has(limits_.lower[i])) add(slack[i] - limits_.lower[i], ds_[i], z_lower[i], dz_lower_[i]);
-        if (has(limits_.upper[i])) add(limits_.upper[i] - slack[i], -ds_[i], z_upper[i], dz_upper_[i]);
-    }
-    return count ? sum / count : 0.0;
+        add(sides.has_lower, s - sides.lower, ds, rows.of(z_lower), rows.of(dz_lower_));
+        add(sides.has_upper, sides.upper - s, -ds, rows.of(z_upper), rows.of(dz_upper_));
+    });
+    const double count = dense::sum_of(counts);
+    return count > 0.0 ? dense::sum_of(sums) / count : 0.0;
 }
 
 // Beyond the longest step, slacks that would come too close to their bounds stop there, each by itself.
@@ -262,27 +315,32 @@ void Barrier::move(double alpha) {
 bool Barrier::evaluate_moved(const Point& moved, Trial& t) {
     const bool ok = limits_.values(moved, h_);
     LogBarrier barrier;
-    for (int i = 0; i < num_rows(); ++i) {
-        t.violation += std::abs(h_[i] - slack_moved_[i]);
-        if (has(limits_.lower[i])) barrier.add(slack_moved_[i] - limits_.lower[i]);
-        if (has(limits_.upper[i])) barrier.add(limits_.upper[i] - slack_moved_[i]);
-    }
-    t.objective += barrier.value(parameter_);
-    return ok && barrier.ok;
+    Vec violations = {};
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack_moved_), defect = rows.of(h_) - s;
+        violations += defect < 0.0 ? -defect : defect;
+        barrier.add(sides.has_lower, s - sides.lower), barrier.add(sides.has_upper, sides.upper - s);
+    });
+    t.violation += dense::sum_of(violations), t.objective += barrier.value(parameter_);
+    return ok && barrier.is_ok();
 }
 
 // Multipliers of bounds are kept near the central path.
 void Barrier::accept(double alpha, double alpha_limits) {
     slack.swap(slack_moved_);
     for (std::size_t k = 0; k < dlambda_.size(); ++k) z_upper[limits_.equations[k].row] += alpha * dlambda_[k];
-    for (int i = 0; i < num_rows(); ++i) {
-        const auto moved = [&](double z, double dz, double distance) {
-            const double centre = parameter_ / distance;
-            return std::min(std::max(z + alpha_limits * dz, centre / most_off_centre), centre * most_off_centre);
+    for_rows(num_rows(), [&](const Rows& rows) {
+        const Sides sides(limits_, rows);
+        const Vec s = rows.of(slack);
+        const auto move = [&](Indices has, Vec distance, const Numbers& dz, Numbers& z) {
+            const Vec centre = parameter_ / distance, before = rows.of(z), least = centre / most_off_centre;
+            const Vec moved = larger(before + alpha_limits * rows.of(dz), least), most = centre * most_off_centre;
+            rows.store(has ? (most < moved ? most : moved) : before, z);
         };
-        if (has(limits_.lower[i])) z_lower[i] = moved(z_lower[i], dz_lower_[i], slack[i] - limits_.lower[i]);
-        if (has(limits_.upper[i])) z_upper[i] = moved(z_upper[i], dz_upper_[i], limits_.upper[i] - slack[i]);
-    }
+        move(sides.has_lower, s - sides.lower, dz_lower_, z_lower);
+        move(sides.has_upper, sides.upper - s, dz_upper_, z_upper);
+    });
 }
 
 }  // namespace mbocp

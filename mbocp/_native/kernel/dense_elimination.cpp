@@ -271,24 +271,39 @@ void DenseElimination::forward(const Residual& rhs, const Weights& weights, Incr
     if (check) check->add_end(rhs, out);
 }
 
-void DenseElimination::forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out) {
+void DenseElimination::forward_motion(Increment& out) {
+    Space space(work_.data());
+    double *dw = space.take(problem_.kind().nw()), *ds = space.take(problem_.kind().ns());
+    for (int n = 0; n < problem_.N; ++n) find_motion(n, dw, ds, out);
+}
+
+// Into dw and ds, and from there into the direction.
+void DenseElimination::find_motion(int n, double* dw, double* ds, Increment& out) const {
     const Stage& s = data_[n];
     const Kind& k = *s.kind;
-    const int nd = problem_.ndx, ng = problem_.ng, nw = k.nw(), ns = k.ns(), nu = k.nu;
-    const int px = padded(nd), pg = padded(ng);
-    Space space(work_.data());
-    double *dw = space.take(nw), *ds = space.take(ns), *of_s = s.Hz + nw;
+    const int nd = problem_.ndx, nu = k.nu;
     const double* dx = out.dx.data() + problem_.dx_offset(n);
-    double *du = out.du.data() + problem_.u_offset[n], *dm = out.dm.data() + problem_.m_offset[n];
+    double* du = out.du.data() + problem_.u_offset[n];
     dense::copy(s.k, du, nu);
-    dense::gemv(nu, nd, s.K, px, dx, du);
-    dense::gemv(nu, ng, s.Keta, pg, out.deta.data(), du);
+    dense::gemv(nu, nd, s.K, padded(nd), dx, du);
+    dense::gemv(nu, problem_.ng, s.Keta, padded(problem_.ng), out.deta.data(), du);
     dense::copy(dx, ds, nd);
     dense::copy(du, ds + nd, nu);
-    dense::copy(s.t0, dw, nw);
+    dense::copy(s.t0, dw, k.nw());
     add_response(s, ds, dw);
     dense::copy(dw, out.dx.data() + problem_.dx_offset(n + 1), nd);
     dense::copy(dw + nd, out.dy.data() + problem_.y_offset[n], k.ny);
+}
+
+void DenseElimination::forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out) {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    const int nd = problem_.ndx, ng = problem_.ng, nw = k.nw(), ns = k.ns();
+    const int px = padded(nd), pg = padded(ng);
+    Space space(work_.data());
+    double *dw = space.take(nw), *ds = space.take(ns), *of_s = s.Hz + nw;
+    double* dm = out.dm.data() + problem_.m_offset[n];
+    find_motion(n, dw, ds, out);
     dense::zero(s.Hz, nw + ns);
     step_.add_hessian(n, dw, ds, s.Hz, of_s);
     for (int i = 0; i < nd; ++i) s.Hz[i] += weights.shift * dw[i];

@@ -19,6 +19,7 @@ public:
     void start_backward(const Residual& rhs, const Weights& weights, Numbers& r) override;
     void backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) override;
     void forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) override;
+    void forward_motion(Increment& out) override;
     void feed_back(int n, const double* dx, double* du) const override;
     void feed_back_transposed(int n, const double* du, double* dx) const override;
 
@@ -31,6 +32,7 @@ private:
     Form whole_form(const Stage& s, double shift);
     Form take_form(const Kind& k, Space& space, bool is_connected = false) const;
     void add_hessian(const Stage& s, const Form& form) const;
+    void find_motion(int n, double* dw, double* ds, Increment& out) const;
     void forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out);
 
     const Problem& problem_;

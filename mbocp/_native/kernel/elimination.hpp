@@ -42,6 +42,8 @@ public:
     virtual void backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) = 0;
     // The forward half from eta; with `check` also rhs + KKT d.
     virtual void forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) = 0;
+    // The same of states and controls alone.
+    virtual void forward_motion(Increment& out) = 0;
 
     // What the gains make of a deviation of the state before stage n, du += K dx, and dx += K'du.
     virtual void feed_back(int n, const double* dx, double* du) const = 0;

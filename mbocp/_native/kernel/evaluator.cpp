@@ -49,6 +49,24 @@ struct Evaluator::Violations {
         for (int i = 0; i < rows; ++i) compare(values[i] * scale[i], stage, i);
     }
 
+    // Of limits, whose rows come after those of a stage and of the end.
+    void add(const Barrier& barrier, int num_stages, int num_stage_rows, int num_end_rows) {
+        const Numbers& defect = barrier.defect();
+        const Limits& limits = barrier.limits();
+        const int size = limits.num_rows();
+        double sum = 0;
+        for (int i = 0; i < size; ++i) sum += std::abs(defect[i]);
+        const double squares = dense::dot(size, defect.data(), defect.data());
+        e.violation += sum, squared += squares;
+        if (std::isfinite(squares) && dense::largest(size, defect.data()) <= e.worst) return;  // none of them is worse
+        for (int n = 0; n < num_stages; ++n) {
+            const auto [first, u, path, end] = limits.of_stage(n);
+            for (int i = first; i < end; ++i) compare(defect[i], n, num_stage_rows + i - first);
+        }
+        for (int i = limits.first_guard(); i < size; ++i)
+            compare(defect[i], -1, num_end_rows + i - limits.first_guard());
+    }
+
 private:
     void compare(double scaled, int stage, int row) {
         if (!(std::abs(scaled) <= e.worst)) e.worst = std::abs(scaled), e.worst_stage = stage, e.worst_row = row;
@@ -126,7 +144,7 @@ double Evaluator::stationarity(double& largest) const {
 
 Evaluation Evaluator::evaluate(double share) {
     const Numbers& m = iterate_.m;
-    const int N = problem_.N, ng = problem_.ng;
+    const int ng = problem_.ng;
     const double* multipliers = m.data();
     if (share != 1.0) {
         for (std::size_t i = 0; i < m.size(); ++i) scaled_m_[i] = share * m[i];
@@ -147,14 +165,7 @@ Evaluation Evaluator::evaluate(double share) {
     for (int i = 0; i < ng; ++i) violations.add(data_.end.g[i], 1.0, -1, i);
     if (!barrier_.empty()) {
         ok = barrier_.evaluate(iterate_) && ok;
-        const Limits& limits = barrier_.limits();
-        for (int n = 0; n < N; ++n) {
-            const auto [first, u, path, end] = limits.of_stage(n);
-            for (int i = first; i < end; ++i)
-                violations.add(barrier_.defect()[i], 1.0, n, problem_.kind().nc() + i - first);
-        }
-        for (int i = limits.first_guard(); i < limits.num_rows(); ++i)
-            violations.add(barrier_.defect()[i], 1.0, -1, ng + i - limits.first_guard());
+        violations.add(barrier_, problem_.N, problem_.kind().nc(), ng);
     }
     const double dual = stationarity(e.barrier_error);
     e.primal = std::sqrt(violations.squared), e.dual = std::sqrt(dual);

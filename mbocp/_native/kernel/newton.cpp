@@ -435,7 +435,7 @@ void Newton::fix_barrier(NewtonState& state) const {
 // factorisation, made with no barrier in the right-hand side.
 Direction Newton::aim(NewtonState& state) const {
     Programme& programme = *state.programme;
-    const Direction found = programme.riccati.solve(1);
+    const Direction found = programme.riccati.solve_motion();
     if (!found.finite) {
         programme.aim(state.barrier, false);
         return found;

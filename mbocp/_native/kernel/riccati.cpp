@@ -117,9 +117,13 @@ void Riccati::backward(const Residual& rhs) {
     for (int n = problem_.N - 1; n >= 0; --n) elimination_->backward(n, rhs, weights_, eta_rhs_);
 }
 
-void Riccati::forward(const Residual& rhs, Increment& out, KktCheck* check) {
+void Riccati::start_forward(Increment& out) {
     eta_.solve(eta_rhs_, out.deta);
     std::fill(out.dx.begin(), out.dx.begin() + problem_.ndx, 0.0);
+}
+
+void Riccati::forward(const Residual& rhs, Increment& out, KktCheck* check) {
+    start_forward(out);
     elimination_->forward(rhs, weights_, out, check);
 }
 
@@ -127,6 +131,22 @@ Direction Riccati::solve(int refinements) {
     if (known_ == Known::nothing) throw std::logic_error("solve: the last factorisation failed or is missing");
     if (known_ != Known::backward) gather_right_hand_side();
     return finish(refinements);
+}
+
+Direction Riccati::solve_motion() {
+    if (barrier_.has_equations()) return solve(1);
+    if (known_ == Known::nothing) throw std::logic_error("solve_motion: the last factorisation failed or is missing");
+    if (known_ != Known::backward) gather_right_hand_side(), backward(rhs_);
+    known_ = Known::factors;
+    start_forward(direction_);
+    elimination_->forward_motion(direction_);
+    Direction d;
+    double squared = 0;
+    for (const Numbers* part : {&direction_.dx, &direction_.du})
+        squared += dense::dot(static_cast<int>(part->size()), part->data(), part->data());
+    if (!barrier_.empty()) barrier_.find_step(direction_, d);
+    d.finite = std::isfinite(squared);
+    return d;
 }
 
 Direction Riccati::correct(double alpha, const Numbers& c, const Numbers& g) {

@@ -26,6 +26,9 @@ public:
     // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition.
     Factorisation factorise(double shift, double augment);
     Direction solve(int refinements);
+    // How far limits allow to go in states and controls along the direction; in `direction` without multipliers, which
+    // take twice as long, unless the limits' equations need them.
+    Direction solve_motion();
     // The direction for other values of the constraints: alpha times those of the iterate, plus these.
     Direction correct(double alpha, const Numbers& c, const Numbers& g);
     // KKT d = rhs of another right-hand side, in which `equations` belongs to the limits that are equations: d in
@@ -44,6 +47,7 @@ private:
     bool condense(Factorisation& f);
     bool condense_together(Factorisation& f);
     void backward(const Residual& rhs);
+    void start_forward(Increment& out);
     void forward(const Residual& rhs, Increment& out, KktCheck* check);
     Direction finish(int refinements);
     Direction refine(int refinements, const Barrier::Accuracy& accuracy);

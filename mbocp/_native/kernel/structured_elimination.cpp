@@ -225,15 +225,20 @@ void StructuredElimination::forward(const Residual& rhs, const Weights& weights,
     check->add_end(rhs, out);
 }
 
-// States, controls, algebraic unknowns, and of the multipliers those of the momentum rows.
-void StructuredElimination::forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out) {
+void StructuredElimination::forward_motion(Increment& out) {
+    for (int n = 0; n < problem_.N; ++n) {
+        Space space(scratch_.data());
+        double *dw = space.take(problem_.ndx), *ds = space.take(problem_.kind().ns());
+        find_motion(n, dw, ds, space, out);
+    }
+}
+
+// Into dw and ds, and from there into the direction; returns xi.
+const double* StructuredElimination::find_motion(int n, double* dw, double* ds, Space& space, Increment& out) const {
     const Stage& s = data_[n];
-    const Kind& k = *s.kind;
-    const Structure& t = *k.structure;
-    const int nd = problem_.nd, nx = problem_.ndx, nu = k.nu, nw = k.nw(), ns = k.ns();
+    const int nd = problem_.nd, nx = problem_.ndx, nu = s.kind->nu;
     const int px = padded(nd), pm = padded(nd + nu), pg = padded(problem_.ng);
-    Space space(scratch_.data());
-    double *before = space.zeros(pm), *xi = space.zeros(px), *z = space.take(nw + ns), *dw = z, *ds = z + nw;
+    double *before = space.zeros(pm), *xi = space.zeros(px);
     const double* dx = out.dx.data() + problem_.dx_offset(n);
     double* du = out.du.data() + problem_.u_offset[n];
     if (n > 0)
@@ -247,9 +252,21 @@ void StructuredElimination::forward_stage(int n, const Residual& rhs, const Weig
     dense::copy(dx, ds, nx);
     dense::copy(du, ds + nx, nu);
     dense::copy(s.b, dw, nx);
-    t.expand(s.step, xi, dw);
-    t.balance(s.J, s.step, dw, ds, rhs.c.data() + problem_.m_offset[n] + t.nq, dw + nx, work_.data());
+    s.kind->structure->expand(s.step, xi, dw);
     dense::copy(dw, out.dx.data() + problem_.dx_offset(n + 1), nx);
+    return xi;
+}
+
+// The motion, algebraic unknowns, and of the multipliers those of the momentum rows.
+void StructuredElimination::forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out) {
+    const Stage& s = data_[n];
+    const Kind& k = *s.kind;
+    const Structure& t = *k.structure;
+    const int nx = problem_.ndx, nw = k.nw(), ns = k.ns();
+    Space space(scratch_.data());
+    double *z = space.take(nw + ns), *dw = z, *ds = z + nw;
+    const double* xi = find_motion(n, dw, ds, space, out);
+    t.balance(s.J, s.step, dw, ds, rhs.c.data() + problem_.m_offset[n] + t.nq, dw + nx, work_.data());
     dense::copy(dw + nx, out.dy.data() + problem_.y_offset[n], k.ny);
     dense::zero(s.Hz, nw + ns);
     k.hessian.times(s.H, z, s.Hz);

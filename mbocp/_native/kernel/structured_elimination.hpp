@@ -34,6 +34,7 @@ public:
     void start_backward(const Residual& rhs, const Weights& weights, Numbers& r) override;
     void backward(int n, const Residual& rhs, const Weights& weights, Numbers& r) override;
     void forward(const Residual& rhs, const Weights& weights, Increment& out, KktCheck* check) override;
+    void forward_motion(Increment& out) override;
     void feed_back(int n, const double* dx, double* du) const override;
     void feed_back_transposed(int n, const double* du, double* dx) const override;
 
@@ -46,6 +47,7 @@ private:
     void reduce_hessian(int n);
     void reduce_residual(int n, const Residual& rhs);
     void reduce_end();
+    const double* find_motion(int n, double* dw, double* ds, Space& space, Increment& out) const;
     void forward_stage(int n, const Residual& rhs, const Weights& weights, Increment& out);
     void momentum_multipliers(int n, const Residual& rhs, const double* xi, Increment& out, Space& space);
     void other_multipliers(const Residual& rhs, Increment& out);

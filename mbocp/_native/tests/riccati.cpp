@@ -242,11 +242,15 @@ int check_direction(const Shape& shape, Random& random, double shift = 0.0, doub
     check(factorisation.ok, what + ": singular");
     if (!factorisation.ok) return -1;
     check(factorisation.negative - shape.ng == excess, what + ": inertia");
+    programme->riccati.solve_motion();
+    const Vector motion = programme.direction().head(programme.num_primal());
     const Direction found = programme->riccati.solve(1);
     const Vector direction = programme.direction(), expected = K.partialPivLu().solve(-r);
     // With eigenvalues a factor of 1e6 apart at most, and one refinement.
     check_equal(K * direction, -r, 1e-9 / epsilon * r.cwiseAbs().maxCoeff(), what + ": linear residual");
     check_equal(direction, expected, 1e-8 / epsilon * expected.cwiseAbs().maxCoeff(), what + ": direction");
+    const double without_refinement = 1e-6 / epsilon * expected.cwiseAbs().maxCoeff();
+    check_equal(motion, expected.head(motion.size()), without_refinement, what + ": motion");
     check_equal(found.increment, expected.norm(), 1e-8 / epsilon * expected.norm(), what + ": increment");
     return excess;
 }
