@@ -130,7 +130,7 @@ class WithinSteps:
     once: Strategy
 
     def run(self, job: Job) -> Solution:
-        """Solve up to five times."""
+        """Solve up to six times; nothing else looks at jerks between nodes, so that these are tried again."""
         can = can_hold_within(job.problem)
         if not limits_accelerations(job.problem) or job.rough:
             return self._solve_in_turn(job)
@@ -139,7 +139,14 @@ class WithinSteps:
         is_spent = asked is not None and solution.iterations >= asked
         if solution.is_stationary or solution.status.is_stopped or job.is_late or is_spent:
             return solution
-        return after(solution, self._solve_in_turn(job.anew()), "limits within steps")
+        found = after(solution, self._solve_in_turn(job.anew()), "limits within steps")
+        if not found.is_stationary or job.is_late or "j" not in can:
+            return found
+        again = self.once.run(replace(job.with_limits_within(can), start=found, brief=job.brief or _WITHIN))
+        if again.is_stationary:
+            return after(found, again, "limits of jerk at nodes alone")
+        words = f"{found.advice}; limits of jerk hold between the means of steps, and not within these"
+        return retold(found, advice=words, wall_time_s=found.wall_time_s + again.wall_time_s)
 
     def _solve_in_turn(self, job: Job) -> Solution:
         """Up to four times; a motion that keeps its limits already begins with them."""

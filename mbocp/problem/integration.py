@@ -24,7 +24,7 @@ from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import is_weighed
 from mbocp.problem.warn import has_equations_throughout
-from mbocp.robot import Robot
+from mbocp.robot import Robot, kinematics
 from mbocp.terms.own import OwnTerm
 
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
@@ -101,12 +101,23 @@ def check_integrator(
             f"holonomic constraints ({robot.constraint_labels[0].name}, ...), which hold at the nodes; "
             f"take one of {schemes_that(lambda data: data.takes_loops)}"
         )
+    if _lacks_masses(robot) and not SCHEMES[scheme].has_forces:
+        raise ProblemError(
+            f'integrator.scheme: got "{scheme}", which divides by masses, but links of {robot.name!r} in '
+            f"closed loops have none; take one of {schemes_that(lambda data: data.has_forces)}"
+        )
     if robot.rotations == "dcm" and not SCHEMES[scheme].takes_matrices and has_rotations(robot):
         raise ProblemError(
             f'robot.rotations: got "dcm", but scheme "{scheme}" keeps rotations as quaternions; choose an '
             f'explicit scheme ({schemes_that(lambda data: data.takes_matrices)}), or rotations = "quaternion"'
         )
     _check_controls(controls, scheme)
+
+
+def _lacks_masses(robot: Robot) -> bool:
+    """Whether only closed loops say how some links move, which have no mass."""
+    free = list(robot.undriven)
+    return bool(robot.nc) and kinematics.is_singular(robot.mass_matrix(robot.q0)[np.ix_(free, free)])
 
 
 def _check_controls(controls: str, scheme: str) -> None:
@@ -193,6 +204,7 @@ def choose_scheme(
     - natural coordinates, constraints that begin or end along the way, and bounds of their forces are for the
       tau family alone, of which `midpoint` is of order two; of legs that step, velocities alternate under it
       after impacts: `se1`;
+    - closed loops of links without masses, by which others divide: `midpoint`;
     - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones, and those whose forces
       have a cost, which asks for one of each in a step: `midpoint`;
     - joints whose damping is stiff beside a step: `radau2`, or `se1` for large robots, under which velocities
@@ -222,6 +234,7 @@ def choose_scheme(
         (has_switches, "midpoint", "constraints that begin or end along the way"),
         (has_forces, "midpoint", "bounds of contact forces"),
         (not robot.nc and times > _STIFF, stiff_scheme, f"the damping of {stiff}, stiff beside a step"),
+        (_lacks_masses(robot), "midpoint", "links without masses in closed loops"),
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
         (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
         (has_cost, "midpoint", "costs of contact forces"),

@@ -14,6 +14,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
 from mbocp.robot import kinematics
+from mbocp.robot.rotors import kinds_of_ends
 
 INERTIA_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 SHAPES = {"box": 3, "sphere": 1, "cylinder": 2}  # keys that give a shape, and how many lengths it has
@@ -159,7 +160,7 @@ def attach(
     UnknownFrame
         If a frame does not exist.
     UnsupportedRobot
-        If a frame does not move, or the name of a payload is taken.
+        If a frame does not move, or moves without dynamics, or the name of a payload is taken.
     """
     model, visuals = pin.Model(model), pin.GeometryModel(visuals)
     for payload in payloads:
@@ -174,6 +175,9 @@ def attach(
             raise UnsupportedRobot(
                 f"{where}: frame {payload.frame!r} is fixed to the world: nothing would move with it"
             )
+        if payload.mass and True in kinds_of_ends(model, (index,)):
+            words = "dynamics = false: a payload has a mass, and links have none; leave one of the two out"
+            raise UnsupportedRobot(f"{where}: {words}")
         body = pin.Inertia(payload.mass, np.zeros(3), payload.inertia_matrix)
         centre = frame.placement * pin.SE3(np.eye(3), np.array(payload.com))
         model.appendBodyToJoint(joint, body, centre)

@@ -39,6 +39,7 @@ class Motor(OverSpeed):
 
     kind = "motor"
     unit = "N m"
+    of_motor = True
     remembers = ("control",)
     excess = "torque"
     values = "torques"
@@ -103,6 +104,7 @@ class MotorSpeed(PathTerm):
     unit = "rad/s"
     has_velocity = True
     of_joint = True
+    of_motor = True
 
     class Keys(Table):
         """Keys."""

@@ -104,6 +104,8 @@ class PathTerm(Structure, ABC):
         Whether it says where the frame is all the way, so that a guess can follow.
     of_joint : bool
         Whether it is about a joint with one angle, by whose frame that is named.
+    of_motor : bool
+        Whether it is about the motor of that joint.
     of_robot : bool
         Whether it is about all of the robot, and no frame.
     frame : int
@@ -118,6 +120,7 @@ class PathTerm(Structure, ABC):
     measure: ClassVar[Measure] = VALUE
     leads: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
+    of_motor: ClassVar[bool] = False
     of_robot: ClassVar[bool] = False
     Keys: ClassVar[type[Table]]
 

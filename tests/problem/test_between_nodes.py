@@ -347,6 +347,17 @@ def test_jerks_of_linear_controls_hold_within_steps_and_at_both_ends() -> None:
     check_derivatives(formulate(held), 2, [0, 3, 4])
 
 
+def test_jerks_hold_within_steps_where_the_guess_of_the_duration_leads_nowhere() -> None:
+    """They are tried again from the motion that leaves them between nodes."""
+    robot, limits = mbocp.load_robot("double_pendulum"), {"velocity": 3.0, "acceleration": 8.0, "jerk": 100.0}
+    cost, goal = {"time": 10.0, "effort": 1e-4}, {"q": [0.8, -0.5], "v": 0}
+    asked = {"goal": goal, "cost": cost, "limits": limits, "controls": "linear"}
+    s = mbocp.solve(Problem.create(robot, {"min": 0.02, "max": 6.0}, 30, **asked), check=True)
+    found = accelerations_of(s)
+    jerks = (found[s.num_steps :] - found[: s.num_steps]) / np.diff(s.t)[:, None]
+    assert np.abs(jerks).max() <= 100.0 * (1.0 + 1e-6)
+
+
 @pytest.mark.parametrize(
     ("limits", "letters"),
     [

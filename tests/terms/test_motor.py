@@ -141,6 +141,26 @@ def test_what_is_no_motor_is_refused(rotor: mbocp.Robot, words: dict[str, Any], 
         spin(rotor, 1.0, path=[table])
 
 
+@pytest.mark.parametrize("kind", ["motor", "motor_speed"])
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (
+            {"elastic": [{"joint": "joint2", "stiffness": 99.0, "motor_inertia": 0.1}]},
+            "is elastic; name its motor",
+        ),
+        ({"actuated": ["joint1"]}, "no motor turns joint 'joint2' by a torque"),
+        ({"dynamics": False}, "no motor turns joint 'joint2' by a torque"),
+    ],
+)
+def test_joints_without_motors_of_their_own_are_refused(kind: str, words: Any, says: str) -> None:
+    """Rows would see the speed of the link, and no torque."""
+    numbers = {"stall": 2.0, "no_load": 5.0} if kind == "motor" else {"max": 2.0}
+    path = [{"kind": kind, "frame": "joint2", **numbers}]
+    with pytest.raises(ProblemError, match=says):
+        Problem.create(mbocp.load_robot("double_pendulum", **words), 1.0, 5, path=path)
+
+
 @pytest.fixture
 def lifting(tmp_path: Any) -> mbocp.Robot:
     """A weight on a lever, which its motor cannot hold."""

@@ -102,6 +102,8 @@ def _constraint(
     frame = robot.frame_id(name)
     if term.of_joint and not _has_angle(robot, frame):
         raise ProblemError(f'{key}.frame: {name!r} is no joint with one angle; kind = "{kind}" is of one')
+    if term.of_motor:
+        _check_motor(robot, name, key)
     start = robot.frame_placement(name, q_start)
     values = term.read(term.complete(given, start, _goal_position(robot, name, goal), key), robot, key)
     known = PathConstraint.__dataclass_fields__
@@ -121,6 +123,16 @@ def _has_angle(robot: Robot, frame: int) -> bool:
     joint = robot.model.joints[found.parentJoint]
     is_angle = joint.nq == joint.nv == 1 and robot.v_labels[joint.idx_v].unit == "rad/s"
     return bool(found.type == pin.FrameType.JOINT and is_angle)
+
+
+def _check_motor(robot: Robot, joint: str, key: str) -> None:
+    """Refuse a joint that no torque of its own turns: a row of its motor would hold whatever that does."""
+    for elastic in robot.elastic:
+        if elastic.name == joint:
+            raise ProblemError(f"{key}.frame: joint {joint!r} is elastic; name its motor, {elastic.motor!r}")
+    turned = robot.actuation.selection[robot.velocity_indices(joint).start]
+    if not any(column and robot.u_labels[k].unit == "N m" for k, column in enumerate(turned)):
+        raise ProblemError(f"{key}.frame: no motor turns joint {joint!r} by a torque")
 
 
 def _given(table: PathHead, kind: str, key: str) -> dict[str, Any]:

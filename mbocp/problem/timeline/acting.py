@@ -16,6 +16,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.hold import Hold, Release, Schedule, Spans, holds_in
 from mbocp.problem.timeline.switches import Begin, SwitchTable, rows_of_frames
 from mbocp.robot import Robot
+from mbocp.robot.rotors import kinds_of_ends
 
 
 def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[Array, Array]) -> SwitchTable:
@@ -164,7 +165,10 @@ def check_schedule(robot: Robot, scheme: str, coordinates: str, num_steps: int, 
     for hold in holds:
         if names.count(hold.name) > 1:
             raise ProblemError(f"hold {hold.name!r}: there are several of this name; give each its own")
-        hold.constraint(robot)
+        held = hold.constraint(robot)
+        if True in kinds_of_ends(robot.model, held.frame_ids):
+            words = "forces hold, and with dynamics = false there are none; take path constraints"
+            raise ProblemError(f"hold {hold.name!r}: {words}")
         _check_spans(f"hold {hold.name!r}", hold.spans, num_steps)
     released = [release.constraint for release in releases]
     for release in releases:
@@ -173,6 +177,11 @@ def check_schedule(robot: Robot, scheme: str, coordinates: str, num_steps: int, 
             raise ProblemError(
                 f"{key}: robot {robot.name!r} has no constraint of this name: "
                 f"{suggest(release.constraint, dict.fromkeys(own), 40)}"
+            )
+        freed = robot.constraints[own.index(release.constraint)]
+        if True in kinds_of_ends(robot.model, freed.frame_ids, freed.joint_ids):
+            raise ProblemError(
+                f"{key}: with dynamics = false the joints of a loop follow its motors; keep it"
             )
         if released.count(release.constraint) > 1:
             raise ProblemError(f"{key}: there are several of it; say all its spans in one")

@@ -18,13 +18,13 @@ from mbocp._text import find_repeated
 from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.joint_numbers import limit_of, range_of
-from mbocp.robot.loading.model_changes import unit_rotors
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
 from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.named_numbers import put_motors
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor
 from mbocp.robot.robot import Robot
+from mbocp.robot.rotors import unit_rotors
 
 _SPEEDS = {"m": "m/s", "rad": "rad/s"}
 _EFFORT_UNITS = {"m": "N", "rad": "N m"}

@@ -20,8 +20,8 @@ from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.elements import connectors_of, constraints_of, forces_of, spheres_of, trace_frames
 from mbocp.robot.loading.joint_numbers import joint_resistances, limits_of
 from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
-from mbocp.robot.loading.mechanics_checks import check_drives, check_mechanics
-from mbocp.robot.loading.model_changes import with_motors
+from mbocp.robot.loading.mechanics_checks import check_accelerations, check_drives, check_mechanics
+from mbocp.robot.loading.model_changes import with_motors, with_rotors_at_motors
 from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
@@ -92,11 +92,13 @@ def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Map
         decided_by_locks=decided,
     )
     robot = with_gears(robot, table.motor, gone) if table.motor else robot
+    check_accelerations(robot)
     # Before payloads: the pose does not depend on what the robot carries.
     robot = close_loops(robot, [name for name in found.posed_joints if name in robot.joint_names])
     held = joints_to_hold(robot) if table.undriven == "hold" else Held()
     if held.joints:
         return assemble_robot(_hold_joints(found, robot, held), actuated, spec)
+    robot = with_rotors_at_motors(robot)
     robot = robot.with_payload(*found.carried) if found.carried else robot
     robot = replace(robot, q0=robot.balanced(robot.q0)) if elastic else robot
     check_drives(robot)

@@ -10,13 +10,14 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import RobotError, UnknownFrame
+from mbocp.exceptions import RobotError, UnknownFrame, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.joint_numbers import Follower, Losses
 from mbocp.robot.loading.whole_table import Part, combined_table, joint_positions, prefix, prefixed_frame
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR
+from mbocp.robot.rotors import unit_rotors
 
 
 def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[str] = ()) -> Description:
@@ -38,6 +39,8 @@ def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[st
         If a parent frame does not exist.
     RobotError
         If parts are attached to each other in a circle.
+    UnsupportedRobot
+        If a part without dynamics moves one that has masses, or is moved by one.
     """
     model, visuals = pin.Model(), pin.GeometryModel()
     for part in _parents_first(parts):
@@ -46,6 +49,7 @@ def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[st
     model.name = name
     for part in parts:
         _copy_numbers(part, model)
+    _refuse_masses_on_rotors(model, parts)
     return Description(
         name=name,
         file=file,
@@ -150,6 +154,20 @@ def _copy_numbers(part: Part, model: pin.Model) -> None:
     for joint in range(1, own.njoints):
         there = joints.joint_id(model, part.name_of(own.names[joint]), part.placed.name)
         joints.copy_numbers(own, joint, model, there)
+
+
+def _refuse_masses_on_rotors(model: pin.Model, parts: Sequence[Part]) -> None:
+    rotors = unit_rotors(model)
+    for part in parts:
+        own = part.description.model
+        for joint in range(1, own.njoints):
+            if not unit_rotors(own)[joints.velocity_slice(own, joint)].any():
+                continue
+            name = part.name_of(own.names[joint])
+            chain = [int(j) for j in model.supports[joints.joint_id(model, name, part.placed.name)] if j]
+            if not all(rotors[joints.velocity_slice(model, j)].all() for j in chain):
+                words = "moves parts that have masses, or is moved by one: give all of them dynamics, or none"
+                raise UnsupportedRobot(f"part {part.placed.name!r}: dynamics = false: joint {name!r} {words}")
 
 
 def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:

@@ -17,6 +17,7 @@ from mbocp.robot import kinematics
 from mbocp.robot.drives import drive_column, name_joints
 from mbocp.robot.parts import Drive
 from mbocp.robot.robot import Robot
+from mbocp.robot.rotors import kinds_of_ends, unit_rotors
 
 _NUM_POSES = 16  # at which a mass matrix that may be indefinite is looked at
 _NUM_SAMPLES = 5  # random configurations at which a drive is checked
@@ -118,6 +119,31 @@ def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
     guilty = robot.joints_with(weight > _MIN_SHARE)
     are_all = len(guilty) == len(robot.joint_names)
     return SingularMassMatrix(robot.name, guilty, float(values[0]), are_all=are_all)
+
+
+def check_accelerations(robot: Robot) -> None:
+    """Check that nothing but its own motor moves a joint without dynamics, whose control is its acceleration.
+
+    Raises
+    ------
+    UnsupportedRobot
+        For springs and forces at frames, and for loops that join such joints and masses.
+    """
+    model, where = robot.model, f"robot {robot.name!r}: dynamics = false: "
+    for spring in robot.forces:
+        if True in kinds_of_ends(model, (spring.frame_a, spring.frame_b)):
+            kind = spring.kind.removeprefix("quartic_")
+            words = f"a {kind}, {spring.name!r}, acts on masses, and there are none; leave one of the two out"
+            raise UnsupportedRobot(where + words)
+    for constraint in robot.constraints:
+        if len(kinds_of_ends(model, constraint.frame_ids, constraint.joint_ids)) > 1:
+            words = f"constraint {constraint.name!r} pulls at masses, and links have none to pull back"
+            raise UnsupportedRobot(f"{where}{words}; give all that it joins dynamics, or none")
+    rotors = unit_rotors(model)
+    for label, column in zip(robot.u_labels, robot.actuation_matrix(robot.q0).T, strict=True):
+        if not label.unit.endswith("/s^2") and np.any(column[rotors] != 0.0):
+            words = f"the force {label.name!r} acts on masses, and there are none; leave one of the two out"
+            raise UnsupportedRobot(where + words)
 
 
 def check_drives(robot: Robot) -> None:

@@ -6,7 +6,7 @@ elastic joints are joints of their own, beside the tree of links.
 Many URDFs have no inertias. Without dynamics joints follow their controls, which are their accelerations.
 Such a robot moves within limits of positions, speeds, accelerations and jerks all the same: its links have no
 mass, and each joint a rotor of 1 kg m^2 (1 kg where it slides), so that M = 1 and a = u. Costs of effort are
-those of accelerations.
+those of accelerations. In closed loops only joints with motors have one: no force then acts between links.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from mbocp.robot.loading.description import ROOT_JOINT, Description
 from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.robot_tables import ElasticTable, motor_of
 from mbocp.robot.resistance import ElasticJoint
+from mbocp.robot.robot import Robot
+from mbocp.robot.rotors import unit_rotors
 
 _ROTORS = {"revolute": pin.JointModelRZ, "prismatic": pin.JointModelPZ}
 _OF_MOTORS = ("upperEffortLimit", "lowerEffortLimit", "upperVelocityLimit", "lowerVelocityLimit")
@@ -37,20 +39,13 @@ def without_dynamics(found: Description) -> Description:
     Raises
     ------
     UnsupportedRobot
-        If a joint has several velocities, or a force acts, or something is carried: they would move masses
-        that are none.
+        If a joint has several velocities.
     """
     model = found.model.copy()
     several = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv > 1]
     if several:
-        _refuse(
-            found, f"joint {several[0]!r} has several velocities, and no motor for each; fix it, or lock it"
-        )
-    for key, rows in (("spring", found.table.springs), ("spring_damper", found.table.spring_dampers)):
-        if rows:
-            _refuse(found, f"a {key} acts on masses, and there are none; leave one of the two out")
-    if any(payload.mass for payload in found.carried):
-        _refuse(found, "a payload has a mass, and links have none; leave one of the two out")
+        words = f"joint {several[0]!r} has several velocities, and no motor for each; fix it, or lock it"
+        raise UnsupportedRobot(f"robot {found.name!r}: dynamics = false: {words}")
     for place in range(model.njoints):
         model.inertias[place] = pin.Inertia.Zero()
     model.armature = np.ones(model.nv)
@@ -59,20 +54,15 @@ def without_dynamics(found: Description) -> Description:
     return replace(found, model=model, losses=(Losses(damping=False, friction="none"),))
 
 
-def unit_rotors(model: pin.Model) -> BoolArray:
-    """Velocities that move such a rotor and nothing else, shape (nv,): their controls are accelerations."""
-    found = np.zeros(model.nv, dtype=np.bool_)
-    for joint in range(1, model.njoints):
-        moved = [model.inertias[j] for j in model.subtrees[joint]]
-        where = joints.velocity_slice(model, joint)
-        if not any(one.mass or np.any(one.inertia) for one in moved):
-            is_unit = np.asarray(model.armature)[where] == 1.0
-            found[where] = is_unit & (np.asarray(model.rotorInertia)[where] == 0.0)  # none of a real motor
-    return found
-
-
-def _refuse(found: Description, why: str) -> None:
-    raise UnsupportedRobot(f"robot {found.name!r}: dynamics = false: {why}")
+def with_rotors_at_motors(robot: Robot) -> Robot:
+    """Return the robot with no rotor in joints without dynamics that closed loops move, and no motor."""
+    in_loops = np.any(robot.constraint_jacobian(robot.q0) != 0.0, axis=0)
+    follows = unit_rotors(robot.model) & in_loops & ~np.any(robot.actuation.selection != 0.0, axis=1)
+    if not follows.any():
+        return robot
+    model = robot.model.copy()
+    model.armature = np.where(follows, 0.0, model.armature)
+    return replace(robot, model=model)
 
 
 def with_motors(
