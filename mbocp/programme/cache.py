@@ -133,7 +133,7 @@ def write_entry(name: str, body: bytes) -> Path | None:
             built = scratch / "entry"
             built.write_bytes(seal(body))
             built.replace(file)
-        trim(file.parent)
+        trim_after(file.parent, len(body))
         return file
     return None
 
@@ -178,6 +178,19 @@ def cache_limit() -> int:
     return int(1e6 * (_LIMIT if megabytes is None else megabytes))
 
 
+def trim_after(folder: Path, written: int) -> None:
+    """Trim a folder when this process writes into it first [bytes], and after each twentieth of the limit.
+
+    To look at thousands of entries takes longer than to write one.
+    """
+    limit = cache_limit()
+    room = _room_in(folder, limit)
+    room.left -= written
+    if room.left < 0:
+        room.left = limit // 20
+        trim(folder)
+
+
 def trim(folder: Path) -> None:
     """Remove the entries used longest ago until the rest is within the limit.
 
@@ -194,6 +207,17 @@ def trim(folder: Path) -> None:
             path.unlink()
             counter_of(path).unlink(missing_ok=True)
         total -= state.st_size
+
+
+class _Room:
+    """How much this process writes into a folder before it looks at what is there [bytes]."""
+
+    left = 0
+
+
+@cache
+def _room_in(folder: Path, limit: int) -> _Room:
+    return _Room()
 
 
 def _named_folder() -> Path:

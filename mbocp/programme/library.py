@@ -35,7 +35,7 @@ from mbocp.programme.cache import (
     private_folder,
     scratch_folder,
     seal,
-    trim,
+    trim_after,
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
 from mbocp.programme.native_modules import kernel
@@ -250,5 +250,5 @@ def _compile(unit: _Unit, library: Path, deadline: float) -> Path:
             )
         built.write_bytes(seal(body))
         built.replace(library)
-    trim(library.parent)
+    trim_after(library.parent, len(body))
     return library

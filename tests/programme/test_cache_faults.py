@@ -20,7 +20,7 @@ import pytest
 
 from mbocp.exceptions import CompilationError, CompilationTimeout, InvalidValue
 from mbocp.programme import cache, compiler
-from mbocp.programme.cache import cache_folder, scratch_folder, seal, trim
+from mbocp.programme.cache import cache_folder, scratch_folder, seal, trim, write_entry
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 
 pytestmark = pytest.mark.usefixtures("compiled")
@@ -47,7 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "tmp").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     monkeypatch.setattr(tempfile, "tempdir", None)
-    remembered = (cache._tell, cache._made_private_folder, cache._sweep)
+    remembered = (cache._tell, cache._made_private_folder, cache._sweep, cache._room_in)
     for function in remembered:
         function.cache_clear()
     yield tmp_path / "cache" / "stages"
@@ -260,6 +260,22 @@ def test_entries_used_longest_ago_go_first(folder: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("MBOCP_CACHE_LIMIT", "much")
     with pytest.raises(InvalidValue, match="MBOCP_CACHE_LIMIT: got 'much', expected a number of megabytes"):
         trim(folder)
+
+
+def test_what_is_there_is_looked_at_now_and_then(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at every entry that is written: with thousands there that takes longer than to write one."""
+    looked: list[Path] = []
+    monkeypatch.setattr(cache, "entries", lambda where: looked.append(where) or [])
+    body, limit = bytes(1000), 100_000
+    monkeypatch.setenv("MBOCP_CACHE_LIMIT", str(limit / 1e6))
+    for number in range(100):
+        assert write_entry(f"{number}.tape", body) is not None
+    assert 15 <= len(looked) <= 20
+    looked.clear()
+    monkeypatch.setenv("MBOCP_CACHE_LIMIT", "0")
+    for number in range(3):
+        write_entry(f"{number}.tape", body)
+    assert len(looked) == 3
 
 
 def test_what_is_used_is_marked_as_used(folder: Path) -> None:
