@@ -19,6 +19,7 @@ from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
+from mbocp.mechanics.held_frames import held_jacobian
 from mbocp.robot import Robot
 
 HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
@@ -197,6 +198,14 @@ class StepSymbols:
         """Forces of all rows of constraints; those of bodies and joints come before them [N, N m]."""
         first = self.mechanics.nc - self.mechanics.robot.nc
         return self.given["force"] * self.y[first:] / self.dt
+
+    def ties(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Derivatives of all constraints at a configuration, shape (rows, nv), and which act, 1 or 0."""
+        jacobian = self.mechanics.constraint_jacobian(q)
+        if self.switched is None:
+            return jacobian, ca.SX.ones(jacobian.shape[0])
+        held = held_jacobian(self.switched.held, self.mechanics, q)
+        return ca.vertcat(jacobian, held), self.switched.active
 
     def _forces(self, rows: Sequence[int]) -> ca.SX:
         return self.forces()[list(rows)]

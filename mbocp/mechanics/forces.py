@@ -7,8 +7,12 @@ from typing import Protocol
 
 import casadi as ca
 
+from mbocp._arrays import Array
 from mbocp.robot import QuarticSpring, Robot, SpringDamper
 from mbocp.robot.resistance import JointResistance
+
+_DAMPING = 3e-4  # of squares of columns of length 1: its inverse multiplies round-off
+_ROUNDS = 6  # of which each divides errors by 3000, and by 30 where motors need ten times the force
 
 
 class Frames(Protocol):
@@ -50,6 +54,44 @@ def controls_for(mechanics: Geared, force: ca.SX) -> ca.SX:
     for motor in robot.opened_motors:  # their ratios are found, or parameters
         found[motor.column] *= motor.gear_ratio / mechanics.gear_ratio(motor.dof)
     return ca.vertcat(found, ca.SX.zeros(robot.nu - found.numel(), 1))
+
+
+def controls_beside(lengths: Array, pushes: ca.SX, ties: ca.SX, acts: ca.SX, force: ca.SX) -> ca.SX:
+    r"""Smallest controls that come, with forces of constraints, nearest to a force: B u + J' lambda = f.
+
+    They are :math:`u = B^T \nu` with :math:`B B^T \nu + J^T \lambda = f` and :math:`J \nu = 0`, in units in
+    which columns of B have the length 1: gears do not count. The proximal method finds them, whose rounds
+    add :math:`\epsilon` times the change of :math:`\nu` to the first equation: they are smooth where controls
+    are redundant, where nothing pushes along some direction, and in a dead centre, where none suffice.
+
+    Parameters
+    ----------
+    lengths : ndarray, shape (nu,)
+        Of columns of B, more or less.
+    pushes : casadi.SX, shape (nv, nu)
+        B.
+    ties : casadi.SX, shape (nc, nv)
+        J, the derivative of the constraints.
+    acts : casadi.SX, shape (nc,)
+        1 for rows that act, else 0.
+    force : casadi.SX, shape (nv,)
+        Generalised force f [N, N m].
+
+    Returns
+    -------
+    u : casadi.SX, shape (nu,)
+        [N, N m]
+    """
+    units = ca.DM(1.0 / lengths)
+    B, J = pushes @ ca.diag(units), acts * ties
+    damped = ca.ldl(B @ B.T + _DAMPING * ca.SX.eye(force.numel()))
+    columns = ca.ldl_solve(J.T, *damped)
+    borne = ca.ldl(J @ columns + ca.diag(1 - acts))
+    nu = ca.SX.zeros(force.numel())
+    for _ in range(_ROUNDS):
+        free = ca.ldl_solve(force + _DAMPING * nu, *damped)
+        nu = free - columns @ ca.ldl_solve(J @ free, *borne)
+    return units * (B.T @ nu)
 
 
 def force_element_force(index: int, mechanics: Frames, q: ca.SX, v: ca.SX) -> ca.SX:

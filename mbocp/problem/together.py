@@ -80,8 +80,6 @@ def check_weights(
             raise ProblemError(
                 f"cost.{key}: robot {robot.name!r} has no constraints, and nothing is held; leave it out"
             )
-    if is_weighed(key := "effort_about_gravity", cost, phase):
-        _check_carries_itself(f"cost.{key}", robot, switches)
     force_rows(terms, robot, scheme, switches)  # refuses forces that are not there
     if goal.is_penalised and cost.terminal == 0.0:
         reason = f'goal.enforce = "{goal.enforce}" needs a weight above 0, got 0'
@@ -103,20 +101,6 @@ def check_weights(
         warn_caller(
             "the problem asks for nothing: no goal is enforced and nothing is tracked, so u = 0 is best",
             ProblemWarning,
-        )
-
-
-def _check_carries_itself(key: str, robot: Robot, switches: SwitchTable | None) -> None:
-    """Refuse a robot whose weight is not held by its controls alone, each in the same way wherever it is."""
-    others = [one.name for one in robot.constraints] or (["what phases hold"] if switches else [])
-    if others:
-        raise ProblemError(
-            f"{key}: {others[0]} carries a part of the weight of {robot.name!r}; weigh cost.effort"
-        )
-    if not robot.actuation.is_constant:
-        name = robot.actuation.frame_actuators[0].name
-        raise ProblemError(
-            f"{key}: {name!r} pushes another way wherever {robot.name!r} is; weigh cost.effort"
         )
 
 

@@ -175,6 +175,12 @@ class Actuation:
         return not self.frame_actuators
 
     @cached_property
+    def lengths(self) -> Array:
+        """Of the columns of B, shape (nu,); 1 for those that depend on q, and of drives."""
+        of_constant = np.linalg.norm(self.selection, axis=0)
+        return frozen_array(np.append(of_constant, np.ones(self.nu - of_constant.size)))
+
+    @cached_property
     def inverse(self) -> Array:
         """Pseudo-inverse of the constant part of B, shape (nu_joint, nv)."""
         products = self.selection.T @ self.selection

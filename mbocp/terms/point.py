@@ -48,6 +48,8 @@ class Point:
         Time [s], where a term looks at it.
     forces : callable or None
         Gives the forces of all constraints in the step, held frames among them [N, N m].
+    ties : callable or None
+        Configuration -> derivatives of all constraints of the step, shape (rows, nv), and which act, 1 or 0.
     remembered : mapping of str to casadi.SX
         What the state remembers of the step before, by name, see `mbocp.formulation.features.memory`.
     """
@@ -60,6 +62,7 @@ class Point:
     acceleration: Callable[[], ca.SX] | None = None
     moment: ca.SX | None = None
     forces: Callable[[], ca.SX] | None = None
+    ties: Callable[[ca.SX], tuple[ca.SX, ca.SX]] | None = None
     remembered: Mapping[str, ca.SX] = field(default_factory=dict)
 
     @property
@@ -110,6 +113,12 @@ class Point:
         if self.forces is None:
             raise TranscriptionError("a term asks for forces of constraints where there are none")
         return self.forces()
+
+    def constraints(self) -> tuple[ca.SX, ca.SX]:
+        """Derivatives of all constraints in the step, shape (rows, nv), and which act, 1 or 0."""
+        if self.ties is None:
+            raise TranscriptionError("a term asks for constraints where there are none")
+        return self.ties(self.q)
 
     def joint_difference(self, goal: ca.SX, parts: tuple[int, ...] | None) -> ca.SX:
         """Tangent vector of the joints from `goal`, of the parts that matter.

@@ -11,7 +11,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp._keys import Key, Table
-from mbocp.mechanics.forces import controls_for
+from mbocp.mechanics import Mechanics
+from mbocp.mechanics.forces import controls_beside, controls_for
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import (
@@ -222,7 +223,11 @@ class Potential(Weighted):
 
 @dataclass(frozen=True)
 class EffortAboutGravity(Weighted):
-    """Efforts beyond those that hold the weight, u less the controls that are nearest to B u = g(q)."""
+    """Efforts beyond those that hold the weight: u less the smallest nearest to B u + J' lambda = g(q).
+
+    Closed loops, holds and feet that stand push with what forces J' lambda they like. Where all of these
+    cannot hold the weight, as in the air, what is left over is least in its squares.
+    """
 
     key = "effort_about_gravity"
     over = "u"
@@ -232,16 +237,32 @@ class EffortAboutGravity(Weighted):
 
         effort_about_gravity: Annotated[
             ControlWeights,
-            Key("on squares of the controls less what holds the weight; not with closed loops and holds"),
+            Key("on squares of the controls less what holds the weight, beside loops, holds and feet"),
         ] = 0.0
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the differences."""
-        weight = at.mechanics.gravity(at.q)
-        for joint in at.mechanics.robot.elastic:  # at rest its spring hands the weight on to the motor
-            link, motor = joint.at_v
-            weight[motor] += weight[link]
-        return half_square(p[self.key], at.control - controls_for(at.mechanics, weight))
+        return half_square(p[self.key], at.control - self._holding(at))
+
+    @staticmethod
+    def _holding(at: Point) -> ca.SX:
+        mechanics = at.mechanics
+        weight, (ties, acts) = mechanics.gravity(at.q), at.constraints()
+        weight, actuation = _at_motors(mechanics, weight), mechanics.robot.actuation
+        if actuation.is_constant and not acts.numel():
+            return controls_for(mechanics, weight)
+        pushes, ties = _at_motors(mechanics, at.pushes()), _at_motors(mechanics, ties.T).T
+        return controls_beside(actuation.lengths, pushes, ties, acts, weight)
+
+
+def _at_motors(mechanics: Mechanics, forces: ca.SX) -> ca.SX:
+    """Columns of forces at rest, where springs of elastic joints hand those on links on to the motors."""
+    handed = ca.SX(forces)
+    for joint in mechanics.robot.elastic:
+        link, motor = joint.at_v
+        handed[motor, :] += handed[link, :]
+        handed[link, :] = 0
+    return handed
 
 
 @dataclass(frozen=True)
