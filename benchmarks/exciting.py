@@ -1,9 +1,10 @@
 """What exciting motions tell beside random ones and Fourier series.
 
-`python -m benchmarks.exciting --starts 20`. All keep the same limits of a UR5 and last as long. Fourier sums
-have five harmonics, begin and end at rest, and are improved by the same search, but have their limits at the
-times of a grid. Standard deviations are stated by the information, and by `identify` from a simulated log of
-100 Hz with noise in positions and torques.
+`python -m benchmarks.exciting --starts 20`; `--robot delta --starts 3 --passes 5`: along closed loops, beside
+random motions alone. All keep the same limits and last as long. Fourier sums have five harmonics, begin and
+end at rest, and are improved by the same search, but have their limits at the times of a grid. Standard
+deviations are stated by the information, and by `identify` from a simulated log of 100 Hz with noise in
+positions and torques.
 """
 
 from __future__ import annotations
@@ -26,12 +27,24 @@ HARMONICS, NOISE, HOME = 5, 0.05, [0.0, -1.57, 1.0, -1.57, 0.5, 0.0]
 COLUMNS = ("log det", "condition", "median sd", "largest sd", "median sd of a log")
 
 
+def problem_of_delta() -> mbocp.Problem:
+    """A delta robot that leaves its middle and comes back."""
+    robot = mbocp.load_robot("delta")
+    limits = {"effort": True, "velocity": {f"arm_{k}": 8.0 for k in (1, 2, 3)}}
+    return mbocp.Problem.create(
+        robot, 5.0, 100, start={"q": robot.q0}, goal={"q": robot.q0, "v": 0.0}, limits=limits
+    )
+
+
 def problem_of_arm() -> mbocp.Problem:
     """A UR5 that leaves a pose and comes back."""
     limits = {"position": True, "velocity": 2.0, "acceleration": 8.0, "effort": True}
     return mbocp.Problem.create(
         "ur5", 5.0, 100, start={"q": HOME}, goal={"q": HOME, "v": 0.0}, limits=limits, scheme="gauss2"
     )
+
+
+PROBLEMS = {"ur5": problem_of_arm, "delta": problem_of_delta}
 
 
 class Fourier(_Search):
@@ -81,19 +94,21 @@ def row(name: str, told: Information, log: float | None) -> tuple[str, ...]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--robot", choices=PROBLEMS, default="ur5")
     parser.add_argument("--starts", type=int, default=20)
+    parser.add_argument("--passes", type=int, default=60, help="linear programmes from each start, at most")
     asked = parser.parse_args(arguments)
     one_core()
     show(header())
-    problem, rng = problem_of_arm(), np.random.default_rng(0)
-    spline, fourier = _Search(problem, NOISE, "both", 15), Fourier(problem)
+    problem, rng = PROBLEMS[asked.robot](), np.random.default_rng(0)
+    spline = _Search(problem, NOISE, "both", 15)
     t, rows = np.arange(round(100 * problem.duration)) / 100.0, []
     random = [spline.begin(rng) for _ in range(asked.starts)]
     values = [_log_det(spline.matrix(spline.motion(c))) for c in random]
     for name, c in (
         ("random spline, the median", random[int(np.argsort(values)[len(values) // 2])]),
         ("random spline, the best", random[int(np.argmax(values))]),
-        ("optimal spline", max((spline.climb(c, 60) for c in random), key=lambda pair: pair[0])[1]),
+        ("optimal spline", max((spline.climb(c, asked.passes) for c in random), key=lambda pair: pair[0])[1]),
     ):
         log = sd_of_log(spline, course(spline, c, t), t, 1)
         rows.append(row(name, Information(spline.base, spline.matrix(spline.motion(c))), log))
@@ -101,12 +116,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rows.append(
         row(f"the solution near it ({solution.status})", information(solution, torque_noise=NOISE), None)
     )
-    best = max((fourier.climb(fourier.begin(rng), 60) for _ in random), key=lambda pair: pair[0])[1]
-    log = sd_of_log(fourier, fourier.course(best, t), t, 1)
-    rows.append(
-        row("optimal Fourier series", Information(fourier.base, fourier.matrix(fourier.motion(best))), log)
-    )
-    show(Table(f"UR5, {asked.starts} starts, {problem.duration:g} s", ("motion", *COLUMNS), rows))
+    if not problem.robot.nc:
+        fourier = Fourier(problem)
+        climbs = (fourier.climb(fourier.begin(rng), asked.passes) for _ in random)
+        best = max(climbs, key=lambda pair: pair[0])[1]
+        log = sd_of_log(fourier, fourier.course(best, t), t, 1)
+        rows.append(
+            row(
+                "optimal Fourier series", Information(fourier.base, fourier.matrix(fourier.motion(best))), log
+            )
+        )
+    show(Table(f"{asked.robot}, {asked.starts} starts, {problem.duration:g} s", ("motion", *COLUMNS), rows))
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
 Run it by `python -m benchmarks.sensitivities --count 200`. Robot, scheme, coordinates, weights, limits and
 starts are drawn. Counted are optima that agree, that are degenerate, so that derivatives of both sides
-differ, that are refused, and that differ.
+differ, that are refused, and that differ. What no file may say, such as a scheme that does not take some
+coordinates, is drawn again.
 """
 
 from __future__ import annotations
@@ -11,14 +12,16 @@ import argparse
 import warnings
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import mbocp
 from mbocp.autodiff.solution_map import SolutionMap
-from mbocp.exceptions import MbocpError, ProblemError
+from mbocp.exceptions import MbocpError, ProblemError, ProblemFileError
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 BASES = (
@@ -26,13 +29,21 @@ BASES = (
     "arms/ur5_reach.toml",
     "arms/kinova_reach.toml",
     "arms/payload.toml",
+    "arms/pick_and_place.toml",
+    "arms/smooth_torques.toml",
+    "arms/via_points.toml",
+    "design/gear_ratio.toml",
+    "design/five_bar_lengths.toml",
     "loops/four_bar.toml",
     "free_flyer/drone_flip.toml",
     "so3/unicycle_pendulum.toml",
 )
 SCHEMES = ("", "se1", "midpoint", "gauss2", "rk4")
 COORDINATES = ("joint", "natural")
-WORDS = ("start.q", "start.v", "goal.q", "goal.v", "cost.effort", "horizon.duration", "limits.velocity.upper")
+WORDS = (
+    *("start.q", "start.v", "goal.q", "goal.v", "cost.effort", "horizon.duration", "limits.velocity.upper"),
+    *("limits.effort_rate.upper", "robot.numbers", "robot.payload.crate.mass", "goal.frame.tool0.position"),
+)
 TOLERANCE = 1e-6  # relative
 STEPS = (2e-4, 2e-5)  # the shorter where other limits become active within the longer
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
@@ -42,12 +53,15 @@ def drawn(rng: np.random.Generator) -> tuple[str, mbocp.Problem]:
     """A random problem and what it is."""
     base, scheme = rng.choice(BASES), rng.choice(SCHEMES)
     coordinates = rng.choice(COORDINATES, p=(0.8, 0.2))
-    changes = {"steps": int(rng.integers(12, 40)), "solver": {"tolerance": 1e-12}}
+    problem, steps = mbocp.load_problem(EXAMPLES / str(base)), int(rng.integers(12, 40))
+    changes: dict[str, Any] = {"solver": {"tolerance": 1e-12}}
+    if len(problem.timeline.phases) == 1:
+        changes["steps"] = steps
     if scheme:
         changes["integrator"] = {"scheme": str(scheme)}
     if coordinates != "joint":
         changes["coordinates"] = str(coordinates)
-    problem = mbocp.load_problem(EXAMPLES / str(base)).with_(**changes)
+    problem = problem.with_(**changes)
     cost = problem.cost.with_weights({"effort": problem.cost.effort * rng.uniform(0.5, 2.0)})
     problem = replace(problem, cost=cost)
     if not problem.robot.nc:
@@ -60,6 +74,13 @@ def drawn(rng: np.random.Generator) -> tuple[str, mbocp.Problem]:
         problem = replace(problem, limits=replace(problem.limits, v_lower=-fastest, v_upper=fastest))
         limited = " limited"
     return f"{base} {scheme or 'own scheme'} {coordinates}{limited}", problem
+
+
+def possible(rng: np.random.Generator) -> tuple[str, mbocp.Problem]:
+    """One that files may say."""
+    while True:
+        with suppress(ProblemFileError):
+            return drawn(rng)
 
 
 def is_known(solution: mbocp.Solution, word: str) -> bool:
@@ -80,7 +101,8 @@ def verdict(problem: mbocp.Problem, rng: np.random.Generator) -> tuple[str, floa
         word = str(rng.choice(words))
         found = SolutionMap.of(problem, [word])
         (value,) = found.values
-        move = np.where(np.isfinite(value), rng.normal(size=value.shape), 0.0)
+        size = value if word.startswith("cost.") else 1.0  # weights may be small, and stay positive
+        move = size * np.where(np.isfinite(value), rng.normal(size=value.shape), 0.0)
         exact = found.push([value], [move])
         if any("one side alone" in str(one.message) for one in told):
             return "degenerate", np.nan
@@ -112,7 +134,7 @@ def main() -> None:
         rng = np.random.default_rng([asked.seed, k])
         name = ""
         try:
-            name, problem = drawn(rng)
+            name, problem = possible(rng)
             outcome, error = verdict(problem, rng)
         except MbocpError as fault:
             outcome, error = f"refused: {type(fault).__name__}: {str(fault)[:90]}", np.nan

@@ -73,7 +73,7 @@ def test_files_of_the_project_exist(page: Path) -> None:
 
 
 def test_the_front_page_says_what_ci_runs() -> None:
-    calls = re.findall(r"^make \w+$", text(".ci/run"), re.MULTILINE)
+    calls = re.findall(r"^make (?!setup)\w+", text(".ci/run"), re.MULTILINE)
     assert "make test" in calls
     for call in calls:
         assert call in text("README.md"), call

@@ -124,7 +124,8 @@ class SolutionMap:
         for parameter, value, own in zip(self.parameters, values, self.values, strict=True):
             if not np.array_equal(value, own):
                 problem = parameter.put(problem, value)
-        solution = solve(problem, warm_start=self.first)
+        is_first = problem is self.first.problem
+        solution = self.first if is_first else solve(problem, warm_start=self.first)
         if not solution.converged:
             raise NotConverged(solution)
         return solution, sensitivities(solution, [parameter.word for parameter in self.parameters])

@@ -32,6 +32,9 @@ from mbocp.robot.resistance import JointResistance
 
 _HELD_OUT = 0.2  # share of a log
 _POOR = 0.3  # standard deviation by the value above which a log says little of a base parameter
+_AGAINST = (
+    -0.5
+)  # correlation of torques with the file's: friction that it lacks leaves 0.6 where signs are right
 _MOST_NAMES = 4
 
 
@@ -241,6 +244,8 @@ def identify(
     everything = unknowns.known + unknowns.shares @ real.values
     sd = np.sqrt(np.diag(found.covariance))
     messages += _messages(base, found, sd, real.distance, dynamics, unknowns)
+    fitted = _residuals(dynamics, found, data, everything, found.motion.qs)
+    messages += _ask_signs(dynamics.names, fitted)
     return Identification(
         robot,
         dynamics.names,
@@ -261,7 +266,7 @@ def identify(
         frozen_array(found.offset_sd),
         frozen_array(found.position_noise),
         frozen_array(found.torque_noise),
-        _residuals(dynamics, found, data, everything, found.motion.qs),
+        fitted,
         _residuals(dynamics, found, other, everything),
         tuple(messages),
         found.dynamics,
@@ -355,6 +360,17 @@ def _residuals(
         for each, values in ((dynamics, everything), (file, file.values))
     )
     return Residuals(data.t, torques, left, before)
+
+
+def _ask_signs(joints: tuple[str, ...], fitted: Residuals) -> list[str]:
+    """Ask where measured torques are rather the negative of what the file's numbers give."""
+    measured, given = (x - x.mean(axis=0) for x in (fitted.torques, fitted.torques - fitted.before))
+    sizes = np.linalg.norm(measured, axis=0) * np.linalg.norm(given, axis=0)
+    against = np.flatnonzero((measured * given).sum(axis=0) < _AGAINST * sizes)
+    if not against.size:
+        return []
+    names = list_names([joints[j] for j in against], _MOST_NAMES)
+    return [f"torques of {names} go against those of the file: is a sign of torques or positions turned?"]
 
 
 def _messages(

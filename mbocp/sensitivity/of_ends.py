@@ -91,6 +91,11 @@ def _begins_with_a_chord(problem: Problem) -> bool:
     return VELOCITY_TAU.get(problem.scheme) == 0.0 and bool(has_ties)
 
 
+def _is_held_at_start(problem: Problem) -> bool:
+    """Whether controls lead from those that hold the robot at rest."""
+    return problem.u_before is not None and problem.u_start.rule == "rest"
+
+
 def has_chord(problem: Problem) -> bool:
     """Whether the given state depends on the length of the first step."""
     return _begins_with_a_chord(problem) and bool(np.any(problem.v_start))
@@ -102,21 +107,23 @@ class Start(OfState):
 
     @classmethod
     def words(cls, formulation: Formulation) -> Iterator[str]:
-        """Both, unless the start is found with the motion; drives leave no free choice of velocities."""
+        """Both, unless the start is found with the motion; drives leave no free choice of velocities.
+
+        Neither is that of a robot held at rest, whose controls would leap with any velocity.
+        """
         problem = formulation.problem
         if problem.start_free is not None or problem.goal.periodic is not None:
             return
         if not (problem.robot.drives and problem.v_start.any()):
             yield "start.q"
-        if not problem.robot.drives:
+        if not (problem.robot.drives or _is_held_at_start(problem)):
             yield "start.v"
 
     def change(self) -> Change:
         """Of the given state alone."""
         formulation, problem = self.formulation, self.problem
         moves = self._moves(problem.q_start)
-        is_held = problem.u_before is not None and problem.u_start.rule == "rest"
-        if _begins_with_a_chord(problem) or is_held or not _is_plain(problem):
+        if _begins_with_a_chord(problem) or _is_held_at_start(problem) or not _is_plain(problem):
             return self._formulate_anew(moves)
         found, at = self._none, formulation.layout
         if self.is_configuration:
@@ -143,13 +150,19 @@ class GoalOfJoints(OfState):
 
     @classmethod
     def words(cls, formulation: Formulation) -> Iterator[str]:
-        """Those that the goal asks for."""
-        goal = formulation.problem.goal
+        """Those that the goal asks for; a velocity not where the robot is held at rest afterwards.
+
+        Where loops are found, it would be one of the given loops, and not of those at the end.
+        """
+        problem = formulation.problem
+        goal = problem.goal
         if goal.enforce == "none" or goal.periodic is not None:
             return
-        if goal.q_active.any() and not _tracks_goal(formulation.problem):
+        if goal.q_active.any() and not _tracks_goal(problem):
             yield "goal.q"
-        if goal.rate_active.any():
+        is_held = problem.u_after is not None and goal.u.rule == "rest"
+        has_found_loops = bool(problem.robot.nc and problem.parameter)
+        if goal.rate_active.any() and not (is_held or has_found_loops):
             yield f"goal.{goal.rate}"
 
     def change(self) -> Change:

@@ -37,17 +37,18 @@ class OfRobot(Parameter):
 
     def change(self) -> Change:
         """Of the numbers among the parameters of steps and end, and of controls that hold the robot."""
+        slopes = self.in_numbers
         ends = ((self.problem.u_start, self.problem.u_before), (self.problem.goal.u, self.problem.u_after))
         if any(said.rule == "rest" and isinstance(u, np.ndarray) for said, u in ends):
-            moves = np.eye(len(self.names))
-            return Change.join([change_along(self.formulation, partial(self._move, move)) for move in moves])
-        found, layout, slopes = self._none, self.formulation.pieces.parameters, self.in_numbers
+            return Change.join([change_along(self.formulation, partial(self._move, s)) for s in slopes])
+        found, layout = self._none, self.formulation.pieces.parameters
         found.theta[:, places(layout.theta)[NUMBERS]] = slopes
         found.rho_terminal[:, places(layout.terminal)[NUMBERS]] = slopes
         return found
 
-    def _move(self, move: Array, size: float) -> Problem:
-        return self.put(self.problem, self.value + size * move.reshape(self.value.shape))
+    def _move(self, slopes: Array, size: float) -> Problem:
+        robot = self.problem.robot
+        return replace(self.problem, robot=_with_numbers(robot, robot.varying_values + size * slopes))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -131,16 +130,15 @@ class Limit(Parameter):
                 getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
             return found
 
-        def move(k: int, size: float) -> Problem:
-            return self.put(self.problem, value + size * np.eye(len(value))[k])
+        def change_of(k: int) -> Change:
+            if not np.isfinite(value[k]):
+                return Change.none(self.formulation.programme, 1)
+            scale = abs(value[k]) or 1.0  # numbers may go with powers of it
+            move = scale * np.eye(len(value))[k]
+            moved = change_along(self.formulation, lambda size: self.put(self.problem, value + size * move))
+            return moved.along(np.array([1.0 / scale]))
 
-        none = Change.none(self.formulation.programme, 1)
-        return Change.join(
-            [
-                change_along(self.formulation, partial(move, k)) if np.isfinite(value[k]) else none
-                for k in range(len(value))
-            ]
-        )
+        return Change.join([change_of(k) for k in range(len(value))])
 
     @property
     def value(self) -> Array:
@@ -164,8 +162,8 @@ class Duration(Parameter):
         problem = formulation.problem
         timeline = problem.timeline
         is_one = len(timeline.phases) == 1 and not (timeline.impacts or timeline.has_unequal_lengths)
-        has_times = timeline.has_free_lengths or problem.limits_within
-        if is_one and not has_times and not has_chord(problem):
+        has_times = timeline.has_free_lengths or any(path.span.has_times for path in problem.path)
+        if is_one and not (has_times or problem.limits_within or has_chord(problem)):
             yield "horizon.duration"
 
     @property
@@ -174,17 +172,11 @@ class Duration(Parameter):
         return (self.word,)
 
     def change(self) -> Change:
-        """Of the length of a step."""
-        problem = self.problem
-        if problem.end_limits or problem.u_before is not None:  # whose numbers depend on it, too
-            T = problem.duration
-            return change_along(
-                self.formulation, lambda size: self.put(problem, np.array(T * (1.0 + size)))
-            ).along(np.array([1.0 / T]))
-        found = self._none
-        at = places(self.formulation.pieces.parameters.theta)
-        found.theta[0, at["dt"]] = self.problem.dt / self.problem.duration
-        return found
+        """Of the length of a step, and of all that depends on it or tells the time."""
+        T = self.problem.duration
+        return change_along(
+            self.formulation, lambda size: self.put(self.problem, np.array(T * (1.0 + size)))
+        ).along(np.array([1.0 / T]))
 
     @property
     def value(self) -> Array:

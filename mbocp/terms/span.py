@@ -161,6 +161,11 @@ class Span:
         """Via points and phases at its ends."""
         return tuple(end.name for end in (self.since, self.until) if isinstance(end, AtVia))
 
+    @property
+    def has_times(self) -> bool:
+        """Whether it begins or ends at a time, so that its nodes depend on the lengths of the steps."""
+        return any(is_number(end) and end > 0.0 for end in (self.since, self.until))
+
     def at_via(self, nodes: Mapping[str, Place], key: str) -> Span:
         """The same with the nodes of via points and phases by name: where each begins, and where it ends.
 

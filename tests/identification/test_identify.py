@@ -295,6 +295,15 @@ def test_a_log_without_what_is_needed_is_refused_by_name(ur5, truth):
         identify(ur5, Log(log.t, degrees))
 
 
+def test_torques_with_a_turned_sign_are_named(ur5, truth, found):
+    log = simulate_log(truth, duration=4.0, rate=50.0)
+    joints = {name: dict(columns) for name, columns in log.joints.items()}
+    joints["elbow_joint"]["tau"] = -joints["elbow_joint"]["tau"]
+    messages = identify(ur5, Log(log.t, joints)).messages
+    assert any("torques of 'elbow_joint' go against those of the file" in message for message in messages)
+    assert not any("go against" in message for message in found.messages)
+
+
 def test_the_example_finds_the_heavier_link():
     found = runpy.run_path(str(EXAMPLE))["main"]()
     assert (found.held_out.rms < 0.2).all()

@@ -52,6 +52,12 @@ def test_products_agree_with_differences_of_values(example, words, steps):
     assert pulled == pytest.approx(pushed, rel=1e-7)
 
 
+def test_at_the_problems_own_numbers_nothing_is_solved_again(problem, monkeypatch):
+    found = SolutionMap.of(problem, WORDS)
+    monkeypatch.setattr("mbocp.autodiff.solution_map.solve", None)
+    assert np.array_equal(found(found.values)["us"], found.first.us)
+
+
 def test_jax_has_derivatives_in_both_directions_and_batches(problem):
     jax = pytest.importorskip("jax")
     from jax.test_util import check_grads

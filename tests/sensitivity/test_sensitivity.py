@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -17,6 +18,7 @@ from mbocp.sensitivity import DegenerateLimitWarning
 from mbocp.sensitivity.change import change_along
 from mbocp.sensitivity.kkt import Parts
 from mbocp.sensitivity.parameters import parameters_of
+from mbocp.terms import path_constraint, running_cost
 from tests.sensitivity.moved import moved
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -94,7 +96,21 @@ def arm_with_smooth_end():
     return example("arms/payload.toml", steps=12, limits={"jerk": 400.0}, integrator={"scheme": "midpoint"})
 
 
+def arm_that_follows_the_time():
+    def away(at):
+        return (at.q[0] - 0.3 * ca.sin(3.0 * at.t)) ** 2
+
+    return example("arms/ur5_reach.toml", steps=20).with_(terms=[running_cost(away, weight=50.0)])
+
+
+def arm_with_a_cool_wrist():
+    """Its limit is small, and numbers go with its square."""
+    return example("arms/ur5_reach.toml", steps=20, limits={"effort_rms": {"wrist_3_joint": 0.03}})
+
+
 CASES = [
+    (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
+    (arm_with_a_cool_wrist, "limits.effort_rms.upper", 5, 1e-4),
     (arm_with_smooth_end, "horizon.duration", 0, 2e-5),
     (arm_with_slow_torques, "start.q", 1, 2e-4),
     (arm_with_slow_torques, "goal.q", 2, 2e-4),
@@ -311,6 +327,36 @@ def test_what_has_no_derivatives_is_refused():
         derivatives.of("ps", "robot.payload.crate.mass")
     with pytest.raises(DimensionMismatch, match="us"):
         derivatives.gradient(us=np.zeros(3))
+
+
+def test_a_point_mass_has_derivatives_in_its_inertia():
+    """No body has it after a small move, nor need it have."""
+    limits = {"effort_rate": 400.0}
+    problem = example("arms/cup.toml", limits=limits, integrator={"scheme": "midpoint"})
+    words = ["robot.payload.cup.inertia", "robot.numbers"]
+    derivatives = mbocp.sensitivities(solved(problem), words)
+    inertia, of_numbers = derivatives.parameters[0], derivatives.cost["robot.numbers"]
+    assert derivatives.cost[words[0]] == pytest.approx(inertia.in_numbers @ of_numbers, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (arm_with_slow_torques, ["start.v", "goal.v"]),  # what holds it at rest holds it with no velocity
+        (lambda: example("design/five_bar_lengths.toml"), ["goal.v"]),  # of which loop?
+        (lambda: arm_between_times(0.4), ["horizon.duration"]),  # the nodes between would be others
+    ],
+)
+def test_numbers_that_motions_leap_with_are_no_parameters(make, words):
+    solution = solved(make())
+    for word in words:
+        with pytest.raises(ProblemError, match=f"'{word}' is no parameter"):
+            mbocp.sensitivities(solution, [word])
+
+
+def arm_between_times(until):
+    held = path_constraint(lambda at: at.q[0], upper=0.5, since=0.2, until=until)
+    return example("arms/ur5_reach.toml", steps=20).with_(terms=[held])
 
 
 def test_a_target_that_is_the_goal_has_no_parameter():
