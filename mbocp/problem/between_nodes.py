@@ -48,6 +48,7 @@ _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps th
 _FOLLOWED = 8  # steps
 _PARTS = 16  # that a step is followed in
 _CHANGE = 1e-4  # [rad/s] of a speed, for the slope of accelerations
+_TERMS = 15  # that have the exponential of a matrix of a norm below a half, to round-off
 
 Sides = tuple[Array, Array]
 
@@ -402,14 +403,22 @@ class _Flow:
 
 
 def _exponentials(matrices: Array) -> tuple[Array, ...]:
-    """exp, phi_1, phi_2 and phi_3 of some matrices: the first row of the exponential of a block matrix."""
-    from scipy.linalg import expm  # slow to import, and wanted only where limits are nearly left
+    """exp, phi_1, phi_2 and phi_3 of some matrices: the first row of the exponential of a block matrix.
 
+    By scaling and squaring; SciPy's, which is as accurate, is slow to import.
+    """
     n, nv, _ = matrices.shape
     blocks = np.zeros((n, 4 * nv, 4 * nv))
     blocks[:, :nv, :nv] = matrices
     blocks += np.eye(4 * nv, k=nv)
-    return tuple(np.split(expm(blocks)[:, :nv], 4, axis=-1))
+    halvings = 1 + int(np.frexp(np.abs(blocks).sum(axis=-1).max(initial=1.0))[1])
+    scaled, one = blocks / 2.0**halvings, np.eye(4 * nv)
+    found = one + scaled / _TERMS
+    for k in range(_TERMS - 1, 0, -1):
+        found = one + scaled @ found / k
+    for _ in range(halvings):
+        found = found @ found
+    return tuple(np.split(found[:, :nv], 4, axis=-1))
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -81,6 +81,11 @@ def test_a_solve_needs_neither_scipy_nor_files() -> None:
     assert used >= MECHANICS
 
 
+def test_speeds_are_followed_between_nodes_without_scipy() -> None:
+    code = "import numpy as np, mbocp.problem.between_nodes as looks\nlooks._exponentials(np.eye(2)[None])"
+    assert not heavy(code) & NEVER
+
+
 def test_a_solve_imports_what_its_problem_takes_when_it_takes_it() -> None:
     """Formulations, solvers of others, several starts, files, and what writes C."""
     there = modules("import mbocp.solving, mbocp.cli.solution_summary")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 from typer.testing import CliRunner
 
 import mbocp
@@ -444,6 +445,16 @@ def test_a_wrist_that_damping_stops_at_once_is_followed(damping: float, tmp_path
     found = largest_excess(held, t, qs, vs, np.array([[4.0 * damping]]))
     assert found is not None
     assert found.value == pytest.approx(-4.0 * np.expm1(-0.02 * damping / 1e-4), rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-6, 0.3, 10.0, 1e4])
+def test_exponentials_are_those_of_scipy(size: float) -> None:
+    root = np.random.default_rng(7).normal(size=(3, 4, 4))
+    matrices = -size * root @ root.transpose(0, 2, 1)
+    blocks = np.kron(np.eye(4, k=1), np.eye(4)) + np.pad(matrices, ((0, 0), (0, 12), (0, 12)))
+    expected = np.split(expm(blocks)[:, :4], 4, axis=-1)
+    for found, wanted in zip(between_nodes._exponentials(matrices), expected, strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-10 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("damping", [0.3, 10.0, 1e4])
