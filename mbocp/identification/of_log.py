@@ -32,9 +32,7 @@ from mbocp.robot.resistance import JointResistance
 
 _HELD_OUT = 0.2  # share of a log
 _POOR = 0.3  # standard deviation by the value above which a log says little of a base parameter
-_AGAINST = (
-    -0.5
-)  # correlation of torques with the file's: friction that it lacks leaves 0.6 where signs are right
+_AGAINST = -0.5  # correlation of torques with the file's; friction that it lacks leaves 0.6 of right ones
 _MOST_NAMES = 4
 
 

@@ -24,6 +24,7 @@ _STOP_STEPS = 20
 _STOP_TOLERANCE = 1e-6  # of the solver
 _TRIES = 3  # of a stop, each with lower limits of jerk than the one before
 _TOLERANCE = 1e-3  # relative, of a limit that is left between nodes
+_ROOM = 2e-3  # relative, below a limit: what is left beyond it falls more slowly from try to try than asked
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,7 @@ class Planner:
             if _worst(found[-1]) <= _TOLERANCE or found[-1].excesses[0].kind != "jerk":
                 break
             # Slower stops have longer steps, whose jerks the moving mean leaves larger: so the square.
-            share /= (1.0 + _worst(found[-1])) ** 2
+            share /= (1.0 + _worst(found[-1]) + _ROOM) ** 2
         if not found:
             raise ProblemError("stop: there is no time to solve for it")
         return replace(motion, sent=min(found, key=_worst), stops_from=float(nodes[node]))
