@@ -120,7 +120,7 @@ class Live:
         self._scene = LiveScene(
             self._server, problem.robot, self._motion(), goals=_fixed_goals(problem), marks=marks_of(problem)
         )
-        self._time, self._end_until, self._is_dragged = 0.0, 0.0, False
+        self._time, self._shown, self._end_until, self._is_dragged = 0.0, 0.0, 0.0, False
         self._closed = threading.Event()
         self._add_controls()
         self._add_pose_handles()
@@ -211,16 +211,16 @@ class Live:
         duration = self._scene.motion.duration
         if now < self._end_until or self._is_dragged:
             self._set_time(duration)
-        elif self._plays.value and duration > 0.0:
+        elif self._plays.value and duration > 0.0 and self._clock.value == self._shown:  # not moved by hand
             moved = self._time + passed * self._speed.value
             self._set_time(0.0 if moved > duration + _STAYS_AT_END * self._speed.value else moved)
 
     def _set_time(self, moment: float) -> None:
         """Show the pose at a time; after the end that of the end."""
         self._time = moment
-        shown = min(moment, self._scene.motion.duration)
-        self._scene.move_to(shown)
-        self._clock.value = shown
+        self._shown = min(moment, self._scene.motion.duration)
+        self._scene.move_to(self._shown)
+        self._clock.value = self._shown
 
     # The page
 

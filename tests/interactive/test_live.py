@@ -186,7 +186,9 @@ def test_solves_of_the_page_end_in_time(at_frame):
 def test_play_and_scrub(page):
     with Browser(page) as browser:
         until(lambda: page._time > 0.0)
-        browser.slide(page._clock, 0.5)
+        with page._lock:  # a frame that waits for it comes before what the hand has asked for
+            browser.slide(page._clock, 0.5)
+            until(lambda: page._clock.value == 0.5)
         until(lambda: not page._plays.value)
         until(lambda: page._time == pytest.approx(0.5))
 
