@@ -173,8 +173,9 @@ class _RunningCost:
         change = None
         if before is not None:
             change = step.units_of_u * (step.u - (step.at0[before] if step.begin is None else step.begin))
-        own = partial(Point, step.mechanics, u=step.controls, change=change)
-        return partial(own, forces=step.forces, ties=step.ties)
+        return partial(
+            Point, step.mechanics, u=step.controls, change=change, forces=step.forces, ties=step.ties
+        )
 
     @cached_property
     def _idle(self) -> ca.SX:

@@ -101,7 +101,7 @@ def check_integrator(
             f"holonomic constraints ({robot.constraint_labels[0].name}, ...), which hold at the nodes; "
             f"take one of {schemes_that(lambda data: data.takes_loops)}"
         )
-    if _lacks_masses(robot) and not SCHEMES[scheme].has_forces:
+    if not SCHEMES[scheme].has_forces and _lacks_masses(robot):
         raise ProblemError(
             f'integrator.scheme: got "{scheme}", which divides by masses, but links of {robot.name!r} in '
             f"closed loops have none; take one of {schemes_that(lambda data: data.has_forces)}"
