@@ -60,12 +60,13 @@ def _free_motions(problem: Problem) -> Array:
 def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes.
 
-    Where the duration is free, another way takes at least the time that limits of speeds ask for.
+    Where the duration is free, it takes at least the time that limits of speeds ask for, and on a straight
+    line those of accelerations and jerks.
     """
     problem = formulation.problem
     dts = problem.timeline.lengths()
     qs, vs = _line_states(formulation, way, dts)
-    if way is not None and (slower := _slower(problem, vs)) > 1.0:
+    if (slower := _slower(problem, vs, dts, orders=3 if way is None else 1)) > 1.0:
         dts = slower * dts
         qs, vs = _line_states(formulation, way, dts)
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
@@ -125,16 +126,32 @@ def _end(problem: Problem) -> Array:
     return problem.goal.q
 
 
-def _slower(problem: Problem, vs: Array) -> float:
-    """How many times as long a motion has to take to keep limits of speeds, if it may; 1 at least."""
+def _slower(problem: Problem, vs: Array, dts: Array, orders: int) -> float:
+    """How many times as long a motion has to take to keep limits of its rates, if it may; 1 at least.
+
+    Of speeds, and of accelerations and jerks as `orders` says. Where each step takes k times as long, the
+    n-th derivatives are 1 / k^n of what they were.
+    """
     phases, clearance = problem.timeline.phases, problem.clearance
     has_movers = clearance is not None and bool(clearance.movers)  # a way past these is one by the time
     if len(phases) > 1 or not phases[0].is_free or has_movers:
         return 1.0
-    limits = problem.widest_limits
-    over = np.maximum(vs / np.maximum(limits.v_upper, _NO_SPEED), vs / np.minimum(limits.v_lower, -_NO_SPEED))
-    longest = problem.timeline.sides_of(phases[0])[1] / problem.duration
-    return float(min(over.max(initial=1.0), longest))
+    limits, rates, longest = (
+        problem.widest_limits,
+        vs,
+        problem.timeline.sides_of(phases[0])[1] / problem.duration,
+    )
+    sides = (
+        (limits.v_lower, limits.v_upper),
+        (limits.a_lower, limits.a_upper),
+        (limits.j_lower, limits.j_upper),
+    )
+    slower = 1.0
+    for order, (lower, upper) in enumerate(sides[:orders], start=1):
+        over = np.maximum(rates / np.maximum(upper, _NO_SPEED), rates / np.minimum(lower, -_NO_SPEED))
+        slower = max(slower, float(over.max(initial=1.0)) ** (1.0 / order))
+        rates = np.diff(rates, axis=0) / dts[: len(rates) - 1, None]
+    return min(slower, longest)
 
 
 def _line_states(formulation: Formulation, way: Way | None, dts: Array) -> tuple[Array, Array]:
