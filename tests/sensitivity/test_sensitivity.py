@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SingularSystem, SolverError
 from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.layout import places
 from mbocp.sensitivity import DegenerateLimitWarning
 from mbocp.sensitivity.change import change_along
 from mbocp.sensitivity.kkt import Parts
@@ -96,6 +97,11 @@ def arm_with_smooth_end():
     return example("arms/payload.toml", steps=12, limits={"jerk": 400.0}, integrator={"scheme": "midpoint"})
 
 
+def upright_cup():
+    """Rows of its conditions have terms so large that round-off of these is more than others are."""
+    return example("arms/cup.toml")
+
+
 def arm_that_follows_the_time():
     def away(at):
         return (at.q[0] - 0.3 * ca.sin(3.0 * at.t)) ** 2
@@ -110,6 +116,7 @@ def arm_with_a_cool_wrist():
 
 CASES = [
     (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
+    (upright_cup, "start.q", 1, 1e-3),
     (arm_with_a_cool_wrist, "limits.effort_rms.upper", 5, 1e-4),
     (arm_with_smooth_end, "horizon.duration", 0, 2e-5),
     (arm_with_slow_torques, "start.q", 1, 2e-4),
@@ -290,6 +297,22 @@ def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     found = kkt.solve(right)
     products = sum(np.inner(a.reshape(2, -1), b.reshape(2, -1)) for a, b in zip(right, found, strict=True))
     assert np.abs(products - products.T).max() <= 1e-8 * np.abs(products).max()
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-12])
+def test_a_system_that_is_all_but_singular_has_no_derivative(share):
+    """A joint at rest, of which next to nothing is weighed: by round-off it goes anywhere."""
+    floating = mbocp.load_robot("ur5", gravity=[0, 0, 0])
+    problem = example("arms/ur5_reach.toml", steps=12, cost={"effort": 1.0, "velocity": 0.0})
+    still = problem.with_(robot=floating, goal={"q": problem.q_start.tolist(), "v": 0})
+    derivatives = mbocp.sensitivities(solved(still), ["start.q"])
+    formulation = derivatives.formulation
+    theta = np.array(formulation.programme.theta)
+    theta[places(formulation.pieces.parameters.theta)["effort"].start] = share
+    unweighed = replace(formulation, programme=replace(formulation.programme, theta=theta))
+    with pytest.raises(SingularSystem, match="no unique derivative"):
+        replace(derivatives, formulation=unweighed).of("us", "start.q")
+    assert np.isfinite(derivatives.of("us", "start.q")).all()
 
 
 def test_a_limit_that_is_just_touched_is_told():
