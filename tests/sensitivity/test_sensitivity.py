@@ -382,6 +382,13 @@ def arm_between_times(until):
     return example("arms/ur5_reach.toml", steps=20).with_(terms=[held])
 
 
+@pytest.mark.parametrize("path", ["design/five_bar_lengths.toml", "design/gear_ratio.toml"])
+def test_numbers_that_are_found_are_no_parameters(path):
+    solution = solved(mbocp.load_problem(EXAMPLES / path))
+    with pytest.raises(ProblemError, match=r"'robot\.numbers' is no parameter"):
+        mbocp.sensitivities(solution, ["robot.numbers"])
+
+
 def test_a_target_that_is_the_goal_has_no_parameter():
     """It would move along with the goal, or not: nobody can tell."""
     tracked = loop().with_(cost={"tracking": 1.0})
