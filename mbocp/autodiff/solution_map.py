@@ -66,6 +66,12 @@ class SolutionMap:
         return tuple(parameter.value for parameter in self.parameters)
 
     @cached_property
+    def _steps_given(self) -> Problem:
+        """The problem itself, with the steps that were found where an accuracy asks for them."""
+        problem = self.first.problem
+        return problem if problem.accuracy is None else problem.with_(accuracy=None)
+
+    @cached_property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Of the outputs: `cost`, `t` (N + 1,), `qs` (N + 1, nq), `vs` (N + 1, nv) and `us` (N, nu)."""
         return {name: value.shape for name, value in _outputs(self.first).items()}
@@ -120,12 +126,11 @@ class SolutionMap:
         return self._found[key]
 
     def _solve(self, values: Sequence[Array]) -> tuple[Solution, Sensitivities]:
-        problem = self.first.problem
+        problem = first = self._steps_given
         for parameter, value, own in zip(self.parameters, values, self.values, strict=True):
             if not np.array_equal(value, own):
                 problem = parameter.put(problem, value)
-        is_first = problem is self.first.problem
-        solution = self.first if is_first else solve(problem, warm_start=self.first)
+        solution = self.first if problem is first else solve(problem, warm_start=self.first)
         if not solution.converged:
             raise NotConverged(solution)
         return solution, sensitivities(solution, [parameter.word for parameter in self.parameters])

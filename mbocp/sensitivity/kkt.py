@@ -23,12 +23,15 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions
-from mbocp.solvers.newton_method.held_limits import factorise_held, hold
+from mbocp.solvers.newton_method.held_limits import FIRST_WEIGHT, factorise_held, hold
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelProgramme
 
 _MOST_LEFT = 1e-7  # relative residual of a solution of a system that is not singular
+_MOST_APART = 1e-6  # of what solutions add up to: by it derivatives may be wrong
+_GRAIN = 64 * 2.0**-52  # of the largest entry of all: what is less is round-off
+_OTHER_WEIGHT = 0.3 * FIRST_WEIGHT  # of the end condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,15 +161,43 @@ class Kkt:
         SingularSystem
             If K has no inverse: the solution is not the only one near.
         """
-        held = self.optimum.held
+        held, count = self.optimum.held, len(right.eta)
         rows = [part.ravel() for part in (*right[:-1], right.ws[:, held])]
-        found, left = self._native.solve_for(rows, len(right.eta))
-        if not left <= _MOST_LEFT:  # NaN, too
+        found, left = self._native.solve_for(rows, count)
+        is_right = self._add_up(found, rows, count)
+        if is_right and not left <= _MOST_LEFT:  # round-off of large terms, or what wrong factors leave
+            is_right = self._factorise_again() and self._add_up(found, rows, count)
+        if not is_right:
             raise _singular()
         ws = np.zeros_like(right.ws)
         ws[:, held] = found[-1].reshape(len(ws), -1)
         of_rest = (f.reshape(r.shape) for f, r in zip(found[:-1], right[:-1], strict=True))
         return Parts(*of_rest, ws)  # type: ignore[call-arg]
+
+    def _add_up(self, found: Sequence[Array], rows: Sequence[Array], count: int) -> bool:
+        """Whether solutions add up to that of what their right-hand sides add up to.
+
+        That has other round-off, which shows how much of it is in the solutions where K is nearly singular.
+        Multipliers of limits are left out: where limits follow from others, these are some of many.
+        """
+        parts = [part.reshape(count, -1) for part in found]
+        size = np.max([np.abs(part).max(axis=1, initial=0.0) for part in parts[:3]], axis=0)
+        shares = 1.0 / (3.0 * np.where(size > 0.0, size, 1.0))
+        again, _ = self._native.solve_for([shares @ row.reshape(count, -1) for row in rows], 1)
+        terms = [shares[:, None] * part for part in parts[:-1]]
+        largest = np.array([np.abs(term).max(initial=0.0) for term in terms])
+        apart = [
+            np.abs(term.sum(axis=0) - whole).max(initial=0.0)
+            for term, whole in zip(terms, again[:-1], strict=True)
+        ]
+        return bool(
+            (apart <= np.maximum(_MOST_APART * largest, _GRAIN * largest.max())).all()
+        )  # not with NaN
+
+    def _factorise_again(self) -> bool:
+        """Factorise K with another weight of the end, on which solutions depend where K is singular."""
+        programme = self.optimum.programme
+        return bool(programme.ng) and factorise_held(self._native, programme, first=_OTHER_WEIGHT)
 
 
 def _relative(step: Array, whole: Array) -> float:

@@ -57,8 +57,10 @@ class NumbersOfRobot(OfRobot):
 
     @classmethod
     def words(cls, formulation: Formulation) -> Iterator[str]:
-        """One, where there are such numbers."""
-        if NUMBERS in formulation.pieces.parameters.theta:
+        """One, where there are such numbers, all of them given, and of none the loops at the start depend."""
+        problem = formulation.problem
+        places_loops = problem.robot.nc and any("placement" in n.of for n in problem.robot.varying)
+        if NUMBERS in formulation.pieces.parameters.theta and not (problem.parameter or places_loops):
             yield "robot.numbers"
 
     @property

@@ -52,6 +52,13 @@ def test_products_agree_with_differences_of_values(example, words, steps):
     assert pulled == pytest.approx(pushed, rel=1e-7)
 
 
+def test_neighbours_have_the_steps_that_an_accuracy_has_found():
+    found = SolutionMap.of(mbocp.load_problem(EXAMPLES / "arms/accurate_lift.toml"), ["start.v"])
+    (value,) = found.values
+    out = found([value + 1e-3])
+    assert {name: np.shape(given) for name, given in out.items()} == found.shapes
+
+
 def test_at_the_problems_own_numbers_nothing_is_solved_again(problem, monkeypatch):
     found = SolutionMap.of(problem, WORDS)
     monkeypatch.setattr("mbocp.autodiff.solution_map.solve", None)

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SolverError
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SingularSystem, SolverError
 from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.layout import places
 from mbocp.sensitivity import DegenerateLimitWarning
 from mbocp.sensitivity.change import change_along
 from mbocp.sensitivity.kkt import Parts
@@ -96,6 +97,11 @@ def arm_with_smooth_end():
     return example("arms/payload.toml", steps=12, limits={"jerk": 400.0}, integrator={"scheme": "midpoint"})
 
 
+def upright_cup():
+    """Rows of its conditions have terms so large that round-off of these is more than others are."""
+    return example("arms/cup.toml")
+
+
 def arm_that_follows_the_time():
     def away(at):
         return (at.q[0] - 0.3 * ca.sin(3.0 * at.t)) ** 2
@@ -110,6 +116,7 @@ def arm_with_a_cool_wrist():
 
 CASES = [
     (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
+    (upright_cup, "start.q", 1, 1e-3),
     (arm_with_a_cool_wrist, "limits.effort_rms.upper", 5, 1e-4),
     (arm_with_smooth_end, "horizon.duration", 0, 2e-5),
     (arm_with_slow_torques, "start.q", 1, 2e-4),
@@ -292,6 +299,22 @@ def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     assert np.abs(products - products.T).max() <= 1e-8 * np.abs(products).max()
 
 
+@pytest.mark.parametrize("share", [0.0, 1e-12])
+def test_a_system_that_is_all_but_singular_has_no_derivative(share):
+    """A joint at rest, of which next to nothing is weighed: by round-off it goes anywhere."""
+    floating = mbocp.load_robot("ur5", gravity=[0, 0, 0])
+    problem = example("arms/ur5_reach.toml", steps=12, cost={"effort": 1.0, "velocity": 0.0})
+    still = problem.with_(robot=floating, goal={"q": problem.q_start.tolist(), "v": 0})
+    derivatives = mbocp.sensitivities(solved(still), ["start.q"])
+    formulation = derivatives.formulation
+    theta = np.array(formulation.programme.theta)
+    theta[places(formulation.pieces.parameters.theta)["effort"].start] = share
+    unweighed = replace(formulation, programme=replace(formulation.programme, theta=theta))
+    with pytest.raises(SingularSystem, match="no unique derivative"):
+        replace(derivatives, formulation=unweighed).of("us", "start.q")
+    assert np.isfinite(derivatives.of("us", "start.q")).all()
+
+
 def test_a_limit_that_is_just_touched_is_told():
     free = arm_within_limits().with_(limits={"effort": False, "velocity": False, "position": False})
     fastest = np.abs(solved(free).vs).max(axis=0)
@@ -357,6 +380,13 @@ def test_numbers_that_motions_leap_with_are_no_parameters(make, words):
 def arm_between_times(until):
     held = path_constraint(lambda at: at.q[0], upper=0.5, since=0.2, until=until)
     return example("arms/ur5_reach.toml", steps=20).with_(terms=[held])
+
+
+@pytest.mark.parametrize("path", ["design/five_bar_lengths.toml", "design/gear_ratio.toml"])
+def test_numbers_that_are_found_are_no_parameters(path):
+    solution = solved(mbocp.load_problem(EXAMPLES / path))
+    with pytest.raises(ProblemError, match=r"'robot\.numbers' is no parameter"):
+        mbocp.sensitivities(solution, ["robot.numbers"])
 
 
 def test_a_target_that_is_the_goal_has_no_parameter():
