@@ -90,7 +90,7 @@ def test_motors_too_weak_for_their_own_weight_are_told(run, here):
     )
     assert run("new", str(write(here, urdf)), "-o", "weak.toml").exit_code == 0
     text = (here / "weak.toml").read_text()
-    assert "holding its own weight takes more than the 0.5 N m that the URDF gives j1" in text
+    assert "holding its own weight takes more than the 0.5 N m that its file gives j1" in text
     assert "effort = true" not in text
 
 
