@@ -120,7 +120,7 @@ def switch(names: str, words: str) -> Any:
 ProblemFile = Annotated[Path, argument("FILE", "Problem file (TOML).")]
 ResultFile = Annotated[Path, argument("RESULT", "What `mbocp solve -o` wrote.")]
 ProblemOrResult = Annotated[Path, argument("FILE|RESULT", "Problem file, or a result of a solve.")]
-Robot = Annotated[str, argument("ROBOT", "Robot, by name or path of its URDF.")]
+Robot = Annotated[str, argument("ROBOT", "Robot, by name or path of its file.")]
 PackageDirs = Annotated[
     list[Path] | None, option("--package-dir", "DIR", "Folder with ROS packages (meshes). Repeatable.")
 ]

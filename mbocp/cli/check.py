@@ -97,7 +97,7 @@ def _rows(problem: Problem) -> _Rows:
     rows += cause_rows(causes_of(problem))
     if words := inertia_words(describe(robot)["inertias"]):
         rows.append(("inertias", words))
-    return [*rows, *(("URDF", Text(words, style="yellow")) for words in find_oddities(robot))]
+    return [*rows, *(("file", Text(words, style="yellow")) for words in find_oddities(robot))]
 
 
 def _horizon(problem: Problem) -> str:

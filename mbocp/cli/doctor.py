@@ -32,7 +32,7 @@ EXTRAS = {
     "live": "viser",
     "mcap": "mcap",
     "parquet": "pyarrow",
-    "rerun": "rerun",
+    "rerun": "rerun-sdk",
     "scenes": "coacd",
     "jax": "jax",
     "torch": "torch",

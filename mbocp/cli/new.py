@@ -79,11 +79,16 @@ def _schema_line(path: Path) -> str:
 
 
 def _only_rotors(robot: Any) -> bool:
-    """Whether the root stands still and several joints turn without end and without effort."""
+    """Whether the root stands still and several joints, in no loop, turn without end and without effort."""
     limits = robot.limits
     turns = limits.position_upper - limits.position_lower
     endless = bool((turns > _MANY_TURNS).all() and not (limits.effort < math.inf).any())
-    return 1 < robot.nv == robot.nu == len(robot.joint_names) and robot.nq == robot.nv and endless
+    return (
+        1 < robot.nv == robot.nu == len(robot.joint_names)
+        and robot.nq == robot.nv
+        and not robot.nc
+        and endless
+    )
 
 
 def _load(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:

@@ -59,7 +59,7 @@ def _print_list(entries: Sequence[RobotEntry]) -> None:
         console.print(f"from {source}:", style="bold")
         console.print(table)
     console.print(
-        "`mbocp robots NAME` says what a robot has; the path of a URDF or robot.toml is good for a name.",
+        "`mbocp robots NAME` says what a robot has; the path of its file is good for a name.",
     )
 
 
@@ -93,7 +93,7 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         drives = {"mobility": _mobility(facts), **names}
     words = {
         "what": facts["description"],
-        "URDF": facts["source"] or "none",
+        facts["format"] or "file": facts["source"] or "none",
         "size": ", ".join(sizes),
         **drives,
         "redundant": f"{', '.join(redundant)}: left out, the other rows imply them" if redundant else "",
@@ -189,7 +189,7 @@ def spheres(
     found = robot.collision_spheres
     if not found:
         raise UnsupportedRobot(
-            f"robot {robot.name!r}: has no collision geometry: its URDF has no <collision>, and its "
+            f"robot {robot.name!r}: has no collision geometry: its file has none, and its "
             "robot.toml no [[collision_sphere]]"
         )
     if replay is not None:

@@ -226,7 +226,7 @@ def _within_limits(robot: Robot, motion: FirstMotion) -> FirstMotion:
         if not limited["velocity"]:
             name = robot.v_labels[int(np.argmin(limits.velocity))].name
             notes.append(
-                f"its URDF allows {name} no velocity at all, so the limits of velocities are left out"
+                f"its file allows {name} no velocity at all, so the limits of velocities are left out"
             )
     if np.isfinite(limits.effort).any() and motion.rests:
         duration, words = _by_effort(robot, motion)
@@ -253,7 +253,7 @@ def _by_effort(robot: Robot, motion: FirstMotion) -> tuple[float, str]:
             f"the motor of {label.name} has {has}: hardly enough to move, so no limits of efforts",
         )
     return motion.duration, (
-        f"holding its own weight takes more than the {has} that the URDF gives {label.name}, so the limits "
+        f"holding its own weight takes more than the {has} that its file gives {label.name}, so the limits "
         "of efforts are left out"
     )
 

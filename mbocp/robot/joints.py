@@ -156,7 +156,7 @@ def why_without_numbers(model: pin.Model, name: str) -> str:
             of = repr(model.names[leader])
             return f"mimics {of} and has no numbers of its own: name {of}, or load with mimic = false"
     if any(f.name == name and f.type.name == "FIXED_JOINT" for f in model.frames):
-        return "is fixed, by its URDF or by lock, and has no numbers: leave it out, or do not lock it"
+        return "is fixed, by its file or by lock, and has no numbers: leave it out, or do not lock it"
     return ""
 
 

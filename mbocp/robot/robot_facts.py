@@ -15,7 +15,7 @@ from mbocp.robot import joints
 from mbocp.robot.drives import moved_joints
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.description import Oddity
-from mbocp.robot.loading.robot_formats import reader_of
+from mbocp.robot.loading.robot_formats import format_of, reader_of
 from mbocp.robot.parts import Drive, QuarticSpring
 from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot import Robot
@@ -29,16 +29,17 @@ def describe(robot: Robot) -> dict[str, Any]:
     Returns
     -------
     dict
-        name, description, source, dimensions (nq, nv, nu, nc), dofs and mobility (degrees of freedom that the
-        constraints leave), mass [kg], inertias (of links whose file gives none), gravity [m/s^2], joints,
-        actuators, actuated (their names), passive (joints that none of them acts upon directly), drives,
-        speeds, constraints, forces, elastic (joints), payloads, parts, frames, trace_frames, q0 [rad, m],
-        rotations, fingerprint. Drives are among the actuators, last.
+        name, description, source, format (of the source), dimensions (nq, nv, nu, nc), dofs and mobility
+        (degrees of freedom that the constraints leave), mass [kg], inertias (of links whose file gives none),
+        gravity [m/s^2], joints, actuators, actuated (their names), passive (joints that none of them acts
+        upon directly), drives, speeds, constraints, forces, elastic (joints), payloads, parts, frames,
+        trace_frames, q0 [rad, m], rotations, fingerprint. Drives are among the actuators, last.
     """
     return {
         "name": robot.name,
         "description": robot.description,
         "source": None if robot.source is None else str(robot.source),
+        "format": None if robot.source is None else format_of(robot.source).name,
         "nq": robot.nq,
         "nv": robot.nv,
         "nu": robot.nu,

@@ -55,6 +55,13 @@ def test_unknown_robot(run: Run) -> None:
     assert "did you mean 'ur5'" in done.stderr
 
 
+def test_the_file_of_a_robot_is_called_by_its_format(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    body = '<body name="b"><joint name="j"/><geom size="0.1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    assert re.search(rf"^MJCF +{re.escape(str(path))}$", run("robots", str(path)).stdout, re.MULTILINE)
+
+
 def test_doctor_says_what_to_do(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> tuple[doctor_module.Verdict, str, str]:
         raise ImportError("no such library")
@@ -85,7 +92,9 @@ def test_doctor_names_what_a_report_of_a_bug_needs() -> None:
 
 def test_doctor_knows_the_packages_and_extras_of_the_project() -> None:
     project = parse_toml((EXAMPLES.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    named = {extra: re.split(r"\W", names[0])[0] for extra, names in project["optional-dependencies"].items()}
+    named = {
+        extra: re.split(r"[^\w-]", names[0])[0] for extra, names in project["optional-dependencies"].items()
+    }
     del named["dev"]
     assert named == doctor_module.EXTRAS
     needed = {re.split(r"[^\w-]", name)[0] for name in project["dependencies"]}

@@ -90,7 +90,7 @@ def test_motors_too_weak_for_their_own_weight_are_told(run, here):
     )
     assert run("new", str(write(here, urdf)), "-o", "weak.toml").exit_code == 0
     text = (here / "weak.toml").read_text()
-    assert "holding its own weight takes more than the 0.5 N m that the URDF gives j1" in text
+    assert "holding its own weight takes more than the 0.5 N m that its file gives j1" in text
     assert "effort = true" not in text
 
 
@@ -151,3 +151,27 @@ def test_editors_find_the_schema_that_is_beside_the_file(run, here):
     assert (here / "after.toml").read_text() == f"#:schema ./{SCHEMA_FILE}\n" + (
         here / "before.toml"
     ).read_text().replace("before", "after")
+
+
+def test_the_joints_of_a_loop_are_no_rotors(run, here):
+    (here / "bars.sdf").write_text(
+        '<sdf version="1.9"><model name="bars">'
+        + '<joint name="fix" type="fixed"><parent>world</parent><child>ground</child></joint>'
+        + "".join(
+            f'<link name="{name}"><pose>{place} 0 0 0 0 0</pose></link>'
+            for name, place in (("ground", 0), ("crank", 0), ("coupler", 0.3), ("rocker", 1.0))
+        )
+        + "".join(
+            f'<joint name="{child}_{parent}" type="revolute">'
+            f'<pose relative_to="{child}">{at} 0 0 0 0 0</pose>'
+            f"<parent>{parent}</parent><child>{child}</child><axis><xyz>0 1 0</xyz></axis></joint>"
+            for parent, child, at in (
+                *(("ground", "crank", 0), ("crank", "coupler", 0)),
+                *(("ground", "rocker", 0), ("rocker", "coupler", 0.5)),
+            )
+        )
+        + "</model></sdf>"
+    )
+    done = run("new", "bars.sdf")
+    assert done.exit_code == 0, done.stderr
+    assert "turn without end" not in done.stderr

@@ -127,16 +127,28 @@ def test_mcap(walker: Robot, tmp_path) -> None:
 
 def test_rerun(walker: Robot, tmp_path) -> None:
     chunks = pytest.importorskip("rerun.chunk")
+    escape = pytest.importorskip("rerun").escape_entity_path_part
     solution = a_motion(walker)
     path = solution.export(tmp_path / "motion.rrd")
     motion = record(solution, walker)
     stream = chunks.RrdReader(str(path)).stream()
     read = {chunk.entity_path: chunk.to_record_batch().to_pydict() for chunk in stream}
-    position = read["/joints/FL_KFE/position"]
-    assert [time.total_seconds() for time in position["time"]] == pytest.approx([*motion.t])
-    assert np.ravel(position["Scalars:scalars"]) == pytest.approx(motion.joints["FL_KFE"][0])
-    base = read["/world/base_link"]
-    for part, columns in (("translation", slice(0, 3)), ("quaternion", slice(3, 7))):
-        values = np.squeeze(base[f"Transform3D:{part}"])
-        assert values == pytest.approx(motion.links["base_link"][:, columns], abs=1e-6)  # single precision
-    assert np.shape(read["/path/base_link"]["LineStrips3D:strips"])[-2:] == (STEPS + 1, 3)
+    curves = {
+        f"/joints/{name}/{field}": values
+        for name, joint in motion.joints.items()
+        for field, values in zip(("position", "velocity", "effort"), joint, strict=True)
+    }
+    curves |= {f"/controls/{escape(name)}": values for name, values in motion.controls.items()}
+    links = {f"/world/{escape(name)}": poses for name, poses in motion.links.items()}
+    shown = {path for path in read if not path.startswith("/__")}
+    assert shown == {*curves, *links, "/path/base_link"}
+    for entity in (*curves, *links):
+        assert [time.total_seconds() for time in read[entity]["time"]] == pytest.approx([*motion.t]), entity
+    for entity, values in curves.items():
+        assert np.ravel(read[entity]["Scalars:scalars"]) == pytest.approx(values), entity
+    for entity, poses in links.items():
+        for part, columns in (("translation", slice(0, 3)), ("quaternion", slice(3, 7))):
+            found = np.squeeze(read[entity][f"Transform3D:{part}"])
+            assert found == pytest.approx(poses[:, columns], abs=1e-6), entity  # single precision
+    (strip,) = np.squeeze(read["/path/base_link"]["LineStrips3D:strips"], axis=1)
+    assert strip == pytest.approx(motion.paths["base_link"][:, :3], abs=1e-6)

@@ -240,7 +240,7 @@ def _refuse_unknown_turns(robot: Robot, follower: Body, leader: Body) -> None:
         raise UnsupportedRobot(
             f"robot {robot.name!r}: joint {follower.name!r} follows {leader.name!r} at the ratio "
             f"{follower.ratio:.6g}, and {leader.name!r} may leave -pi ... pi: natural coordinates know an "
-            'angle up to full turns; limit that joint in the URDF, or take coordinates = "joint"'
+            'angle up to full turns; limit that joint in its file, or take coordinates = "joint"'
         )
 
 

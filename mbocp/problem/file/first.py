@@ -147,23 +147,25 @@ def _rows(robot: Robot) -> Iterator[tuple[str, ...]]:
             else [-math.inf, math.inf]
         )
         speed = limits.velocity[j.idx_v] if single else math.inf
-        effort = efforts.get(name)
+        effort, others = efforts.get(name), _controls_of(robot, j)
         yield (
             name,
             kind.word,
             _size(low, ""),
             _size(high, unit),
             _size(speed, f"{unit}/s"),
-            "no motor of its own"
-            if effort is None and not _has_motor(robot, j)
-            else _size(effort if effort is not None else math.inf, "N m" if unit == "rad" else "N"),
+            _size(effort, "N m" if unit == "rad" else "N") if effort is not None else others,
         )
 
 
-def _has_motor(robot: Robot, joint: Any) -> bool:
+def _controls_of(robot: Robot, joint: Any) -> str:
+    """What moves a joint that no control is named after."""
     where = slice(joint.idx_v, joint.idx_v + joint.nv)
-    driven = any(where.start <= dof < where.stop for dof in robot.driven)
-    return driven or bool(np.any(robot.actuation.selection[where]))
+    names = [
+        *(robot.u_labels[k].name for k in np.flatnonzero(robot.actuation.selection[where].any(axis=0))),
+        *(drive.name for drive in robot.drives if any(where.start <= dof < where.stop for dof in drive.dofs)),
+    ]
+    return f"by {', '.join(names)}" if names else "no motor of its own"
 
 
 def _size(value: float, unit: str) -> str:

@@ -83,7 +83,7 @@ def _balls(robot: Robot, limits: Bounds, obstacles: Sequence[Obstacle]) -> dict[
     if not links:
         what = "obstacle" if obstacles else "self_collision"
         raise ProblemError(
-            f"{what}: robot {robot.name!r} has no collision geometry: its URDF has no <collision>; add it, "
+            f"{what}: robot {robot.name!r} has no collision geometry: its file has none; add it, "
             "or give [[collision_sphere]] in its robot.toml"
         )
     return {

@@ -19,7 +19,7 @@ from mbocp.exceptions import RobotError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.joint_numbers import limit_of, range_of
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
-from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Thruster, Wrench
+from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Tendon, Thruster, Wrench
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.named_numbers import put_motors
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor
@@ -226,6 +226,9 @@ class ActuationReader:
         for number, row in enumerate(self.table.actuators):
             if isinstance(row, JointActuator):
                 continue
+            if isinstance(row, Tendon):
+                fixed += self._of_tendon(row, f"actuator[{number}]")
+                continue
             frame = self.names.moving_frame(row.frame, f"actuator[{number}].frame", ": nothing would move")
             jacobian = self._constant_jacobian(frame)
             for label, direction, effort in _directions(row):
@@ -246,6 +249,26 @@ class ActuationReader:
             column = np.zeros(self.names.model.nv)  # a row of np.eye would keep the whole matrix
             column[index] = 1.0
             yield column, label, range_of(*limit) if effort is None else _sides(effort)
+
+    def _of_tendon(self, row: Tendon, key: str) -> Iterator[_Column]:
+        """None if all its joints are locked."""
+        model, units, column = self.names.model, set[str](), np.zeros(self.names.model.nv)
+        if row.name in model.names:
+            self.names.refuse(f"{key}.name", f"{row.name!r} is the name of a joint")
+        for name, ratio in zip(row.joints, row.ratios, strict=True):
+            if name in self.names.locked:
+                continue
+            joint = self.names.joint(name)
+            kind = joints.joint_kind(model, joint)
+            if len(kind.v) != 1:
+                words = f"joint {name!r} is {kind.word} and has {len(kind.v)} velocities"
+                self.names.refuse(f"{key}.joints", words)
+            column[joints.velocity_slice(model, self._elastic.get(joint, joint))] = ratio
+            units.add(_EFFORT_UNITS[kind.v[0][1]])
+        if column.any():
+            label = Label(row.name, "N m" if units == {"N m"} else "N")
+            plain_number(max(map(abs, _sides(row.effort or np.inf))), label.unit, f"{key}.effort")
+            yield column, label, _sides(row.effort or np.inf)
 
     def _constant_jacobian(self, frame: int) -> Array | None:
         """A frame's Jacobian in its own axes, shape (6, nv), if no configuration changes it."""

@@ -176,7 +176,7 @@ def _tell_friction(found: Iterable[JointResistance], losses: Losses, robot: str)
     rubbing = [resistance.name for resistance in found if resistance.friction]
     if rubbing and losses.friction is None:
         warn_caller(
-            f"robot {robot!r}: the Coulomb friction that the URDF gives {list_names(rubbing, _MAX_NAMES)} is "
+            f"robot {robot!r}: the Coulomb friction that its file gives {list_names(rubbing, _MAX_NAMES)} is "
             'left out; friction = "smooth" takes it in, friction = "none" leaves it out without a word',
             NotModelledWarning,
         )

@@ -113,7 +113,7 @@ def _refuse_unfit_motor(model: pin.Model, joint: int, where: str, rotors: BoolAr
         raise UnsupportedRobot(f"{where}: a spring acts on masses, and {name!r} moves none")
     if model.existFrame(motor_of(name)):
         raise UnsupportedRobot(
-            f"{where}: a frame is called {motor_of(name)!r} already; rename it in the URDF"
+            f"{where}: a frame is called {motor_of(name)!r} already; rename it in its file"
         )
 
 

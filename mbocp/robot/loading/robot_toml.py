@@ -20,6 +20,7 @@ from pydantic import (
 
 from mbocp._files import read_toml
 from mbocp._measured import Measured
+from mbocp._text import find_repeated
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, MotorTable, PayloadTable
@@ -103,6 +104,24 @@ class Thruster(Table):
     effort: Annotated[Efforts, Measured("N"), AfterValidator(_rising)] | None = None
 
 
+class Tendon(Table):
+    """A motor that pulls at several joints: each feels the control times its ratio."""
+
+    type: Literal["tendon"]
+    name: Printable
+    joints: list[str] = Field(min_length=1)
+    ratios: list[Number]
+    effort: Annotated[Efforts, Measured("N, N m"), AfterValidator(_rising)] | None = None
+
+    @model_validator(mode="after")
+    def _one_ratio_a_joint(self) -> Tendon:
+        if repeated := find_repeated(self.joints):
+            raise ValueError(f"joints: {repeated[0]!r} is named twice")
+        if len(self.ratios) != len(self.joints):
+            raise ValueError(f"ratios has {len(self.ratios)} numbers for {len(self.joints)} joints")
+        return self
+
+
 class DriveTable(Table):
     """A control that prescribes a joint's motion, or a frame's along a direction."""
 
@@ -125,7 +144,7 @@ class DriveTable(Table):
         return self
 
 
-Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster, Field(discriminator="type")]
+Actuator: TypeAlias = Annotated[JointActuator | Wrench | Thruster | Tendon, Field(discriminator="type")]
 
 
 class QuarticSpringTable(PairTable):
@@ -279,7 +298,7 @@ def read_robot_toml(path: Path) -> RobotTable:
 TABLES: dict[str, tuple[type[BaseModel], ...]] = {
     "inertias": (InertiasTable, LinkTable),
     "actuation": (ActuationTable,),
-    "actuator": (JointActuator, Wrench, Thruster),
+    "actuator": (JointActuator, Wrench, Thruster, Tendon),
     "drive": (DriveTable,),
     "constraint": tuple(kind.Keys for kind in CONSTRAINTS.values()),
     "elastic": (ElasticTable,),

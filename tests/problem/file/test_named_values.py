@@ -84,7 +84,7 @@ def test_joints_without_numbers_of_their_own_are_told_apart_from_unknown_ones(ke
     entry: object = [0.0, 0.01] if words == "position" else 0.01
     for name, reason in (
         ("panda_finger_joint2", "mimics 'panda_finger_joint1'.*name 'panda_finger_joint1'"),
-        ("panda_joint7", "is fixed, by its URDF or by lock"),
+        ("panda_joint7", "is fixed, by its file or by lock"),
         ("panda_joint9", "has no joint 'panda_joint9'"),
     ):
         tables: dict[str, object] = {"goal": {"q": {"panda_joint1": 0.1}}}

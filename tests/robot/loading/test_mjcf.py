@@ -98,6 +98,33 @@ FOUR_BAR = """<mujoco model="four_bar">
 WELD = '<weld name="pin" body1="wheel" body2="rocker"/>'
 
 
+FINGER = """<mujoco model="finger">
+  <compiler angle="radian"/>
+  <default><tendon armature="0.2"/><joint axis="0 1 0"/><geom size="0.04"/></default>
+  <worldbody>
+    <body name="proximal" pos="0 0 0.1">
+      <joint name="mcp"/><geom type="capsule" fromto="0 0 0 0 0 0.4"/>
+      <body name="distal" pos="0 0 0.4">
+        <joint name="pip"/><geom type="capsule" fromto="0 0 0 0 0 0.3"/>
+        <body name="tip" pos="0 0 0.3">
+          <joint name="slide" type="slide" axis="0 0 1"/><geom type="sphere"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="flexor"><joint joint="mcp" coef="0.5"/><joint joint="pip" coef="-2"/></fixed>
+    <fixed name="mixed" range="-1 1" stiffness="3">
+      <joint joint="mcp" coef="0.1"/><joint joint="slide" coef="1"/>
+    </fixed>
+  </tendon>
+  <actuator>
+    <motor tendon="flexor" gear="-2" ctrlrange="-3 5"/>
+    <position tendon="mixed" kp="10" forcerange="-2 4"/>
+  </actuator>
+</mujoco>"""
+
+
 def load(tmp_path: Path, text: str, **options: Any) -> Robot:
     path = tmp_path / "robot.xml"
     path.write_text(text)
@@ -236,7 +263,7 @@ def test_what_is_left_out_is_told_by_name(tmp_path: Path) -> None:
     text = ARM.replace('name="shoulder"', 'name="shoulder" stiffness="3"').replace(
         "</actuator>",
         '<motor name="pull" tendon="t"/></actuator>'
-        '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>',
+        '<tendon><spatial name="t"><site site="tip"/></spatial></tendon>',
     )
     with pytest.warns(NotModelledWarning) as caught:
         load(tmp_path, text)
@@ -247,6 +274,29 @@ def test_what_is_left_out_is_told_by_name(tmp_path: Path) -> None:
         "tendons 't'",
     ):
         assert words in told
+
+
+def test_a_motor_pulls_at_several_joints_by_a_fixed_tendon(tmp_path: Path) -> None:
+    warnings.simplefilter("ignore", NotModelledWarning)
+    with pytest.warns(NotModelledWarning) as caught:
+        robot = load(tmp_path, FINGER)
+    assert str(caught[0].message).partition("left out: ")[2] == (
+        "armature of fixed tendons 'flexor', 'mixed'; range of fixed tendons 'mixed'; "
+        "stiffness of fixed tendons 'mixed'"
+    )
+    assert [(label.name, label.unit) for label in robot.u_labels] == [("flexor", "N m"), ("mixed", "N")]
+    # MuJoCo 4.0's qfrc_actuator at ctrl = (1, -2) and at both ends of its controls: gear -2, kp 10.
+    B = robot.actuation_matrix(robot.q0)
+    np.testing.assert_allclose(B @ [-2.0, -2.0], [-1.2, 4.0, -2.0], atol=1e-15)
+    np.testing.assert_allclose(B @ [robot.limits.effort[0], robot.limits.effort_lower[1]], [2.8, -12.0, -2.0])
+    np.testing.assert_allclose(B @ [robot.limits.effort_lower[0], robot.limits.effort[1]], [-4.6, 20.0, 4.0])
+    locked = load_robot(tmp_path / "robot.xml", lock=["mcp"])
+    np.testing.assert_allclose(locked.actuation_matrix(locked.q0), [[-2.0, 0.0], [0.0, 1.0]])
+    assert [label.name for label in load(tmp_path, FINGER.replace("mixed", "pip")).u_labels] == [
+        *("flexor", "pip_tendon")
+    ]
+    with pytest.raises(RobotFileError, match=r"<joint>: there is no joint 'mpc': did you mean 'mcp'"):
+        load(tmp_path, FINGER.replace('joint="mcp" coef="0.5"', 'joint="mpc" coef="0.5"'))
 
 
 def test_thrusters_stand_on_sites(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from mbocp.exceptions import (
     UnsupportedRobot,
 )
 from mbocp.problem import Problem
-from mbocp.robot import QuarticSpring, Robot, Rod, load_robot
+from mbocp.robot import QuarticSpring, Robot, Rod, load_robot, robot_from_spec
 from tests.robot import urdfs
 
 URDF = urdfs.chain("revolute", "revolute", "revolute", name="from_urdf")
@@ -147,6 +147,32 @@ def test_a_thruster_at_a_position(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.actuation.selection, np.array([[0, 0, 1, 0, -0.2, 0]]).T)
 
 
+TENDON = """
+[actuation]
+joints = ["j3"]
+[[actuator]]
+type = "tendon"
+name = "pull"
+joints = ["j1", "j2"]
+ratios = [1.0, -0.5]
+effort = [-2.0, 3.0]
+"""
+
+
+def test_a_tendon_is_one_control_of_several_joints(tmp_path: Path) -> None:
+    robot = load(tmp_path, TENDON)
+    assert [str(u) for u in robot.u_labels] == ["j3 [N m]", "pull [N m]"]
+    np.testing.assert_array_equal(robot.actuation.selection, [[0, 1], [0, -0.5], [1, 0]])
+    np.testing.assert_array_equal((robot.limits.effort_lower[1], robot.limits.effort[1]), (-2, 3))
+    assert [u.name for u in load_robot(tmp_path, lock=["j1", "j2"]).u_labels] == ["j3"]
+    np.testing.assert_array_equal(load_robot(tmp_path, lock=["j1"]).actuation.selection, [[0, -0.5], [1, 0]])
+    part = robot_from_spec({"part": [{"name": "a", "robot": str(tmp_path)}]})
+    np.testing.assert_array_equal(part.actuation.selection, robot.actuation.selection)
+    assert [u.name for u in part.u_labels] == ["a/j3", "a/pull"]
+    elastic = load(tmp_path, TENDON + '[[elastic]]\njoint = "j2"\nstiffness = 9.0\nmotor_inertia = 1.0\n')
+    np.testing.assert_array_equal(elastic.actuation.selection, [[0, 1], [0, 0], [1, 0], [0, -0.5]])
+
+
 def test_lengths_default_to_the_initial_pose(tmp_path: Path) -> None:
     pair = 'frames = ["l3", "base"]\n'
     toml = f'[[constraint]]\ntype = "rod"\n{pair}[[spring]]\nstiffness = 0.6\n{pair}'
@@ -229,7 +255,7 @@ WRONG = {
     ),
     "actuators: unknown key; did you mean 'actuator'": '[[actuators]]\ntype = "joint"\njoint = "j1"',
     r"spring_damper\[0\]\.damping: got -1": '[[spring_damper]]\nframes = ["l1", "l2"]\ndamping = -1',
-    r"actuator\[0\]: unknown type 'motor', known: joint, wrench, thruster": '[[actuator]]\ntype = "motor"',
+    r"actuator\[0\]: unknown type 'motor', known: joint, wrench, thruster, t": '[[actuator]]\ntype = "motor"',
     r"actuator\[0\]: type is required": '[[actuator]]\njoint = "j1"',
     r"constraint\[0\]\.length: got 1e\+160: .*less than or equal": (
         '[[constraint]]\ntype = "rod"\nframes = ["l1", "l2"]\nlength = 1e160'
@@ -256,6 +282,9 @@ WRONG = {
         '[[actuator]]\ntype = "wrench"\nframe = "base"'
     ),
     r"actuator: the name 'l1.fx' is given twice": 2 * '[[actuator]]\ntype = "wrench"\nframe = "l1"\n',
+    r"actuator\[0\]: joints: 'j1' is named twice": TENDON.replace('"j2"', '"j1"'),
+    r"actuator\[0\]: ratios has 1 numbers for 2 joints": TENDON.replace("[1.0, -0.5]", "[1.0]"),
+    r"actuator\[0\]\.name: 'j2' is the name of a joint": TENDON.replace('"pull"', '"j2"'),
     r"visual\[0\]\.type: unknown type 'arrow', known: rod, spring, line, none": (
         '[[visual]]\ntype = "arrow"\nframes = ["l1", "l2"]'
     ),

@@ -19,7 +19,8 @@ from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
-from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, Node, parse_mjcf
+from mbocp.robot.loading.readers.mjcf_tendons import fixed_tendons
+from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, Node, named_joint, parse_mjcf
 from mbocp.robot.loading.readers.tree import TreeJoint, describe_tree, oddities_of, placements_of
 from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
@@ -27,7 +28,6 @@ _HOME = "home"  # name of the pose to begin in
 _TOLERANCE = 1e-9  # for force and moment that are parallel
 _SINGLE = ("revolute", "prismatic")
 _NUMBERS = {"free": 7, "ball": 4}  # of qpos
-_TENDONS = ("spatial", "fixed")
 
 
 def read(path: Path, name: str, how: Reading) -> Description:
@@ -68,9 +68,6 @@ def read_tables(mjcf: Mjcf, found: Bodies, free_flyer: bool | None) -> RobotTabl
     reader.motors(told)
     reader.pose(told, free_flyer)
     reader.options(told)
-    for tag in _TENDONS:
-        for element in mjcf.root.iterfind(f"tendon/{tag}"):
-            found.left_out.add("tendons", element.get("name", tag))
     for tag in ("deformable", "extension"):
         for element in mjcf.each(tag):
             found.left_out.add(f"<{tag}>", element.get("name", element.tag))
@@ -90,27 +87,34 @@ class _Tables:
     joints: Mapping[str, TreeJoint]
 
     def motors(self, told: dict[str, Any]) -> None:
-        """Joints with motors, and thrusters on sites; without any actuator, what the defaults say."""
+        """Motors of joints and fixed tendons, thrusters on sites; without any, what the defaults say."""
         limits: dict[str, Array] = {}
+        pulls: dict[str, Array] = {}
+        tendons = fixed_tendons(self.mjcf, self.joints, self.found.left_out)
         thrusters: list[dict[str, Any]] = []
         elements = list(self.mjcf.each("actuator"))
         for element in elements:
             node = self.mjcf.node(element)
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
-            gear = node.number("gear", 1.0)
+            tendon, gear = node.text("tendon"), node.number("gear", 1.0)
             turns = gear != 0.0 and element.tag in ACTUATORS and element.tag != "damper"  # which only brakes
             if turns and joint is not None and joint.held is None and joint.kind in _SINGLE:
                 limits[joint.name] = limits.get(joint.name, 0.0) + np.sort(gear * _force_range(node))
+            elif turns and tendon in tendons:
+                pulls[tendon] = pulls.get(tendon, 0.0) + np.sort(gear * _force_range(node))
             elif (thruster := self._thruster(node)) is not None:
                 thrusters.append(thruster)
             else:
                 self.found.left_out.add("actuators", f"{node.text('name', element.tag)}{self._why(node)}")
+        pulled = dict.fromkeys(joint for tendon in pulls for joint in tendons[tendon]["joints"])
+        for name in (name for name in pulled if math.isfinite(self.joints[name].effort)):
+            self.found.left_out.add("actuatorfrcrange of joints on tendons", name)
         for name, sides in limits.items():
             joint = self.joints[name]
             joint.effort_lower, joint.effort = np.clip(sides, joint.effort_lower, joint.effort).tolist()
         if elements:
             told["actuation"] = {"joints": list(limits)}
-            told["actuator"] = thrusters
+            told["actuator"] = [*(tendons[name] | _effort(*pulls[name]) for name in pulls), *thrusters]
 
     def _why(self, node: Node) -> str:
         for key in ("tendon", "body", "site", "cranksite", "joint", "jointinparent"):
@@ -128,14 +132,13 @@ class _Tables:
         size = float(np.linalg.norm(force))
         if size == 0.0 or np.linalg.norm(np.cross(force, moment)) > _TOLERANCE * size:
             return None
-        lower, upper = (_force_range(node) * size).tolist()
         return {
             "type": "thruster",
             "frame": self.found.frame_of(site),
             "name": node.text("name", site),
             "axis": (force / size).tolist(),
             "torque_ratio": float(force @ moment) / size**2,
-            **({"effort": [lower, upper]} if math.isfinite(upper - lower) else {}),
+            **_effort(*_force_range(node) * size),
         }
 
     def equalities(self, told: dict[str, Any]) -> None:
@@ -159,15 +162,11 @@ class _Tables:
     def _couple(self, node: Node, name: str, rows: list[dict[str, Any]]) -> None:
         """Joint 1 as a polynomial of joint 2, both from their references; what is linear is a coupling."""
         first, second = node.text("joint1"), node.text("joint2")
-        named = (first, second) if second else (first,)
-        for joint in named:
-            if joint not in self.joints:
-                words = f"there is no joint {show(joint)}: {suggest(joint, self.joints)}"
-                raise RobotFileError(node.path, f"{node.where}: {words}")
+        named = [named_joint(node, key, self.joints) for key in ("joint1", "joint2")[: 1 + bool(second)]]
         c = node.vector("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         start = self.joints[first].reference + c[0]
         is_fixed = not second or not np.any(c[1:])
-        if any(self.joints[j].kind not in _SINGLE for j in named) or (not is_fixed and np.any(c[2:])):
+        if any(joint.kind not in _SINGLE for joint in named) or (not is_fixed and np.any(c[2:])):
             self.found.left_out.add("equality of joints that is not linear", name)
         elif is_fixed:
             self.joints[first].held = float(start)
@@ -250,6 +249,11 @@ class _Tables:
             flag = element.find("flag")
             if flag is not None and flag.get("gravity") == "disable":
                 told["gravity"] = [0.0, 0.0, 0.0]
+
+
+def _effort(lower: float, upper: float) -> dict[str, list[float]]:
+    """Limits of an actuator, unless one is infinite."""
+    return {"effort": [float(lower), float(upper)]} if math.isfinite(upper - lower) else {}
 
 
 def _force_range(node: Node) -> Array:

@@ -14,13 +14,13 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._text import show
-from mbocp.exceptions import RobotFileError
+from mbocp.exceptions import RobotFileError, suggest
+from mbocp.robot.loading.readers.tree import TreeJoint
 from mbocp.robot.loading.readers.urdf_xml import LARGEST, finite_number, read_xml
 
 _MAX_FILES = 100
 _MAIN = "main"
 _MIN_NORM = 1e-12  # of an axis or quaternion
-# Tags of actuators set the same defaults.
 ACTUATORS = (
     "general",
     "motor",
@@ -32,6 +32,8 @@ ACTUATORS = (
     "muscle",
     "adhesion",
 )
+# Tags that set the same defaults.
+_KINDS = dict.fromkeys(ACTUATORS, "actuator") | {"fixed": "tendon", "spatial": "tendon"}
 _YES = ("true", "1")
 
 
@@ -198,7 +200,7 @@ class Mjcf:
         name = element.get("class") or inherited or _MAIN
         if name not in self.classes:
             raise RobotFileError(self.path, f"<{element.tag}>: there is no class {show(name)}")
-        kind = "actuator" if element.tag in ACTUATORS else element.tag
+        kind = _KINDS.get(element.tag, element.tag)
         said = {**self.classes[name].get(kind, {}), **element.attrib}
         return Node(self.path, element, said, self.compiler)
 
@@ -206,6 +208,21 @@ class Mjcf:
         """Elements within all sections of this name."""
         for found in self.root.iterfind(section):
             yield from found
+
+
+def named_joint(node: Node, key: str, joints: Mapping[str, TreeJoint]) -> TreeJoint:
+    """Find the joint that an attribute names.
+
+    Raises
+    ------
+    RobotFileError
+        If there is none.
+    """
+    name = node.text(key)
+    if name not in joints:
+        words = f"there is no joint {show(name)}: {suggest(name, joints)}"
+        raise RobotFileError(node.path, f"{node.where}: {words}")
+    return joints[name]
 
 
 def parse_mjcf(path: Path) -> Mjcf:
@@ -263,7 +280,7 @@ def _read_class(
     own = classes.setdefault(name, {tag: dict(said) for tag, said in inherited.items()})
     for inner in element:
         if inner.tag != "default":
-            kind = "actuator" if inner.tag in ACTUATORS else inner.tag
+            kind = _KINDS.get(inner.tag, inner.tag)
             own.setdefault(kind, {}).update(inner.attrib)
     for inner in element.iterfind("default"):
         _read_class(inner, classes, inner.get("class", ""), own)
