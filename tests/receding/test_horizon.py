@@ -288,7 +288,7 @@ def test_weights_change_the_motion_as_in_a_problem(problem):
     q, v = elsewhere(problem, 2)
     horizon = RecedingHorizon(problem, iterations=5, barrier=TIGHT)
     for _ in range(20):
-        found = horizon.step(q, v, dt=0.0, weights={"velocity": np.full(6, 50.0)})
+        found = horizon.step(q, v, dt=0.0, weights={"velocity": 50.0})
     assert found.status.state == "converged"
     heavier = replace(problem.cost, velocity=np.full(6, 50.0))
     cold = mbocp.solve(problem.with_(q_start=q, v_start=v, cost=heavier), check=True)
