@@ -51,6 +51,12 @@ def test_starts_with_velocities_and_weights() -> None:
     agree(motions)
 
 
+def test_one_weight_for_the_velocities_of_all_joints() -> None:
+    motions = mbocp.solve_many(arm(), weights={"velocity": [50.0, 200.0]})
+    np.testing.assert_array_equal(motions.problem_at(1).cost.velocity, np.full(6, 200.0))
+    agree(motions)
+
+
 @pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4", "gauss2"])
 def test_attitudes_of_a_drone(scheme: str) -> None:
     problem = mbocp.load_problem(

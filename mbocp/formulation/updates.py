@@ -14,14 +14,16 @@ from mbocp._arrays import Array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.clock import TIME
+from mbocp.formulation.features.feature import join
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameter_layout import NUMBERS
+from mbocp.formulation.parameter_layout import NUMBERS, path_parameters
 from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.formulation.term_numbers import term_numbers
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
 from mbocp.terms.frame_end import FrameEnd
+from mbocp.terms.frame_tolerance import FrameTolerance
 from mbocp.terms.kinds import TerminalCost
 from mbocp.terms.own_parts import running_terms
 
@@ -238,10 +240,20 @@ class ParameterUpdates:
         if pose.shape not in ((3,), (4, 4)):
             raise DimensionMismatch(f"goal.{name}", pose.shape, (4, 4), "or (3,) for its position")
         _check_finite(f"goal.{name}", pose)
-        for end in self._pieces.signature.ends:
-            if isinstance(end, FrameEnd):
-                for key, numbers in end.numbers_at(name, pose).items():
-                    self._end(key, numbers)
+        ends = [end for end in self._pieces.signature.ends if isinstance(end, FrameEnd)]
+        at_end = join(end.numbers_at(name, pose) for end in ends)
+        along = {
+            path_parameters(k, key): numbers
+            for k, one in enumerate(self._problem.inequalities)
+            if isinstance(one, FrameTolerance) and one.goal.name == name
+            for key, numbers in one.term.shape.numbers_at(name, pose).items()
+        }
+        if not (at_end or along):
+            raise ProblemError(f"goal.{name}: the goal of the problem asks for none of this in its pose")
+        for key, numbers in at_end.items():
+            self._end(key, numbers)
+        for key, numbers in along.items():
+            self.theta[self._theta_at[key]] = numbers
 
     def _end(self, name: str, value: Array) -> None:
         self.rho_terminal[self._end_at[name]] = value

@@ -56,7 +56,7 @@ class Cost:
     target_p : ndarray, shape (nv,) or (N, nv)
         Momentum to track [kg m/s, N m s].
     velocity : ndarray, shape (nv,)
-        Diagonal of W >= 0 on the velocities v; zero by default.
+        Diagonal of W >= 0 on the velocities v, given by one number for all, too; zero by default.
     control_rate : ndarray, shape (nu,)
         Diagonal of C >= 0 on the rates of the controls, or one number for all; zero by default [s^2].
     potential : float
@@ -77,7 +77,7 @@ class Cost:
     target_p: Array
     terminal: float
     terminal_weights: Array
-    velocity: Array = field(default_factory=lambda: frozen_array(np.zeros(0)))
+    velocity: Array = field(default_factory=lambda: frozen_array(0.0))
     control_rate: Array = field(default_factory=lambda: frozen_array(0.0))
     potential: float = 0.0
     further: Mapping[str, Any] = field(default_factory=dict)
@@ -87,12 +87,13 @@ class Cost:
             object.__setattr__(self, key, check_number(f"cost.{key}", getattr(self, key)))
         check_non_negative("cost.tracking", self.tracking)
         check_non_negative("cost.terminal", self.terminal)
-        if self.velocity.size == 0:
-            object.__setattr__(self, "velocity", np.zeros(self.tracking_weights.size // 2))
         for key, name in _ARRAYS.items():
             value = frozen_array(getattr(self, key), name=name)
             check_finite(name, value)
             object.__setattr__(self, key, value)
+        if self.velocity.ndim == 0:
+            each = np.full(len(self.tracking_weights) // 2, self.velocity)
+            object.__setattr__(self, "velocity", frozen_array(each))
         check_non_negative("cost.tracking_weights", self.tracking_weights)
         check_non_negative("cost.terminal_weights", self.terminal_weights)
         for key in ("velocity", *_ON_CONTROLS):

@@ -124,10 +124,10 @@ class Solution(SolutionData):
         where nobody has looked: schemes of first order say nothing of speeds. See
         `mbocp.problem.between_nodes`.
     clearance, clearance_between, clearance_time : float, str, float
-        Of a problem with obstacles or self-collision the smallest distance of shapes beyond its margin, at a
-        thousand poses a second, of the pairs that are checked, which leaves out those that can never meet:
-        how large it is [m] (negative: how deep they are in each other), of what and when [s]. NaN and ""
-        where there are none.
+        Of a problem with obstacles or self-collision how far those shapes are apart [m] that come nearest to
+        their margin, which is not subtracted (negative: how deep they are in each other), of what and when
+        [s]: at a thousand poses a second on geodesics from node to node, of the pairs that are checked, which
+        leaves out those that can never meet. NaN and "" where there are none.
     positive_work : float
         Mechanical work that the controls do, each by itself, with what they brake left out [J]; NaN in
         results of an older mbocp. Controls that prescribe a motion count as none.

@@ -106,6 +106,30 @@ class FrameShape:
             found["normals"] = normals_to(target.direction).ravel(order="F")
         return found
 
+    def numbers_at(self, name: str, pose: Array) -> dict[str, Array]:
+        """Values of the parameters that say where a frame is to be.
+
+        Parameters
+        ----------
+        name : str
+            The frame.
+        pose : ndarray, shape (4, 4) or (3,)
+            Homogeneous matrix in its reference frame, or the position alone [m].
+
+        Raises
+        ------
+        ProblemError
+            If a direction of an axis is asked for, whose numbers are not those of a pose.
+        """
+        found = {}
+        if self.coordinates:
+            found["position"] = pose if pose.shape == (3,) else pose[:3, 3]
+        if self.turn == "orientation" and pose.shape != (3,):
+            found["rotation"] = pose[:3, :3].ravel(order="F")
+        if self.turn == "axis" and pose.shape != (3,):
+            raise ProblemError(f"goal.{name}: has an axis and a direction; give its position (3,) alone")
+        return found
+
     def pose(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Rows that are zero at the pose."""
         position, R = self.place(at)
@@ -261,31 +285,13 @@ class FrameEnd:
         }
 
     def numbers_at(self, name: str, pose: Array) -> dict[str, Array]:
-        """Values of the parameters that say where a frame is to be.
-
-        Parameters
-        ----------
-        name : str
-            The frame.
-        pose : ndarray, shape (4, 4) or (3,)
-            Homogeneous matrix in its reference frame, or the position alone [m].
-
-        Raises
-        ------
-        ProblemError
-            If a direction of an axis is asked for, whose numbers are not those of a pose.
-        """
-        found: dict[str, Array] = {}
-        for k, (goal, shape) in enumerate(zip(self.goals, self.shapes, strict=True)):
-            if goal.name != name:
-                continue
-            if shape.coordinates:
-                found[self._key(f"{k}.position")] = pose if pose.shape == (3,) else pose[:3, 3]
-            if shape.turn == "orientation" and pose.shape != (3,):
-                found[self._key(f"{k}.rotation")] = pose[:3, :3].ravel(order="F")
-            if shape.turn == "axis" and pose.shape != (3,):
-                raise ProblemError(f"goal.{name}: has an axis and a direction; give its position (3,) alone")
-        return found
+        """Values of the parameters that say where a frame is to be, see `FrameShape.numbers_at`."""
+        return {
+            self._key(f"{k}.{key}"): value
+            for k, (goal, shape) in enumerate(zip(self.goals, self.shapes, strict=True))
+            if goal.name == name
+            for key, value in shape.numbers_at(name, pose).items()
+        }
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """The cost, or the rows."""

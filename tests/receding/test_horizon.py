@@ -288,7 +288,7 @@ def test_weights_change_the_motion_as_in_a_problem(problem):
     q, v = elsewhere(problem, 2)
     horizon = RecedingHorizon(problem, iterations=5, barrier=TIGHT)
     for _ in range(20):
-        found = horizon.step(q, v, dt=0.0, weights={"velocity": np.full(6, 50.0)})
+        found = horizon.step(q, v, dt=0.0, weights={"velocity": 50.0})
     assert found.status.state == "converged"
     heavier = replace(problem.cost, velocity=np.full(6, 50.0))
     cold = mbocp.solve(problem.with_(q_start=q, v_start=v, cost=heavier), check=True)
@@ -371,6 +371,36 @@ def test_goals_of_frames_move():
     assert found.status.state == "converged"
     np.testing.assert_allclose(robot.frame_placement(name, found.q[-1]).translation, place, atol=1e-6)
     assert "expected (4, 4)" in horizon.step(found.q[0], found.v[0], goal={name: [0.0]}).status.words
+
+
+def test_goals_of_frames_move_with_their_tolerances():
+    rpy, place = (3.1, 0.0, 0.0), np.array([0.45, 0.25, 0.35])
+    frame = {"name": "tool0", "position": [0.4, 0.2, 0.3], "rpy": rpy}
+    allowed = {"position_tolerance": 0.02, "orientation_tolerance": 0.05}
+    problem = mbocp.Problem.create(
+        mbocp.load_robot("ur5"),
+        1.0,
+        10,
+        start={"q": [0, -1.57, 1.57, -1.57, -1.57, 0]},
+        goal={"v": 0, "frame": frame | allowed},
+        cost={"velocity": 100.0},
+    )
+    horizon, pose = RecedingHorizon(problem, iterations=10, barrier=1e-5), np.eye(4)
+    pose[:3, 3], pose[:3, :3] = place, pin.rpy.rpyToMatrix(3.1, 0.0, 0.4)
+    for _ in range(5):
+        found = horizon.step(problem.q_start, problem.v_start, dt=0.0, goal={"tool0": pose})
+    assert found.status.state == "converged"
+    reached = problem.robot.frame_placement("tool0", found.q[-1])
+    assert np.abs(reached.translation - place).max() < 0.0201
+    assert np.linalg.norm(pin.log3(pose[:3, :3].T @ reached.rotation)) < 0.0501
+
+
+def test_poses_that_no_goal_asks_for_are_told():
+    frame = {"name": "tool0", "axis": [0, 0, 1], "direction": [0, 0, -1], "orientation_tolerance": 0.1}
+    problem = mbocp.load_problem(EXAMPLES / "arms/ur5_reach.toml", ["horizon.steps=10"])
+    horizon = RecedingHorizon(problem.with_(goal={"v": 0, "frame": frame}), barrier=1e-5)
+    step = horizon.step(problem.q_start, problem.v_start, goal={"tool0": [0.4, 0.2, 0.3]})
+    assert "goal.tool0: the goal of the problem asks for none of this" in step.status.words
 
 
 REFUSED = {

@@ -68,7 +68,7 @@ class Approach:
 
 
 def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | None:
-    """Smallest distance beyond its margin of all pairs that are kept apart; None where there are none.
+    """Where a pair comes nearest to its margin, of all that are kept apart; None where there are none.
 
     Parameters
     ----------

@@ -210,6 +210,7 @@ BROKEN = {
         "<include><uri>model://hand</uri></include><frame",
     ),
     r"expected one model that is not static, got 'floor', 'arm'": ("<static>true</static>", ""),
+    r"model 'arm': its pose is relative to 'table'": ("<pose>0.5", '<pose relative_to="table">0.5'),
     r"its version is 'new'": ('version="1.9"', 'version="new"'),
     r"mass -4 kg": ("<mass>4", "<mass>-4"),
 }

@@ -208,6 +208,10 @@ def parse_sdf(path: Path) -> Sdf:
         if inner is not None:
             what = inner.get("name") or inner.findtext("uri", "").strip()
             raise UnsupportedRobot(f"{path}: <{tag}> {show(what)} within a model is not supported; put it in")
+    frame = _frame_of_pose(models[0])
+    if frame not in ("", WORLD):
+        words = f"model {show(models[0].get('name', ''))}: its pose is relative to {show(frame)}"
+        raise UnsupportedRobot(f"{path}: {words}; give it in the world")
     gravity = None
     if world is not None and world.find("gravity") is not None:
         gravity = finite_numbers(path, "gravity", world.findtext("gravity"), (0.0, 0.0, -9.8))
