@@ -17,7 +17,15 @@ from tests.robot.loops import builders as loops
 YAML = "closed_loop: [['tip_A', 'tip_B']]\nname_mot: ['mot_a', 'mot_b']\n"
 
 
-def five_bar(folder: Path, text: str = "", *, offset: float = 0.0, inertia: float = 1e-5) -> Robot:
+def five_bar(
+    folder: Path,
+    text: str = "",
+    *,
+    offset: float = 0.0,
+    inertia: float = 1e-5,
+    tilt: float = 0.0,
+    **keys: bool,
+) -> Robot:
     """A five-bar linkage whose tips are two balls on hinges, welded to each other: both turn at the tip."""
     urdf = (
         '<robot name="five"><link name="base"/>'
@@ -25,8 +33,8 @@ def five_bar(folder: Path, text: str = "", *, offset: float = 0.0, inertia: floa
         + loops.link("a2", 0.5)
         + loops.link("b1", 0.3)
         + loops.link("b2", 0.5)
-        + ball("ball_a", offset, inertia)
-        + ball("ball_b", offset, inertia)
+        + ball("ball_a", offset, inertia, tilt)
+        + ball("ball_b", offset, inertia, tilt)
         + loops.joint("mot_a", "base", "a1", rpy="0 -2.2 0")
         + loops.joint("knee", "a1", "a2", "0.3 0 0", rpy="0 1.2 0")
         + loops.joint("turn_a", "a2", "ball_a", "0.5 0 0")
@@ -40,13 +48,14 @@ def five_bar(folder: Path, text: str = "", *, offset: float = 0.0, inertia: floa
     folder.mkdir(exist_ok=True)
     (folder / "robot.urdf").write_text(urdf)
     (folder / "robot.yaml").write_text(YAML + text)
-    return load_robot(folder)
+    return load_robot(folder, **keys)
 
 
-def ball(name: str, offset: float, size: float) -> str:
+def ball(name: str, offset: float, size: float, tilt: float = 0.0) -> str:
     return (
         f'<link name="{name}"><inertial><origin xyz="{offset} 0 0"/><mass value="0.2"/>'
-        f'<inertia ixx="{size}" iyy="{size}" izz="{size}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        f'<inertia ixx="{size}" iyy="{size}" izz="{size}" ixy="{tilt * size}" ixz="0" iyz="{tilt * size}"/>'
+        "</inertial></link>"
     )
 
 
@@ -86,7 +95,15 @@ def test_a_robot_toml_and_parts_say_it_too(tmp_path: Path) -> None:
         assert load_robot(tmp_path).nv == 5
 
 
-@pytest.mark.parametrize("more", [{"offset": 0.05}, {"inertia": 1.0}])
+def test_balls_of_robots_that_float_are_held(tmp_path: Path) -> None:
+    """No motor drives the base either, which feet may hold; that masses are uneven turns no ball at rest."""
+    with pytest.warns(HeldJointsWarning, match="no motor drives what turns with"):
+        robot = five_bar(tmp_path, free_flyer=True, tilt=0.3)
+    assert robot.nv - robot.nc == 6 + robot.nu
+    assert undriven_motions(robot, robot.q0).shape == (robot.nv, 0)
+
+
+@pytest.mark.parametrize("more", [{"offset": 0.05}, {"inertia": 1.0}, {"offset": 0.05, "free_flyer": True}])
 def test_what_swings_or_is_heavy_stays_free(tmp_path: Path, more: dict[str, float]) -> None:
     """Balls off their axis are pendulums: gravity turns them; large ones hinder the motors where held."""
     with warnings.catch_warnings():
