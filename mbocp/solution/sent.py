@@ -27,6 +27,7 @@ _LARGEST_RATE = 1e5  # [1/s]
 _MOST_SAMPLES = 2_000_000
 _PARTS = 10  # of a step at whose ends limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
+_FITTED = 1e-7  # relative, by which a motion that is fitted may leave a limit, as solvers may
 MOST = 0.1  # of the duration, that a motion is made longer by to fit it
 _PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
 _LEAST_PART = 1e-3  # of the longest mean, that the shortest is
@@ -253,7 +254,7 @@ class _Joints:
                 size = np.abs(np.where(np.isfinite(self.bounds[kind]), self.bounds[kind], 0.0)).max(axis=0)
                 over = np.maximum(lower - values.min(axis=0), values.max(axis=0) - upper)
                 ratio = float((over / np.maximum(size, _LEAST_SIZE)).max())
-                worst = max(worst, (1.0 + ratio) ** (1.0 / power) if ratio > _TOLERANCE else 1.0)
+                worst = max(worst, (1.0 + ratio) ** (1.0 / power) if ratio > _FITTED else 1.0)
         return float(worst)
 
     def excesses(self, curves: Curves, rate: float | None) -> tuple[Excess, ...]:
@@ -334,14 +335,15 @@ class _Fitting:
             found = self._smoother()
         if mean > found.mean and not has_no_means:
             found = _Fit(self.cubics.mean(mean), mean)
-        curves = found.curves
+        curves, room = found.curves, _FITTED
         while slower * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
             slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
             sent = curves.slow(slower)
             factor = self.joints.factor(sent, self.rate)
             if factor == 1.0:
                 return replace(found, curves=sent, slower=slower)
-            slower *= (1.0 + _TOLERANCE) * factor
+            slower *= (1.0 + room) * factor
+            room *= 2.0
         return asked
 
     def _smoother(self) -> _Fit:

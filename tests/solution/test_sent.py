@@ -104,6 +104,15 @@ def test_more_time_lowers_what_is_left() -> None:
     assert excess == "acceleration"
 
 
+@pytest.mark.parametrize("over", [2e-6, 9e-5])
+def test_a_motion_that_is_fitted_keeps_its_limits_to_what_solvers_are_exact_by(over: float) -> None:
+    """Controllers compare with the limit itself."""
+    most = 4.0 / (1.0 + over)
+    sent = motion_as_sent(swing(jerk=None, most=most), is_joined=True, interpolation="cubic", fit=True)
+    assert np.abs(sent.curves.places(50)[1][2]).max() <= most * (1.0 + 2e-7)
+    assert sent.slower == pytest.approx(np.sqrt(1.0 + over), abs=1e-6)
+
+
 def test_what_is_too_much_is_left_and_told() -> None:
     """Longer by a tenth at most; a motion that does not begin and end at rest stays as it is."""
     far = motion_as_sent(swing(jerk=None, most=2.0), 125.0, fit=True)
