@@ -30,6 +30,7 @@ from mbocp.robot.nodes import steps_between
 
 _NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
 _NO_SPEED = 1e-9  # [m/s, rad/s] of what may not move at all
+_TOO_SHORT = 2.5  # times as long as guessed; the fastest motion takes 0.5 to 0.8 of what the line takes
 _SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
 
 
@@ -60,13 +61,12 @@ def _free_motions(problem: Problem) -> Array:
 def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes.
 
-    Where the duration is free, it takes at least the time that limits of speeds ask for, and on a straight
-    line those of accelerations and jerks.
+    Where the duration is free and its guess too short for limits of rates, it takes longer.
     """
     problem = formulation.problem
     dts = problem.timeline.lengths()
     qs, vs = _line_states(formulation, way, dts)
-    if (slower := _slower(problem, vs, dts, orders=3 if way is None else 1)) > 1.0:
+    if (slower := _slower(problem, vs, dts, is_straight=way is None)) > 1.0:
         dts = slower * dts
         qs, vs = _line_states(formulation, way, dts)
     accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
@@ -126,32 +126,29 @@ def _end(problem: Problem) -> Array:
     return problem.goal.q
 
 
-def _slower(problem: Problem, vs: Array, dts: Array, orders: int) -> float:
+def _slower(problem: Problem, vs: Array, dts: Array, is_straight: bool) -> float:
     """How many times as long a motion has to take to keep limits of its rates, if it may; 1 at least.
 
-    Of speeds, and of accelerations and jerks as `orders` says. Where each step takes k times as long, the
-    n-th derivatives are 1 / k^n of what they were.
+    A straight line keeps those of speeds, accelerations and jerks, or has the time of the guess where that is
+    not far too short; other ways keep those of speeds alone.
     """
     phases, clearance = problem.timeline.phases, problem.clearance
     has_movers = clearance is not None and bool(clearance.movers)  # a way past these is one by the time
     if len(phases) > 1 or not phases[0].is_free or has_movers:
         return 1.0
-    limits, rates, longest = (
-        problem.widest_limits,
-        vs,
-        problem.timeline.sides_of(phases[0])[1] / problem.duration,
-    )
+    limits, rates, slower = problem.widest_limits, vs, 1.0
     sides = (
         (limits.v_lower, limits.v_upper),
         (limits.a_lower, limits.a_upper),
         (limits.j_lower, limits.j_upper),
     )
-    slower = 1.0
-    for order, (lower, upper) in enumerate(sides[:orders], start=1):
+    for order, (lower, upper) in enumerate(sides[: 3 if is_straight else 1], start=1):
         over = np.maximum(rates / np.maximum(upper, _NO_SPEED), rates / np.minimum(lower, -_NO_SPEED))
         slower = max(slower, float(over.max(initial=1.0)) ** (1.0 / order))
         rates = np.diff(rates, axis=0) / dts[: len(rates) - 1, None]
-    return min(slower, longest)
+    if is_straight and slower < _TOO_SHORT:
+        return 1.0
+    return min(slower, problem.timeline.sides_of(phases[0])[1] / problem.duration)
 
 
 def _line_states(formulation: Formulation, way: Way | None, dts: Array) -> tuple[Array, Array]:
