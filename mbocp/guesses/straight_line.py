@@ -130,7 +130,7 @@ def _slower(problem: Problem, vs: Array, dts: Array, is_straight: bool) -> float
     """How many times as long a motion has to take to keep limits of its rates, if it may; 1 at least.
 
     A straight line keeps those of speeds, accelerations and jerks, or has the time of the guess where that is
-    not far too short; other ways keep those of speeds alone.
+    not far too short; other ways, and lines with impacts, keep those of speeds alone.
     """
     phases, clearance = problem.timeline.phases, problem.clearance
     has_movers = clearance is not None and bool(clearance.movers)  # a way past these is one by the time
@@ -142,10 +142,11 @@ def _slower(problem: Problem, vs: Array, dts: Array, is_straight: bool) -> float
         (limits.a_lower, limits.a_upper),
         (limits.j_lower, limits.j_upper),
     )
-    for order, (lower, upper) in enumerate(sides[: 3 if is_straight else 1], start=1):
+    is_smooth = is_straight and not problem.timeline.impacts
+    for order, (lower, upper) in enumerate(sides[: 3 if is_smooth else 1], start=1):
         over = np.maximum(rates / np.maximum(upper, _NO_SPEED), rates / np.minimum(lower, -_NO_SPEED))
         slower = max(slower, float(over.max(initial=1.0)) ** (1.0 / order))
-        rates = np.diff(rates, axis=0) / dts[: len(rates) - 1, None]
+        rates = np.diff(rates, axis=0) / filled_lengths(problem, dts)[: len(rates) - 1, None]
     if is_straight and slower < _TOO_SHORT:
         return 1.0
     return min(slower, problem.timeline.sides_of(phases[0])[1] / problem.duration)

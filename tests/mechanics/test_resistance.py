@@ -117,7 +117,7 @@ def test_damping_off_gives_the_equations_of_a_urdf_without(tmp_path: Path) -> No
 
 def test_friction_is_told_once_by_name_unless_something_is_said(mixed: Path) -> None:
     with pytest.warns(
-        NotModelledWarning, match=r"the URDF gives 'rail', 'hinge', 'ungreased', 'push' is left out"
+        NotModelledWarning, match=r"its file gives 'rail', 'hinge', 'ungreased', 'push' is left out"
     ):
         told = load_robot(mixed)
     assert not any(r.friction for r in told.resistances)
