@@ -26,7 +26,6 @@ from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
 _HOME = "home"  # name of the pose to begin in
 _TOLERANCE = 1e-9  # for force and moment that are parallel
-_SINGLE = ("revolute", "prismatic")
 _NUMBERS = {"free": 7, "ball": 4}  # of qpos
 
 
@@ -98,7 +97,7 @@ class _Tables:
             joint = self.joints.get(node.text("joint", node.text("jointinparent")))
             tendon, gear = node.text("tendon"), node.number("gear", 1.0)
             turns = gear != 0.0 and element.tag in ACTUATORS and element.tag != "damper"  # which only brakes
-            if turns and joint is not None and joint.held is None and joint.kind in _SINGLE:
+            if turns and joint is not None and joint.held is None and joint.has_axis:
                 limits[joint.name] = limits.get(joint.name, 0.0) + np.sort(gear * _force_range(node))
             elif turns and tendon in tendons:
                 pulls[tendon] = pulls.get(tendon, 0.0) + np.sort(gear * _force_range(node))
@@ -166,7 +165,7 @@ class _Tables:
         c = node.vector("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         start = self.joints[first].reference + c[0]
         is_fixed = not second or not np.any(c[1:])
-        if any(joint.kind not in _SINGLE for joint in named) or (not is_fixed and np.any(c[2:])):
+        if any(not joint.has_axis for joint in named) or (not is_fixed and np.any(c[2:])):
             self.found.left_out.add("equality of joints that is not linear", name)
         elif is_fixed:
             self.joints[first].held = float(start)

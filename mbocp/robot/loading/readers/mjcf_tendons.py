@@ -10,7 +10,6 @@ import numpy as np
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, named_joint
 from mbocp.robot.loading.readers.tree import LeftOut, TreeJoint
 
-_SINGLE = ("revolute", "prismatic")
 _LEFT_OUT = ("range", "stiffness", "damping", "frictionloss", "armature", "actuatorfrcrange")
 
 
@@ -41,7 +40,7 @@ def fixed_tendons(
         terms = [mjcf.node(term) for term in element.iterfind("joint")]
         pairs = [(named_joint(term, "joint", joints), term.number("coef", 1.0)) for term in terms]
         ratios = {joint.name: ratio for joint, ratio in pairs if joint.held is None and ratio != 0.0}
-        if ratios and all(joints[joint].kind in _SINGLE for joint in ratios):
+        if ratios and all(joints[joint].has_axis for joint in ratios):
             own = f"{name}_tendon" if name in joints else name
             row = {"type": "tendon", "name": own, "joints": list(ratios), "ratios": list(ratios.values())}
             found[name] = row

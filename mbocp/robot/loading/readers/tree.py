@@ -82,6 +82,11 @@ class TreeJoint:
     armature: float = 0.0
     held: float | None = None
 
+    @property
+    def has_axis(self) -> bool:
+        """Whether it has one displacement, about an axis or along it."""
+        return self.kind in _ALIGNED
+
     def motion(self, displacement: float) -> pin.SE3:
         """What the joint does from the reference to a displacement, of one without an axis nothing."""
         change = displacement - self.reference
@@ -337,7 +342,7 @@ def _add(model: pin.Model, body: TreeBody, parent: _Place) -> _Place:
 
 def _joint_model(joint: TreeJoint) -> Any:
     """Pinocchio's joint, by its own type for an axis of the frame."""
-    if joint.kind in _ALIGNED:
+    if joint.has_axis:
         for axis, kind in zip(np.eye(3), _ALIGNED[joint.kind], strict=True):
             if np.array_equal(joint.axis, axis):
                 return kind()
@@ -346,7 +351,7 @@ def _joint_model(joint: TreeJoint) -> Any:
 
 def _say_numbers(model: pin.Model, joint: int, said: TreeJoint) -> None:
     q, v = joints.configuration_slice(model, joint), joints.velocity_slice(model, joint)
-    if said.kind in ("revolute", "prismatic"):
+    if said.has_axis:
         lower, upper = (_written(x) for x in (said.lower, said.upper))
         model.lowerPositionLimit[q], model.upperPositionLimit[q] = lower, upper
     for key in ("armature", "damping"):
