@@ -328,7 +328,8 @@ def after(before: Solution, again: Solution, name: str) -> Solution:
         again,
         guess_used=before.guess_used,
         starts=before.starts,
-        phases=(Phase(name, 0, spent), *again.phases),
+        iterations=before.iterations + again.iterations,
+        phases=(Phase(name, before.iterations, spent), *again.phases),
         wall_time_s=spent + again.wall_time_s,
     )
 
