@@ -255,7 +255,7 @@ def record_of(problem: Problem, number: int, starts: int, limit: float | None = 
         "seconds": round(seconds - compiled, 4),
         "process": round(used, 4),
         "clearance": solution.clearance,
-        "touches": touching.first(solution.t, solution.qs),
+        "touches": touching.first(solution.t, solution.qs, None if problem.scheme == "se1" else solution.vs),
         "advice": solution.advice,
     }
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
 
 from mbocp._arrays import Array
 from mbocp.problem import Problem
@@ -64,7 +65,7 @@ class Touching:
             radii.append(float(shape.geometry.aabb_radius))
         return cls(robot.model, shapes, np.array(pairs), np.array(centers), np.array(radii))
 
-    def first(self, t: Array, qs: Array) -> str | None:
+    def first(self, t: Array, qs: Array, vs: Array | None = None) -> str | None:
         """What touches first, and when; None if nothing does.
 
         Parameters
@@ -72,12 +73,16 @@ class Touching:
         t : ndarray, shape (N + 1,)
             Times of the nodes [s].
         qs : ndarray, shape (N + 1, nq)
-            Between them the motion goes along geodesics.
+            Between them the motion goes along geodesics,
+        vs : ndarray, shape (N + 1, nv), optional
+            or, of joints that are plain, along the cubics of these velocities.
         """
+        cubics = None if vs is None else CubicHermiteSpline(t, qs, vs)
         data, placed = self.model.createData(), pin.GeometryData(self.shapes)
         for time in np.union1d(np.arange(t[0], t[-1], 1.0 / _RATE), t):
             n = min(int(np.searchsorted(t, time, side="right")) - 1, len(t) - 2)
-            q = pin.interpolate(self.model, qs[n], qs[n + 1], float((time - t[n]) / (t[n + 1] - t[n])))
+            share = float((time - t[n]) / (t[n + 1] - t[n]))
+            q = pin.interpolate(self.model, qs[n], qs[n + 1], share) if cubics is None else cubics(time)
             pin.updateGeometryPlacements(self.model, data, self.shapes, placed, q)
             at = np.array([p.act(c) for p, c in zip(placed.oMg, self.centers, strict=True)])
             a, b = self.pairs.T

@@ -9,6 +9,7 @@ import numpy as np
 from mbocp._arrays import Array
 
 _SMALL = 1e-150  # squares of what is smaller lose their digits
+_TIE = 0.99  # rows from this part of the longest on count as equally long
 
 
 def null_space(matrix: Array, tolerance: float) -> Array:
@@ -54,16 +55,16 @@ def independent_rows(matrix: Array, tolerance: float) -> Array:
     return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
 
 
-def spanning_rows(matrix: Array, tolerance: float, tie: float = 1.0) -> list[int]:
+def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
     """Return which rows span all of them, each the one farthest from what those before it span.
+
+    Of rows that are as long but for a hundredth the first is taken: round-off decides nothing.
 
     Parameters
     ----------
     matrix : ndarray, shape (m, n)
     tolerance : float
         A row that is no longer than this multiple of the longest one, or of 1 if that is larger, is left out.
-    tie : float
-        Rows from this part of the longest on count as equally long: the first of them is taken.
     """
     left = np.array(matrix, dtype=np.float64)
     found: list[int] = []
@@ -73,11 +74,29 @@ def spanning_rows(matrix: Array, tolerance: float, tie: float = 1.0) -> list[int
         longest = lengths.max()
         if longest <= least:
             break
-        place = int(np.argmax(lengths >= tie * longest))
+        place = int(np.argmax(lengths >= _TIE * longest))
         found.append(place)
         unit = left[place] / lengths[place]
         left -= np.outer(left @ unit, unit)
     return sorted(found)
+
+
+def align(basis: Array) -> Array:
+    """Return the orthonormal basis of the same space of which round-off decides nothing.
+
+    An SVD leaves open how singular vectors of equal values are turned. Of this basis, entries that say all
+    others make a lower triangle with a positive diagonal.
+
+    Parameters
+    ----------
+    basis : ndarray, shape (n, k)
+        Orthonormal columns.
+    """
+    if not basis.size:
+        return basis
+    entries = spanning_rows(basis, 0.0)
+    found: Array = basis @ np.linalg.qr(basis[entries].T)[0]
+    return found * np.sign(np.diag(found[entries]))
 
 
 def norm(vector: Array) -> float:

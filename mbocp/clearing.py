@@ -210,8 +210,8 @@ def _find_rows(near: Job, before: list[Attempt]) -> Job:
             continue
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
         t = times_of(near.problem, motion.dts)
-        depths = _depths(near.problem, t, motion.qs)
-        wider = with_rows_and_room(near.problem, t, motion.qs, depths)
+        depths = _depths(near.problem, t, motion.qs, motion.vs)
+        wider = with_rows_and_room(near.problem, t, motion.qs, motion.vs, depths)
         if wider is None:
             return replace(near, problem=with_first_reserve(near.problem, t, motion.qs))
         larger, has_more_rows = wider
@@ -222,9 +222,9 @@ def _find_rows(near: Job, before: list[Attempt]) -> Job:
     return near
 
 
-def _depths(problem: Problem, t: Array, qs: Array) -> Mapping[str, float]:
+def _depths(problem: Problem, t: Array, qs: Array, vs: Array) -> Mapping[str, float]:
     """How deep things are in each other along a motion [m]."""
-    return {} if problem.clearance is None else depths_along(problem.clearance, t, qs)
+    return {} if problem.clearance is None else depths_along(problem.clearance, t, qs, vs)
 
 
 def _out_of_time(last: Attempt, end: CompilationTimeout) -> Attempt:
@@ -294,8 +294,9 @@ class _Clearing:
     def _improve(self) -> bool:
         """Solve with more rows or more room; return whether that was asked for, and could be had."""
         lacks = depth_of(self.solution)
-        depths = _depths(self.near, self.solution.t, self.solution.qs) if lacks else {}
-        wider = with_rows_and_room(self.near, self.solution.t, self.solution.qs, depths)
+        t, qs, vs = self.solution.t, self.solution.qs, self.solution.vs
+        depths = _depths(self.near, t, qs, vs) if lacks else {}
+        wider = with_rows_and_room(self.near, t, qs, vs, depths)
         if wider is None:
             return False
         larger, has_more_rows = wider
@@ -327,7 +328,8 @@ def after(before: Solution, again: Solution, name: str) -> Solution:
         again,
         guess_used=before.guess_used,
         starts=before.starts,
-        phases=(Phase(name, 0, spent), *again.phases),
+        iterations=before.iterations + again.iterations,
+        phases=(Phase(name, before.iterations, spent), *again.phases),
         wall_time_s=spent + again.wall_time_s,
     )
 

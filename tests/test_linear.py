@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp._linear import norm, spanning_rows
+from mbocp._linear import align, norm, spanning_rows
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-100, 1.0, 1e150, 1e200, 1e300])
@@ -24,5 +24,16 @@ def test_the_norm_of_what_is_not_finite_is_not() -> None:
 
 def test_of_rows_that_are_nearly_as_long_as_each_other_the_first_is_chosen() -> None:
     rows = np.array([[0.995, 0.0], [1.0, 0.0], [0.0, 0.5]])
-    assert spanning_rows(rows, 1e-9) == [1, 2]
-    assert spanning_rows(rows, 1e-9, tie=0.99) == [0, 2]
+    assert spanning_rows(rows, 1e-9) == [0, 2]
+    assert spanning_rows(rows[[1, 0, 2]] * [[1.0], [0.98], [1.0]], 1e-9) == [0, 2]
+
+
+@pytest.mark.parametrize(("size", "dimension"), [(6, 3), (18, 12), (5, 5), (7, 1), (4, 0)])
+def test_a_space_has_one_basis_however_it_was_found(size: int, dimension: int) -> None:
+    rng = np.random.default_rng(size)
+    basis = np.linalg.qr(rng.normal(size=(size, dimension)))[0]
+    turned = basis @ np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
+    found = align(basis)
+    assert align(turned) == pytest.approx(found, abs=1e-14)
+    assert found.T @ found == pytest.approx(np.eye(dimension), abs=1e-14)
+    assert found @ found.T == pytest.approx(basis @ basis.T, abs=1e-14)

@@ -15,7 +15,6 @@ from mbocp.robot import Robot
 _NUM_POSES = 4  # around the start: what depends there by chance does not elsewhere
 _SPREAD = 0.2  # [rad, m]
 _RANK_TOLERANCE = 1e-6  # of a row's length
-_TIE = 0.99  # pivots above this part of the largest count as equal: the first is taken
 
 
 def find_independent_rows(
@@ -68,7 +67,7 @@ def _independent(given: Array, jacobian: Array) -> list[int]:
         _, values, right = np.linalg.svd(_unit(given), full_matrices=False)
         right = right[values > _RANK_TOLERANCE]
         rest = rest - rest @ right.T @ right
-    return spanning_rows(rest, _RANK_TOLERANCE, _TIE)
+    return spanning_rows(rest, _RANK_TOLERANCE)
 
 
 def _unit(rows: Array) -> Array:

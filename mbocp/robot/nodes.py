@@ -14,6 +14,8 @@ from mbocp._arrays import Array
 from mbocp.robot.kinematics import difference
 from mbocp.robot.model import RobotModel
 
+_ROUND_OFF = 1e-9  # [rad, m], of the way of a step
+
 
 def interpolate(robot: RobotModel, q0: Array, q1: Array, shares: Array) -> Array:
     """Configurations at shares of the way from one to another, shape (n, nq)."""
@@ -28,6 +30,36 @@ def between(robot: RobotModel, q0s: Array, q1s: Array, shares: Array) -> Array:
         return q0s + np.asarray(shares)[:, None] * (q1s - q0s)
     pairs = zip(q0s, q1s, shares, strict=True)
     return _rows([pin.interpolate(robot.model, *at) for at in pairs], robot.nq)
+
+
+def along(robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array) -> Array:
+    """Configurations of a motion at times between its nodes, shape (n, nq).
+
+    They are on the cubics that nodes and velocities say: cubics of the tangent vector from the node before.
+
+    Parameters
+    ----------
+    robot : RobotModel
+    t : ndarray, shape (N + 1,)
+        Times of the nodes [s].
+    qs : ndarray, shape (N + 1, nq)
+    vs : ndarray, shape (N + 1, nv), optional
+        Without, or where each is that of the whole step before, as of SE1, geodesics lead from node to node.
+    times : ndarray, shape (n,)
+        [s].
+    """
+    step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+    lengths = np.diff(t)[:, None]
+    shares = (times - t[step]) / lengths[step, 0]
+    ways = None if vs is None else steps_between(robot, qs)
+    if vs is None or ways is None or (np.abs(ways - lengths * vs[1:]) < _ROUND_OFF).all():
+        return between(robot, qs[step], qs[step + 1], shares)
+    rates, s = vs[1:], shares[:, None]
+    if not _is_plain(robot):  # the exponential takes rates of tangent vectors to velocities of bodies
+        pairs = zip(qs[:-1], qs[1:], vs[1:], strict=True)
+        rates = _rows([pin.dDifference(robot.model, a, b, pin.ARG1) @ v for a, b, v in pairs], robot.nv)
+    begins, ends = (lengths * vs[:-1] - ways)[step], (lengths * rates - ways)[step]
+    return move(robot, qs[step], s * ways[step] + s * (1.0 - s) * ((1.0 - s) * begins - s * ends))
 
 
 def move(robot: RobotModel, qs: Array, steps: Array) -> Array:

@@ -115,8 +115,8 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     clearance = asked.clearance
     if clearance is not None:
         with time_phase(phases, "clearance"):
-            if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE):
-                approach = nearest_approach(clearance, t, motion.qs)
+            if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE, motion.vs):
+                approach = nearest_approach(clearance, t, motion.qs, motion.vs)
         status, advice = _tell_contact(approach, status, advice)
     stored = problem.robot.stored
     now = {
@@ -154,7 +154,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         now |= _told(approach)
     now["problem"] = asked
     carried = partial(carried_of, attempt.formulation, result.iterate)
-    rest = partial(_rest, formulation, result.iterate, carried, asked, t, motion.qs)
+    rest = partial(_rest, formulation, result.iterate, carried, asked, t, motion)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = carried
     alone["facts_kept"] = partial(facts_of, problem)
@@ -216,19 +216,19 @@ def _rest(
     carried: Callable[[], Carried],
     asked: Problem,
     t: Array,
-    qs: Array,
+    motion: Motion,
 ) -> dict[str, Any]:
     """Fields of a solution that nobody needs to solve the next problem.
 
     Of a motion that keeps clear of everything, the nearest approach is among them.
     """
     problem = formulation.problem
-    robot = problem.robot
+    robot, clearance = problem.robot, asked.clearance
     diagnostics = read_trajectory(formulation, iterate)
     return {
         **diagnostics.fields(),
         "iterate": carried(),
-        **_told(None if asked.clearance is None else nearest_approach(asked.clearance, t, qs)),
+        **_told(None if clearance is None else nearest_approach(clearance, t, motion.qs, motion.vs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),

@@ -161,7 +161,7 @@ def test_a_motion_that_keeps_clear_tells_how_near_it_comes_when_asked():
     found = solve(problem)
     assert found.converged
     assert not is_there(found, "clearance")
-    expected = nearest_approach(problem.clearance, found.t, found.qs)
+    expected = nearest_approach(problem.clearance, found.t, found.qs, found.vs)
     assert (found.clearance, found.clearance_time) == (expected.distance, expected.time)
     assert found.clearance_between == expected.between
     assert is_there(found, "clearance")

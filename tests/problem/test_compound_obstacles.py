@@ -195,13 +195,13 @@ def test_an_arm_goes_from_one_compartment_into_another() -> None:
     """At a thousand poses a second nothing touches; the straight line leads through boards."""
     p = load_problem(ARMS / "shelf.toml")
     found = mbocp.solve(p, check=True)
-    assert Touching.of(p).first(found.t, found.qs) is None
+    assert Touching.of(p).first(found.t, found.qs, found.vs) is None
     assert found.clearance == pytest.approx(_nearest(p, found))
     assert _nearest(p, mbocp.solve(p.with_(obstacle=[]), check=True)) < 0.0
 
 
 def _nearest(p: Problem, found: mbocp.Solution) -> float:
     assert p.clearance is not None
-    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    nearest = nearest_approach(p.clearance, found.t, found.qs, found.vs)
     assert nearest is not None
     return nearest.distance

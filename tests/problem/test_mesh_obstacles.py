@@ -223,7 +223,7 @@ def test_motions_called_converged_touch_nothing(seed: int) -> None:
         scheme="se1",
     )
     found = mbocp.solve(p)
-    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    nearest = nearest_approach(p.clearance, found.t, found.qs, found.vs)
     assert found.clearance == pytest.approx(nearest.distance - nearest.margin)
     assert found.converged
     assert found.clearance >= -1e-9
@@ -261,7 +261,7 @@ def test_others_touch_nothing(name: str) -> None:
     assert p.clearance is not None
     found, straight = mbocp.solve(p), mbocp.solve(p.with_(obstacle=[]))
     assert found.converged
-    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    nearest = nearest_approach(p.clearance, found.t, found.qs, found.vs)
     assert found.clearance == pytest.approx(nearest.distance - nearest.margin)
     assert found.clearance >= -1e-9
     assert nearest_approach(p.clearance, straight.t, straight.qs).distance < -0.01
@@ -279,7 +279,7 @@ def test_a_stone_that_is_carried_is_gone_around(planar: Robot, scheme: str) -> N
     )
     assert p.clearance is not None
     found = mbocp.solve(p, check=True)
-    nearest = nearest_approach(p.clearance, found.t, found.qs)
+    nearest = nearest_approach(p.clearance, found.t, found.qs, found.vs)
     assert -1e-6 < nearest.distance < 0.05
     straight = mbocp.solve(
         Problem.create(planar, 1.0, 24, solver="monolithic", **{"integrator": {"scheme": "se1"}, **words}),

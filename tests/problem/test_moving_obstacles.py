@@ -11,6 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 import mbocp
 from mbocp.exceptions import MbocpError
@@ -219,9 +220,9 @@ def least_distance(
     for link in geometry.geometryObjects:
         link.geometry.computeLocalAABB()
     placed, found = pin.GeometryData(geometry), np.inf
+    cubics = CubicHermiteSpline(solution.t, solution.qs, solution.vs)
     for t in np.append(np.arange(0.0, solution.t[-1], 1e-3), solution.t[-1]):
-        q = [np.interp(t, solution.t, column) for column in solution.qs.T]
-        pin.updateGeometryPlacements(robot.model, data, geometry, placed, np.array(q))
+        pin.updateGeometryPlacements(robot.model, data, geometry, placed, cubics(t))
         for x, y, z in places:
             at = coal.Transform3s(np.eye(3), np.array([x, y + speed * t, z]))
             for k, link in enumerate(geometry.geometryObjects):

@@ -172,7 +172,7 @@ def test_an_arm_moves_in_a_cell() -> None:
     p = load_problem(EXAMPLE)
     found = mbocp.solve(p, check=True)
     assert found.clearance >= 0.0
-    assert Touching.of(p).first(found.t, found.qs) is None
+    assert Touching.of(p).first(found.t, found.qs, found.vs) is None
 
 
 def test_a_scene_that_moves_is_carried_as_a_whole(tmp_path: Path) -> None:

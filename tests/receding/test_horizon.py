@@ -395,6 +395,24 @@ def test_goals_of_frames_move_with_their_tolerances():
     assert np.linalg.norm(pin.log3(pose[:3, :3].T @ reached.rotation)) < 0.0501
 
 
+def test_goals_that_leap_among_limits_are_followed_for_ever():
+    """Limits in whose way one goal has been do not keep a horizon from all that come after."""
+    q0, rng = [0.0, -1.2, 1.4, -1.7, -1.57, 0.0], np.random.default_rng(5)
+    place = np.array([0.45, 0.25, 0.45])
+    frame = {"name": "tool0", "position": place, "position_tolerance": 0.01}
+    cost = {"effort": 1e-3, "velocity": 1.0}
+    problem = Problem.create(
+        "ur5", 0.5, 20, start={"q": q0}, goal={"frame": frame, "v": 0}, cost=cost, limits={"effort": True}
+    )
+    horizon = RecedingHorizon(problem, iterations=60)
+    for _ in range(40):
+        q, goal = np.array(q0) + rng.normal(scale=0.02, size=6), place + rng.uniform(-0.1, 0.1, 3)
+        found = horizon.step(q, np.zeros(6), goal={"tool0": goal}, dt=0.0)
+        assert found.status.state == "converged"
+        reached = problem.robot.frame_placement("tool0", found.q[-1]).translation
+        assert np.abs(reached - goal).max() < 0.0101
+
+
 def test_poses_that_no_goal_asks_for_are_told():
     frame = {"name": "tool0", "axis": [0, 0, 1], "direction": [0, 0, -1], "orientation_tolerance": 0.1}
     problem = mbocp.load_problem(EXAMPLES / "arms/ur5_reach.toml", ["horizon.steps=10"])

@@ -8,11 +8,12 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 import mbocp
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot.kinematics import difference
-from mbocp.robot.nodes import interpolate, move, steps_between
+from mbocp.robot.nodes import along, interpolate, move, steps_between
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "hector"])
@@ -29,6 +30,40 @@ def test_nodes_are_pinocchios(name: str, seed: int) -> None:
     between = [pin.difference(model, a, b) for a, b in pairwise(qs)]
     assert steps_between(robot, qs).tobytes() == np.array(between).tobytes()
     assert steps_between(robot, qs[:1]).shape == (0, robot.nv)
+
+
+def test_cubics_of_plain_joints_are_those_of_scipy() -> None:
+    robot, rng = mbocp.load_robot("ur5"), np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.1, 0.3, 8))
+    qs, vs = rng.normal(size=(2, 8, 6))
+    times = np.sort(np.append(rng.uniform(t[0], t[-1], 100), t))
+    expected = CubicHermiteSpline(t, qs, vs)(times)
+    assert along(robot, t, qs, vs, times) == pytest.approx(expected, abs=1e-13)
+
+
+def test_cubics_of_a_body_in_space_are_of_order_four() -> None:
+    """Of a body whose angular velocity turns; chords are geodesics."""
+    robot, errors = mbocp.load_robot("hector"), []
+    model = robot.model
+    start = pin.randomConfiguration(model, -np.ones(model.nq), np.ones(model.nq))
+
+    def velocity(time: float) -> np.ndarray:
+        return np.array([0.3, time, -0.2, np.cos(3.0 * time), 1.0 + time**2, np.sin(2.0 * time)])
+
+    fine = [start]
+    for k in range(3200):  # of order two, by its middles
+        fine.append(pin.integrate(model, fine[-1], velocity((k + 0.5) / 3200) / 3200))
+    for steps in (4, 8, 16):
+        t, apart = np.linspace(0.0, 1.0, steps + 1), 3200 // steps
+        qs, vs = np.array(fine[::apart]), np.array([velocity(time) for time in t])
+        middles = along(robot, t, qs, vs, (t[:-1] + t[1:]) / 2.0)
+        exact = fine[apart // 2 :: apart]
+        apart_by = [pin.difference(model, *two) for two in zip(exact, middles, strict=True)]
+        errors.append(np.abs(apart_by).max())
+    assert np.log2(np.divide(errors[:-1], errors[1:])).min() > 3.5
+    chords = np.vstack([vs[:1], steps_between(robot, qs) * steps])
+    halves = [pin.interpolate(model, a, b, 0.5) for a, b in pairwise(qs)]
+    assert along(robot, t, qs, chords, (t[:-1] + t[1:]) / 2.0) == pytest.approx(np.array(halves), abs=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ constexpr double unknown_contraction = 1.0;  // of the residual: the next state 
 constexpr int most_wrong = 4;
 // A step that limits cut to less than this raises the barrier parameter, up to a multiple: slacks get room.
 constexpr double cut_short = 0.1, barrier_rise = 10.0, barrier_rises = 1e4;
+constexpr double room_anew = 0.25;  // of slacks that begin anew: with less limits cut the next steps short again
 constexpr double smallest_barrier = 1e-9, largest_barrier = 1.0;
 constexpr double whole_step = 1e-9;  // shifts by nearly a whole number of steps are by that number
 // Of the duration of Newton steps: how far it follows a shorter and a longer one, which counts as this multiple at
@@ -135,7 +136,11 @@ HorizonStatus RecedingHorizon::step(const double* state, int size, double steps,
                 status.outcome = Outcome::out_of_time;
                 break;
             }
-            const Found found = newton_step(status, deadline);
+            Found found = newton_step(status, deadline);
+            if ((found == Found::none || found == Found::singular) && !is_late_) {
+                begin_anew();
+                found = newton_step(status, deadline);
+            }
             learn_duration(seconds_between(before, Clock::now()));
             if (ends(found)) break;
         }
@@ -199,6 +204,15 @@ RecedingHorizon::Found RecedingHorizon::newton_step(HorizonStatus& status, Clock
         shift = is_right ? care.larger_shift(shift, least_shift) : care.regrown_shift(shift, shift_, least_shift);
     }
     return had_direction ? Found::none : Found::singular;
+}
+
+// Slacks that limits have jammed and multipliers far from any optimum, as a jump of the goal may leave them, let no
+// step improve, now or later: the prediction alone stays.
+void RecedingHorizon::begin_anew() {
+    Iterate& iterate = programme_.iterate;
+    std::fill(iterate.m.begin(), iterate.m.end(), 0.0), std::fill(iterate.eta.begin(), iterate.eta.end(), 0.0);
+    if (!programme_.barrier.empty()) programme_.barrier.start(iterate, barrier_, room_anew);
+    shift_ = 0.0;
 }
 
 // The parameter goes by the cost, which another goal may change by orders of magnitude; it falls as the optimality

@@ -77,6 +77,7 @@ private:
     void move_rows(Numbers& values, std::size_t first, int size, int whole, double part) const;
     bool has_same_rows() const;  // limits of all stages alike
     Found newton_step(HorizonStatus& status, Clock::time_point deadline);
+    void begin_anew();
     void adapt_barrier(Evaluation& e);
     void copy_out();
     void copy_gains();

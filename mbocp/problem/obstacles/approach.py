@@ -1,8 +1,9 @@
 """The nearest approach of a motion to obstacles, and of links to each other, between nodes, too.
 
-The motion is sampled at a thousand poses a second, on geodesics from node to node. Spheres say at once how
-near a link can be at most; where that may be nearer than what has been found, coal computes the distance of
-the link's own shapes. At other poses these are not nearer by more than their points have moved until then.
+The motion is sampled at a thousand poses a second, on cubics through its nodes with their velocities. Spheres
+say at once how near a link can be at most; where that may be nearer than what has been found, coal computes
+the distance of the link's own shapes. At other poses these are not nearer by more than their points have
+moved until then.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.model import RobotModel
-from mbocp.robot.nodes import between
+from mbocp.robot.nodes import along
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
@@ -67,7 +68,7 @@ class Approach:
         return f"{self.link} {how} at t = {self.time:.4g} s"
 
 
-def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | None:
+def nearest_approach(clearance: Clearance, t: Array, qs: Array, vs: Array | None = None) -> Approach | None:
     """Where a pair comes nearest to its margin, of all that are kept apart; None where there are none.
 
     Parameters
@@ -76,44 +77,46 @@ def nearest_approach(clearance: Clearance, t: Array, qs: Array) -> Approach | No
     t : ndarray, shape (N + 1,)
         Times of the nodes [s].
     qs : ndarray, shape (N + 1, nq)
+    vs : ndarray, shape (N + 1, nv), optional
+        Of the cubics between the nodes; without, geodesics lead from node to node.
     """
     if not clearance.rows or not _goes_on(t, qs):
         return None
     for near in _NEARS:
-        search = _Search.of(clearance, t, qs, near)
+        search = _Search.of(clearance, t, qs, vs, near)
         found = search.nearest(search.beyond)
         if found is not None:
             return found
     return None
 
 
-def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float) -> bool:
+def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float, vs: Array | None = None) -> bool:
     """Whether no pair is nearer than its margin, or in each other, but for a tolerance [m].
 
     It takes a part of the time of `nearest_approach`, and says the same. The parameters are those.
     """
     if not clearance.rows or not _goes_on(t, qs):
         return True
-    search = _Search.of(clearance, t, qs, _touching(clearance))
+    search = _Search.of(clearance, t, qs, vs, _touching(clearance))
     lowered = np.maximum(search.margins, 0.0)
     search.bounds += (search.margins - lowered)[:, None]
     search.margins = lowered
     return search.nearest(-tolerance, is_any=True) is None
 
 
-def depths_along(clearance: Clearance, t: Array, qs: Array) -> dict[str, float]:
+def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = None) -> dict[str, float]:
     """How deep things are in each other [m], by `Approach.between`; nothing of what touches nothing.
 
     Parameters
     ----------
     clearance : Clearance
-    t, qs : ndarray, shapes (N + 1,) and (N + 1, nq)
-        Times of the nodes [s] and configurations there.
+    t, qs, vs : ndarray, shapes (N + 1,), (N + 1, nq) and (N + 1, nv)
+        As in `nearest_approach`.
     """
     found = dict[str, float]()
     if not clearance.rows or not _goes_on(t, qs):
         return found
-    search = _Search.of(clearance, t, qs, _touching(clearance))
+    search = _Search.of(clearance, t, qs, vs, _touching(clearance))
     for k in np.flatnonzero((search.bounds < -search.margins[:, None]).any(axis=1)):
         bounds, margins = search.bounds[[k]], search.margins[[k]]
         nearest = replace(search, pairs=[search.pairs[k]], bounds=bounds, margins=margins).nearest(
@@ -185,9 +188,9 @@ class _Search:
     _joints: Array = field(default_factory=lambda: np.zeros((0, 0, 3, 4)))  # placements there
 
     @classmethod
-    def of(cls, clearance: Clearance, t: Array, qs: Array, near: float) -> _Search:
+    def of(cls, clearance: Clearance, t: Array, qs: Array, vs: Array | None, near: float) -> _Search:
         """Of a motion. Pairs farther than `near` [m] may be taken for any that are."""
-        times, sampled = poses_between(clearance.robot, t, qs)
+        times, sampled = poses_between(clearance.robot, t, qs, vs)
         placed = clearance.scene_configurations(sampled, times)
         return cls(clearance, times, placed, *_bounds(clearance, times, sampled, near))
 
@@ -247,14 +250,12 @@ def _goes_on(t: Array, qs: Array) -> bool:
     return bool(np.isfinite(qs).all() and t[-1] > t[0] and (np.diff(t) >= 0.0).all())
 
 
-def poses_between(robot: RobotModel, t: Array, qs: Array) -> tuple[Array, Array]:
-    """Times and configurations between the nodes, a thousand a second, and the nodes."""
+def poses_between(robot: RobotModel, t: Array, qs: Array, vs: Array | None = None) -> tuple[Array, Array]:
+    """Times and configurations between the nodes, a thousand a second, and the nodes; see `along`."""
     t = np.asarray(t, dtype=np.float64)
     times = np.linspace(t[0], t[-1], min(int(np.ceil((t[-1] - t[0]) * _RATE)) + 1, _MOST))
     times = np.union1d(times, t)
-    step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-    shares = (times - t[step]) / (t[step + 1] - t[step])
-    return times, between(robot, qs[step], qs[step + 1], shares)
+    return times, along(robot, t, qs, vs, times)
 
 
 def _bounds(

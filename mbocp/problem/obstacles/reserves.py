@@ -15,7 +15,7 @@ import numpy as np
 from mbocp._arrays import Array, IntArray
 from mbocp.problem.obstacles.approach import poses_between
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.robot.nodes import between
+from mbocp.robot.nodes import along, between
 
 if TYPE_CHECKING:
     from mbocp.problem.problem import Problem
@@ -81,7 +81,7 @@ def with_room(problem: Problem, room: Array, ts: Array, qs: Array) -> Problem:
 
 
 def with_rows_and_room(
-    problem: Problem, t: Array, qs: Array, depths: Mapping[str, float]
+    problem: Problem, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]
 ) -> tuple[Problem, bool] | None:
     """The problem with rows for what a motion touches that had none, and room where it cuts corners.
 
@@ -90,7 +90,7 @@ def with_rows_and_room(
     problem : Problem
     t : ndarray, shape (N + 1,)
         [s].
-    qs : ndarray, shape (N + 1, nq)
+    qs, vs : ndarray, shapes (N + 1, nq) and (N + 1, nv)
     depths : mapping of str to float
         How deep things are in each other [m], see `mbocp.problem.obstacles.approach.depths_along`.
 
@@ -102,9 +102,9 @@ def with_rows_and_room(
     rows = rows_of(problem)
     if rows is None or not np.isfinite(qs).all():
         return None
-    missing, reserve, chosen = set(missing_pairs(problem, t, qs)), rows.reserves, rows.chosen
+    missing, reserve, chosen = set(missing_pairs(problem, t, qs, vs)), rows.reserves, rows.chosen
     if depths:
-        more = _lacking(rows, t, qs, depths)
+        more = _lacking(rows, t, qs, vs, depths)
         missing |= set(np.flatnonzero(more).tolist())
         # With more it jumps over something: that takes more steps.
         reserve = np.where(reserve + more <= _MOST, reserve + more, reserve)
@@ -120,10 +120,10 @@ def with_rows_and_room(
     return found, has_more_rows
 
 
-def _lacking(rows: Clearance, t: Array, qs: Array, depths: Mapping[str, float]) -> Array:
+def _lacking(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
     near = float(rows.margins.max(initial=0.0)) + _MOST
-    times, sampled = poses_between(rows.robot, t, qs)
+    times, sampled = poses_between(rows.robot, t, qs, vs)
     pairs, least = _least(rows, times, sampled, near)
     words, more = np.array([rows.links_of(k) for k in pairs]), np.zeros(rows.num_pairs)
     for touching, depth in depths.items():
@@ -175,15 +175,15 @@ def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
     return clearance.fill(nearest[:count] or [0], nearest[count : np.count_nonzero(least < _BESIDE)])
 
 
-def missing_pairs(problem: Problem, ts: Array, qs: Array) -> tuple[int, ...]:
+def missing_pairs(problem: Problem, ts: Array, qs: Array, vs: Array | None = None) -> tuple[int, ...]:
     """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
     clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():
         return ()
     first = np.repeat(np.arange(len(qs) - 1), _BETWEEN)
     shares = np.tile(np.arange(_BETWEEN) / _BETWEEN, len(qs) - 1)
-    sampled = np.vstack([between(problem.robot, qs[first], qs[first + 1], shares), qs[-1:]])
     times = np.append((1.0 - shares) * ts[first] + shares * ts[first + 1], ts[-1])
+    sampled = along(problem.robot, ts, qs, vs, times)
     near = float(clearance.margins.max(initial=0.0)) + _NEAR
     pairs, least = _least(clearance, times, sampled, near)
     least[np.isin(pairs, rows.chosen)] = np.inf

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
-from mbocp._linear import null_space
+from mbocp._linear import align, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError
 from mbocp.problem.goals.free_start import FreeStart
@@ -62,7 +62,8 @@ def compare_ends(
     positions = _sum(_end_directions(table, q_end, of_rates=False), A @ starts[0])
     velocities = _sum(_end_directions(table, q_end, of_rates=True), A @ starts[1])
     kept = table.jacobians(q_end[None])[0][_always(table)]
-    return Compared(_intersection(positions, null_space(kept, RANK_TOLERANCE)), velocities)
+    shared = _intersection(positions, null_space(kept, RANK_TOLERANCE))
+    return Compared(align(shared), align(velocities))
 
 
 def check_cycle(

@@ -27,14 +27,13 @@ _NUM_POSES = 5  # around the initial one
 _POSE_SPREAD = 0.3  # [rad, m] typical distance of a joint from its initial position
 _RANK_TOLERANCE = 1e-4  # relative: six digits in a file leave singular values up to this
 _MIN_INDEPENDENT_VALUE = 1e-2  # rows whose smallest singular value is larger are independent at every pose
-_TIE = 0.99  # pivots above this part of the largest count as equal
 _SCORE_TIE_RATIO = 0.5  # rows chosen at another pose are preferred if their score is twice as high
 _SINGULAR_RATIO = 1e-3  # smallest singular value by its largest along the motion, at a singular pose
 _CROSSING_RATIO = 0.3  # above it, the smallest singular value does not vanish before the next node
 _MIN_VECTOR_COSINE = 0.7  # of singular vectors at two nodes that belong to the same singular value
 _MIN_ROW_SHARE = 0.3  # component of the singular vector from which a row is named
 
-_independent = partial(spanning_rows, tolerance=_RANK_TOLERANCE, tie=_TIE)
+_independent = partial(spanning_rows, tolerance=_RANK_TOLERANCE)
 
 
 def redundant_rows(robot: Mechanism) -> tuple[int, ...]:
