@@ -198,6 +198,27 @@ def test_why_there_is_no_bound():
         assert not found.value > 0.0
 
 
+@pytest.mark.parametrize("duration", [0.3, {"min": 0.05, "max": 3.0}])
+def test_numbers_that_are_found_leave_forces_out_and_count_their_least_cost(duration):
+    """The weight of 15 kg where the search begins is no part of the problem: it goes down to nothing."""
+    payload = {"name": "weight", "frame": "link2", "mass": 15.0}
+    found = {"of": "robot.payload.weight.mass", "min": 0.0, "max": 20.0, "cost": {"linear": 0.1}}
+    problem = Problem.create(
+        {"name": "double_pendulum", "payload": [payload]},
+        duration,
+        20,
+        goal={"q": [0.5, 0.3], "v": 0},
+        limits={"effort": 20.0, "velocity": 3.0},
+        cost={"time": 1.0, "effort": 1e-3},
+        parameter=[found],
+    )
+    reached = solved(problem)
+    assert bound(problem).value <= reached.cost
+    assert bound(problem).duration <= reached.duration
+    dear = problem.with_(parameter=[{**found, "min": 5.0}])
+    assert bound(dear).value == pytest.approx(bound(problem).value + 0.5)
+
+
 def test_the_command_prints_it(tmp_path):
     path = EXAMPLES / "optima" / "two_carts.toml"
     done = CliRunner().invoke(app, ["bound", str(path), "--json"])
