@@ -110,6 +110,17 @@ def test_a_pendulum_needs_no_limits_beside_its_solution(pendulum, q):
     assert 0.0 < found.gap < 0.1
 
 
+def test_forces_that_only_push_are_not_beaten(tmp_path):
+    """A lift of 1 kg that is pushed with 12 N at least."""
+    kinds = chain("prismatic").replace("0.2 0.9 0.4", "0 0 1").replace("0.1 0.2 0.3", "0 0 0")
+    lift = load_robot(write(tmp_path, kinds), damping=False)
+    problem = reach(lift, [-0.5], 1.0, limits={"effort": {"j1": [12.0, 20.0]}, "velocity": 5.0})
+    problem = problem.with_(start={"q": [0.0], "v": [-2.0]}, goal={"v": [1.0]})
+    solution = solved(problem)
+    assert solution.cost == pytest.approx(0.5 * (9.81 + 3.0) ** 2)
+    assert 0.99 * solution.cost < bound(problem).value < solution.cost
+
+
 def test_any_multipliers_give_a_bound(double):
     """Far from the best ones, too: none is above the optimum, and the best are no worse."""
     solution = solved(reach(double, [0.4, 0.2], 0.2, limits={"velocity": 4.0}))
