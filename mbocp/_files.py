@@ -103,9 +103,12 @@ def read_bytes(path: str | Path, *, expected: str = "a file", limit: int = TEXT_
 
 
 def read_text(path: str | Path, *, expected: str = "a text file", limit: int = TEXT_LIMIT) -> str:
-    """Read a text in UTF-8, with plain line ends; parameters and errors are those of `read_bytes`."""
+    """Read a text in UTF-8, without byte order mark and with plain line ends.
+
+    Parameters and errors are those of `read_bytes`.
+    """
     try:
-        text = read_bytes(path, expected=expected, limit=limit).decode("utf-8")
+        text = read_bytes(path, expected=expected, limit=limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise Unreadable(f"is not a text file in UTF-8, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
@@ -117,7 +120,7 @@ _BEFORE_ROOT = re.compile(r"(?:\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*<([A-Za
 def root_tag(path: str | Path) -> str:
     """The tag of the root element of an XML file; empty if it cannot be read or has none."""
     try:
-        found = _BEFORE_ROOT.match(read_text(path, limit=XML_LIMIT).removeprefix("\ufeff"))
+        found = _BEFORE_ROOT.match(read_text(path, limit=XML_LIMIT))
     except Unreadable:  # whoever reads the file says why
         return ""
     return "" if found is None else found[1]

@@ -27,6 +27,8 @@ def test_text_and_tables_of_a_file(tmp_path):
     assert read_text(file) == "name = 'ü'\nx = [1, 2.5]\n"
     assert read_toml(file) == {"name": "ü", "x": [1, 2.5]}
     assert read_bytes(file).startswith(b"name")
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert read_toml(file) == {"name": "ü", "x": [1, 2.5]}
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])

@@ -88,7 +88,7 @@ def _by_forces(task: Task, least: float) -> float:
 def _by_frames(task: Task, least: float) -> float:
     """Least time in which a frame gets to its goal, where each joint moves it by its reach at most."""
     goals = [goal for goal in task.problem.goal.frames if goal.target.relative_to == WORLD]
-    if not (goals and task.problem.goal.is_exact):
+    if not (goals and task.problem.goal.is_exact) or task.problem.parameter:
         return 0.0
     ways = _Ways.of(task, np.append(0.0, _longest(task) * np.geomspace(1e-3, 1.0, _WINDOWS)))
     return max(_by_frame(task, ways, goal) for goal in goals)

@@ -119,7 +119,9 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     edges = np.linspace(least, high, _PARTS + 1 if high > least else 2)
     of_time = float(task.lightest("time", 1)[0])
     moved = _cost_of_motion(task, edges[1:])
-    value, words = float(np.min(of_time * edges[:-1] + moved)), [method] if method and of_time else []
+    value = float(np.min(of_time * edges[:-1] + moved))
+    value += sum(one.least_cost for one in task.problem.parameter)
+    words = [method] if method and of_time else []
     if moved.any():
         words.append("squares of rates")
     efforts, reason = 0.0, "efforts are not looked at: the duration is free"

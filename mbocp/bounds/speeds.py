@@ -130,12 +130,11 @@ def _within_forces(known: Speeds, displacements: Array, v: Array, forces: Forces
         p0 = (momenta_over(forces.robot, Box.of(displacements[None], displacements[None])).M @ v[:, None])[
             ..., 0
         ]
-    # Forces so far grow with time; what is held is linear within a window, most or least at one of its ends.
-    given = forces.impulses(known.edges)
-    ends = [np.cumsum(lengths * rate, axis=0) for rate in held]
-    begins = [np.vstack([np.zeros((1, len(v))), one[:-1]]) for one in ends]
-    low = given[0] - np.maximum(begins[0], ends[0]) + p0.lower
-    high = given[1] - np.minimum(begins[1], ends[1]) + p0.upper
+    # What forces give, or what is held, so far is most or least at one of the ends of a window.
+    given = [_over_windows(impulse) for impulse in forces.impulses(known.edges)]
+    lost = [_over_windows(np.cumsum(lengths * rate, axis=0)) for rate in held]
+    low = given[0][0] - lost[0][1] + p0.lower
+    high = given[1][1] - lost[1][0] + p0.upper
     if not (np.isfinite(low) & np.isfinite(high)).any():
         return known
     M = moment.M
@@ -146,6 +145,12 @@ def _within_forces(known: Speeds, displacements: Array, v: Array, forces: Forces
     for C in (inverse, own):  # all joints help each other; or others only move
         known = Speeds(known.edges, *_velocities(C, M, known, low, high))
     return known
+
+
+def _over_windows(ends: Array) -> tuple[Array, Array]:
+    """The lesser and the larger of what is at both ends of each window; at the first it is zero."""
+    begins = np.vstack([np.zeros_like(ends[:1]), ends[:-1]])
+    return np.minimum(begins, ends), np.maximum(begins, ends)
 
 
 def _velocities(C: Array, M: Box, known: Speeds, low: Array, high: Array) -> tuple[Array, Array]:

@@ -108,6 +108,8 @@ class Task:
     def why_no_forces(self) -> str:
         """Why forces say nothing of the motion; "" where they may."""
         robot = self.problem.robot
+        if self.problem.parameter:
+            return "numbers of the robot are found"
         if robot.nc:
             return "constraints close loops"
         selection = np.asarray(robot.actuation.selection) != 0.0

@@ -3,7 +3,8 @@ r"""Feedback gains of an optimum: what its controls answer to a deviation of the
 The Riccati recursion of a Newton step at the optimum (see `mbocp.solvers.newton_method.newton`) eliminates
 the controls of each step as :math:`\Delta u_n = K_n\, \Delta x_n + \dots`. :math:`K_n` is the feedback of the
 quadratic problem about the optimum, in which the end condition is a penalty as large as the factorisation
-needs, and active limits are equations (see `mbocp.solvers.newton_method.held_limits`).
+needs, and limits are springs of their multipliers by the distances from them, as in the last step of the
+solver: stiff where they are active, soft where the tolerance does not tell.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import TABLEAUX
 from mbocp.lie import ConfigurationSpace
 from mbocp.programme import Iterate
-from mbocp.solvers.newton_method.held_limits import FIRST_WEIGHT, factorise_held, hold_active_limits
+from mbocp.solvers.newton_method.held_limits import FIRST_WEIGHT, active_limits, factorise_held
+from mbocp.solvers.newton_method.limit_multipliers import at_solution
 
 _ROBUST_WEIGHT = (
     1e5  # of the end condition by the weight of the controls, where these answer to what is uncertain
@@ -58,11 +60,10 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
         # With the curvature of the mechanics feedback may not stabilise, and there is none at limits.
         weight = _ROBUST_WEIGHT
         iterate = replace(iterate, ms=np.zeros_like(iterate.ms), eta=np.zeros_like(iterate.eta), bounds=None)
-    found = hold_active_limits(formulation.programme, iterate)
-    if found is None or not factorise_held(found[0], formulation.programme, shifts=_SHIFTS, first=weight):
+    programme = formulation.programme
+    native, kind = at_solution(programme, iterate), programme.kind
+    if not (native.evaluate().finite and factorise_held(native, programme, shifts=_SHIFTS, first=weight)):
         return np.zeros((0, 0, 0))
-    native, held = found
-    kind = formulation.programme.kind
     is_continuous = formulation.pieces.signature.control_values.is_continuous
     of_step = partial(_answers, layout, robot.nu, is_continuous)
     blocks = native.gains().reshape(-1, kind.nu, kind.ndx)
@@ -70,6 +71,7 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     if is_plain:
         along = gains[:, :, : layout.nz] @ tangents(formulation, iterate.xs[:-1])
         gains = np.concatenate([along, gains[:, :, layout.nz :]], axis=2)
+    _, held, _ = active_limits(programme, iterate)
     gains[held[:, kind.nx : kind.nx + layout.num_own]] = 0.0
     return gains
 

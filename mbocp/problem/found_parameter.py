@@ -25,6 +25,10 @@ class ParameterCost:
     square: float = 0.0
     reference: float = 0.0
 
+    def of(self, value: float) -> float:
+        """Return the cost of a value."""
+        return self.linear * value + self.square * (value - self.reference) ** 2
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -55,6 +59,13 @@ class Parameter:
     def name(self) -> str:
         """The first of its words, as a file has it."""
         return OF_ROBOT + self.words[0]
+
+    @property
+    def least_cost(self) -> float:
+        """What it costs at least between its bounds."""
+        cost = self.cost
+        lowest = cost.reference - cost.linear / (2.0 * cost.square) if cost.square else self.lower
+        return min(map(cost.of, (self.lower, self.upper, min(max(lowest, self.lower), self.upper))))
 
 
 def opened_robot(robot_of_file: Robot, parameter: Sequence[Parameter]) -> Robot:

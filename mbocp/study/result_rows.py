@@ -98,7 +98,8 @@ def _goal_distance(problem: Problem, solution: Solution) -> float:
 
     Of joints the tangent vector from goal to end, of frames distances [m] and angles [rad].
     """
-    goal = problem.member(solution.goal_place).goal
+    problem = problem.member(solution.goal_place).with_found(solution.parameters)
+    goal = problem.goal
     if not (goal.q_active.any() or goal.poses):
         return math.nan
     difference = problem.robot.difference(goal.q, solution.q_final)

@@ -100,7 +100,7 @@ def make_problem(job: Job, overrides: Mapping[str, Any]) -> Problem:
     key = json.dumps([document.get("robot"), str(folder)], sort_keys=True, default=str)
     robot = _robots.get(key)
     problem = problem_from_tables(document, robot=robot, source=job.source, label=job.label)
-    _robots[key] = problem.robot
+    _robots[key] = problem.document.robot
     _robots.move_to_end(key)
     if len(_robots) > _MAX_ROBOTS:
         _robots.popitem(last=False)

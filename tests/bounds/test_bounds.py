@@ -110,6 +110,17 @@ def test_a_pendulum_needs_no_limits_beside_its_solution(pendulum, q):
     assert 0.0 < found.gap < 0.1
 
 
+def test_forces_that_only_push_are_not_beaten(tmp_path):
+    """A lift of 1 kg that is pushed with 12 N at least."""
+    kinds = chain("prismatic").replace("0.2 0.9 0.4", "0 0 1").replace("0.1 0.2 0.3", "0 0 0")
+    lift = load_robot(write(tmp_path, kinds), damping=False)
+    problem = reach(lift, [-0.5], 1.0, limits={"effort": {"j1": [12.0, 20.0]}, "velocity": 5.0})
+    problem = problem.with_(start={"q": [0.0], "v": [-2.0]}, goal={"v": [1.0]})
+    solution = solved(problem)
+    assert solution.cost == pytest.approx(0.5 * (9.81 + 3.0) ** 2)
+    assert 0.99 * solution.cost < bound(problem).value < solution.cost
+
+
 def test_any_multipliers_give_a_bound(double):
     """Far from the best ones, too: none is above the optimum, and the best are no worse."""
     solution = solved(reach(double, [0.4, 0.2], 0.2, limits={"velocity": 4.0}))
@@ -196,6 +207,27 @@ def test_why_there_is_no_bound():
         found = bound(load_problem(EXAMPLES / example))
         assert words in found.reason, example
         assert not found.value > 0.0
+
+
+@pytest.mark.parametrize("duration", [0.3, {"min": 0.05, "max": 3.0}])
+def test_numbers_that_are_found_leave_forces_out_and_count_their_least_cost(duration):
+    """The weight of 15 kg where the search begins is no part of the problem: it goes down to nothing."""
+    payload = {"name": "weight", "frame": "link2", "mass": 15.0}
+    found = {"of": "robot.payload.weight.mass", "min": 0.0, "max": 20.0, "cost": {"linear": 0.1}}
+    problem = Problem.create(
+        {"name": "double_pendulum", "payload": [payload]},
+        duration,
+        20,
+        goal={"q": [0.5, 0.3], "v": 0},
+        limits={"effort": 20.0, "velocity": 3.0},
+        cost={"time": 1.0, "effort": 1e-3},
+        parameter=[found],
+    )
+    reached = solved(problem)
+    assert bound(problem).value <= reached.cost
+    assert bound(problem).duration <= reached.duration
+    dear = problem.with_(parameter=[{**found, "min": 5.0}])
+    assert bound(dear).value == pytest.approx(bound(problem).value + 0.5)
 
 
 def test_the_command_prints_it(tmp_path):

@@ -85,7 +85,25 @@ def test_gains_keep_active_limits(limits: dict[str, object]) -> None:
     problem = reach(limits)
     solution = solved(problem, gains=True)
     assert solution.active_limits
-    agrees_with_differences(problem, solution, 1e-5)
+    # The joint before the last node is at its limit nearly without a force: the barrier still yields there.
+    agrees_with_differences(problem, solution, 3e-4 if "position" in limits else 1e-5)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8])
+def test_gains_do_not_decide_which_limits_are_active_where_the_tolerance_does_not(tolerance: float) -> None:
+    """Costs are so small that forces of limits are near those of the barrier: gains were up to 9 % off."""
+    problem = mbocp.Problem.create(
+        mbocp.load_robot("double_pendulum"),
+        0.8,
+        20,
+        start={"q": [0.3, -0.2]},
+        goal={"q": [0.9, -0.6], "v": 0},
+        cost={"effort": 1e-5},
+        limits={"velocity": [1.2, 0.9], "effort": 2.0},
+        scheme="midpoint",
+        solver={"tolerance": tolerance},
+    )
+    agrees_with_differences(problem, solved(problem, gains=True), 5e-3)
 
 
 def reach(limits: dict[str, object]) -> mbocp.Problem:

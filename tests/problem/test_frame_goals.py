@@ -19,6 +19,7 @@ from mbocp.exceptions import (
     InconsistentStart,
     InvalidValue,
     OverdeterminedGoal,
+    ProblemError,
     ProblemFileError,
     UnknownFrame,
     UnreachableGoal,
@@ -304,6 +305,12 @@ def test_a_pose_out_of_reach_is_refused_with_what_is_left() -> None:
         )  # fmt: skip
     assert set(caught.value.joints) & {"elbow_joint", "shoulder_lift_joint"}
     assert "mm away" in str(caught.value)
+    frame = {"name": "tool0", "position": [0.35, 0.45, 0.5]}
+    with pytest.raises(ProblemError, match=r"goal.q: elbow_joint is -0.5 rad, below its limit 0"):
+        Problem.create(
+            "ur5", 1.0, 10, start={"q": [0, -1.5, 1.5, 0, 0, 0]},
+            goal={"q": {"elbow_joint": -0.5}, "frame": frame}, limits={"position": {"elbow_joint": [0, 2.6]}},
+        )  # fmt: skip
 
 
 @pytest.mark.parametrize("enforce", ["penalty", "both"])

@@ -21,7 +21,7 @@ from mbocp.study.result_rows import FIELDS
 from mbocp.study.run_task import make_problem
 
 from . import callables
-from .conftest import MakeStudy
+from .conftest import EXAMPLES, MakeStudy
 
 GOALS = [[0, 0, -5], [3, 0, -4], [0, 4, -3]]
 
@@ -289,3 +289,28 @@ def test_a_robot_is_loaded_once(make: MakeStudy, monkeypatch: pytest.MonkeyPatch
     assert len({id(problem.robot) for problem in problems}) == 2
     assert [p.robot.model.gravity.linear[2] for p in problems] == [-1, -1, -1, -2, -2, -2]
     assert [float(np.max(p.cost.effort)) for p in problems] == [1, 2, 3, 1, 2, 3]
+
+
+def test_numbers_that_one_task_finds_are_found_for_it_alone(tmp_path: Path) -> None:
+    base = {"of": "robot.base.y", "min": -0.4, "max": 0.4, "start": 0.1}
+    study = Study.from_tables(
+        {
+            "problem": str(EXAMPLES / "design" / "base_placement.toml"),
+            "fixed": {"horizon.steps": 20},
+            "axis": [
+                {
+                    "name": "base",
+                    "values": [
+                        {"label": "found", "parameter": [base]},
+                        {"label": "as it is", "parameter": []},
+                    ],
+                }
+            ],
+        }
+    )
+    found, given = run_study(study, tmp_path / "rows.jsonl", workers=1).rows
+    assert found["goal_distance"] < 1e-6  # of the robot with the base that was found
+    alone = mbocp.load_problem(
+        EXAMPLES / "design" / "base_placement.toml", ["horizon.steps=20", "parameter=[]"]
+    )
+    assert given["cost"] == mbocp.solve(alone).cost > found["cost"]

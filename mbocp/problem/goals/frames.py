@@ -16,7 +16,7 @@ from mbocp.mechanisms.completion import complete_goal
 from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_frame, check_size
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.limits import Bounds, ask_millimetres, with_question
+from mbocp.problem.limits import Bounds, ask_millimetres, check_end_limits, with_question
 from mbocp.robot import FrameTarget, InverseKinematics, Label, Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.projection import violations
@@ -102,7 +102,7 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
     Raises
     ------
     ProblemError
-        If the goal gives every joint, and its frames are elsewhere there.
+        If the goal gives every joint, and its frames are elsewhere there; or joints beyond their limits.
     UnreachablePose
         If nothing within the limits of the problem, or else of the robot, reaches an exact goal.
     UnreachableGoal
@@ -112,6 +112,7 @@ def with_configuration(robot: Robot, goal: Goal, q_start: Array, limits: Bounds)
         return goal
     if goal.q_active.all() and goal.is_exact:
         raise _elsewhere(robot, goal)
+    check_end_limits(robot, limits, goal)  # joints that it gives are searched for nowhere else
     q = _near(robot, goal, q_start, limits)
     if q is None:
         found = goal_branches(robot, goal, q_start, limits)

@@ -15,11 +15,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.solvers.newton_method.limit_multipliers import (
-    bounded_values,
-    multipliers_in_rows,
-    why_limits_cannot_be_kept,
-)
+from mbocp.solvers.newton_method.limit_multipliers import bounded_values, multipliers_in_rows
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelProgramme
@@ -27,34 +23,6 @@ if TYPE_CHECKING:
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 FIRST_WEIGHT, _LAST_WEIGHT = 1e1, 1e9  # of the end condition, by the weight of the controls
 _ANY = 1.0  # barrier parameter: equations have none
-
-
-def hold_active_limits(
-    programme: StagewiseProgramme, iterate: Iterate
-) -> tuple[KernelProgramme, BoolArray] | None:
-    """Kernel programme at a solution with its active limits as equations, evaluated; and which these are.
-
-    Guards of the end condition are left out: no solution touches them.
-
-    Parameters
-    ----------
-    programme : StagewiseProgramme
-    iterate : Iterate
-        Its solution, with the multipliers of limits.
-
-    Returns
-    -------
-    native : KernelProgramme
-    held : ndarray of bool, shape (N, nx + nu + nh)
-        Limits that are held, of states, controls and path functions.
-
-    Or None, where functions are not finite, or no programme of the kernel keeps the limits.
-    """
-    if why_limits_cannot_be_kept(programme):
-        return None
-    pulls, held, sides = active_limits(programme, iterate)
-    native = hold(programme, iterate, pulls, held, sides)
-    return (native, held) if native.evaluate().finite else None
 
 
 def active_limits(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewton, KernelNewtonState, KernelProgramme
 
 _ANY = 1.0  # barrier parameter, before it is known
+_NONE = 1e-30  # the same, far below any product of a multiplier and its distance
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 
@@ -74,20 +75,40 @@ def resume(
     """
     native, barrier = _load(programme, iterate, threads), 0.0
     if _has_limits(programme):
-        rows, barrier = _Rows.of(programme), newton.last_barrier(native)
-        native.start_limits(barrier, 0.0)
-        known = (
-            np.zeros(native.slack.size)
-            if iterate.bounds is None
-            else multipliers_in_rows(iterate.bounds, programme)
-        )
-        native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(-known, 0.0))
-        native.z_upper = np.where(rows.is_equation, known, np.maximum(known, 0.0))
+        barrier = newton.last_barrier(native)
+        rows = _take_multipliers(native, programme, iterate, barrier)
         if is_centred:
             _centre(native, rows, barrier)
         else:
             _drop_idle(native, rows)
     return newton.resume(native, first_augmentation(programme), barrier, is_free=False)
+
+
+def at_solution(programme: StagewiseProgramme, iterate: Iterate) -> KernelProgramme:
+    """Kernel programme at a solution, with its distances from limits and the multipliers of these.
+
+    Raises
+    ------
+    ProblemError
+        If there are limits that the barrier cannot keep.
+    """
+    native = _load(programme, iterate)
+    if _has_limits(programme):
+        _centre(native, _take_multipliers(native, programme, iterate, _NONE), _NONE)
+    return native
+
+
+def _take_multipliers(
+    native: KernelProgramme, programme: StagewiseProgramme, iterate: Iterate, barrier: float
+) -> _Rows:
+    """Slacks where the rows are, and the multipliers that an iterate has."""
+    rows, known = _Rows.of(programme), np.zeros(native.num_limits)
+    native.start_limits(barrier, 0.0)
+    if iterate.bounds is not None:
+        known = multipliers_in_rows(iterate.bounds, programme)
+    native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(-known, 0.0))
+    native.z_upper = np.where(rows.is_equation, known, np.maximum(known, 0.0))
+    return rows
 
 
 def warm_barrier(
