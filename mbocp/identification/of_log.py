@@ -16,6 +16,7 @@ from mbocp.exceptions import LogError
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.messages import MOST_NAMES, ask, describe
 from mbocp.identification.robot_log import Log, read_log
 from mbocp.identification.unknown_parameters import (
     BaseParameters,
@@ -31,9 +32,6 @@ from mbocp.robot.parts import Label
 from mbocp.robot.resistance import JointResistance
 
 _HELD_OUT = 0.2  # share of a log
-_POOR = 0.3  # standard deviation by the value above which a log says little of a base parameter
-_AGAINST = -0.5  # correlation of torques with the file's; friction that it lacks leaves 0.6 of right ones
-_MOST_NAMES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,9 +239,10 @@ def identify(
     real = fit_consistent(unknowns, base, found.beta, found.covariance, moved)
     everything = unknowns.known + unknowns.shares @ real.values
     sd = np.sqrt(np.diag(found.covariance))
-    messages += _messages(base, found, sd, real.distance, dynamics, unknowns)
+    messages += describe(base, found, real.distance)
     fitted = _residuals(dynamics, found, data, everything, found.motion.qs)
-    messages += _ask_signs(dynamics.names, fitted)
+    given = fitted.torques - fitted.before
+    messages += ask(dynamics, found.motion, fitted.t, fitted.torques, given, fitted.residuals)
     return Identification(
         robot,
         dynamics.names,
@@ -282,26 +281,28 @@ def measured_of(
     LogError
         For a missing column, and positions that the robot cannot have.
     UnknownJoint
-        For a joint that the robot does not have.
+        For a torque constant of a joint without a motor.
     """
     robot, source = dynamics.robot, Path(log.source)
-    fixed = {frame.name for frame in robot.model.frames}
-    for joint in log.joints:
-        if joint not in robot.joint_names and joint not in fixed:
-            raise robot.unknown_joint(joint, robot.joint_names)
+    known = {*robot.joint_names, *(frame.name for frame in robot.model.frames)}
+    others = list_names([joint for joint in log.joints if joint not in known], MOST_NAMES)
     for name in constants:
         if name not in [label.name for label in robot.u_labels]:
             raise robot.unknown_joint(name, [label.name for label in robot.u_labels])
-    unused = [name for name, columns in log.joints.items() if "q" in columns and name not in dynamics.names]
+    if others:
+        messages.append(f"columns of {others} are not used: the robot has no such joint")
+    unused = [n for n in log.joints if "q" in log.joints[n] and n in known.difference(dynamics.names)]
     if unused:
         messages.append(
-            f"positions of {list_names(unused, _MOST_NAMES)} are not used: loops or locks decide them"
+            f"positions of {list_names(unused, MOST_NAMES)} are not used: loops or locks decide them"
         )
     positions = []
     for name in dynamics.names:
         column = log.joints.get(name, {}).get("q")
         if column is None:
-            raise LogError(source, f"no column {name}.q: the position of joint {name!r} is needed")
+            question = f"it has {others}, which the robot does not have" if others else ""
+            words = f"no column {name}.q: record the position of joint {name!r}, or lock it"
+            raise LogError(source, with_question(words, question))
         if np.ptp(column) == 0.0:
             raise LogError(source, f"{name}.q: the joint does not move: move it, or lock it")
         positions.append(_unwrap(robot, name, column, source))
@@ -317,6 +318,9 @@ def measured_of(
 
 def _torque(log: Log, name: str, constants: Mapping[str, float]) -> Array:
     columns, source = log.joints.get(name, {}), Path(log.source)
+    for kind in columns.keys() & {"tau", "current"}:
+        if np.ptp(columns[kind]) == 0.0:
+            raise LogError(source, f"{name}.{kind}: it does not change: record it, or take the motor away")
     if "tau" in columns:
         return columns["tau"]
     if "current" not in columns:
@@ -358,60 +362,3 @@ def _residuals(
         for each, values in ((dynamics, everything), (file, file.values))
     )
     return Residuals(data.t, torques, left, before)
-
-
-def _ask_signs(joints: tuple[str, ...], fitted: Residuals) -> list[str]:
-    """Ask where measured torques are rather the negative of what the file's numbers give."""
-    measured, given = (x - x.mean(axis=0) for x in (fitted.torques, fitted.torques - fitted.before))
-    sizes = np.linalg.norm(measured, axis=0) * np.linalg.norm(given, axis=0)
-    against = np.flatnonzero((measured * given).sum(axis=0) < _AGAINST * sizes)
-    if not against.size:
-        return []
-    names = list_names([joints[j] for j in against], _MOST_NAMES)
-    return [f"torques of {names} go against those of the file: is a sign of torques or positions turned?"]
-
-
-def _messages(
-    base: BaseParameters,
-    found: Estimate,
-    sd: Array,
-    distance: float,
-    dynamics: InverseDynamics,
-    unknowns: Unknowns,
-) -> list[str]:
-    messages = (
-        [] if found.settled else ["the estimate did not settle: its numbers and intervals may be wrong"]
-    )
-    units = [base.labels[k].unit for k in base.chosen]
-    size = {unit: np.abs(found.beta[[u == unit for u in units]]).max() for unit in units}
-    poor = [
-        base.labels[k].name
-        for k, spread, value, unit in zip(base.chosen, sd, found.beta, units, strict=True)
-        if spread > _POOR * max(abs(value), _POOR * size[unit])
-    ]
-    if poor:
-        messages.append(f"the log says little of {list_names(poor, _MOST_NAMES)}: move more, or faster")
-    if (found.speed_sd > _POOR * found.speeds).any():
-        messages.append("the log says little of the speed over which friction turns: move slowly, too")
-    if distance > 2.0:
-        messages.append(
-            f"no real bodies have the base parameters of the log: they moved by {distance:.2g} standard "
-            "deviations; friction, an elastic joint or a wrong length may be missing"
-        )
-    if found.correlation.max() > 1.5:
-        name = dynamics.names[int(found.correlation.argmax())]
-        messages.append(
-            f"torque residuals of {name!r} are no noise and count as {found.correlation.max():.2g} times the "
-            "variance: the model lacks something"
-        )
-    massless = [
-        name
-        for joint, name in enumerate(dynamics.robot.joint_names, start=1)
-        if dynamics.model.inertias[joint].mass <= 0.0
-    ]
-    if massless:
-        messages.append(f"{list_names(massless, _MOST_NAMES)}: without mass in the file, and still")
-    if found.offset_sd.any() and (found.offset_sd > 0.05).any():
-        names = [dynamics.names[j] for j in np.flatnonzero(found.offset_sd > 0.05)]
-        messages.append(f"offsets of {list_names(names, _MOST_NAMES)}: torques do not tell them")
-    return messages

@@ -35,12 +35,14 @@ _UNITS = {
     **dict.fromkeys(("", "s", "rad", "m", "rad/s", "m/s", "rad/s^2", "m/s^2", "N m", "Nm", "N", "A"), 1.0),
     **dict.fromkeys(("deg", "deg/s", "deg/s^2"), pi / 180.0),
     **dict.fromkeys(("ms", "mm", "mm/s", "mA"), 1e-3),
+    "us": 1e-6,
     "ns": 1e-9,
 }
 _JOINT_STATES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 _TOPIC = "/joint_states"
 _SHORTEST = 50  # samples
 _GAP = 5.0  # median time steps
+_SLOWEST = 0.5  # [s] time step; samples at 2 kHz are as far apart in milliseconds
 _LIMIT = 2_000_000_000  # [bytes] of a file
 
 
@@ -61,7 +63,7 @@ class Log:
     Raises
     ------
     InvalidValue
-        For times that do not ascend, gaps, numbers that are not finite, unknown kinds, and too few samples.
+        For times that do not ascend, gaps, slow or few samples, numbers that are not finite, unknown kinds.
     """
 
     t: Array
@@ -69,23 +71,23 @@ class Log:
     source: str = "log"
 
     def __post_init__(self) -> None:
-        t = frozen_array(self.t, shape=(None,), name=f"{self.source}: t")
+        where = f"{self.source}: t"
+        t = frozen_array(self.t, shape=(None,), name=where)
         if len(t) < _SHORTEST:
-            raise InvalidValue(f"{self.source}: t", f"{len(t)} samples", f"at least {_SHORTEST}")
+            raise InvalidValue(where, f"{len(t)} samples", f"at least {_SHORTEST}")
         self._refuse_not_finite("t", t)
         steps = np.diff(t)
-        if not (steps > 0.0).all():
-            k = int(np.argmax(steps <= 0.0)) + 1
-            raise InvalidValue(
-                f"{self.source}: t", f"{t[k]:.9g} in sample {k} after {t[k - 1]:.9g}", "times that ascend"
-            )
-        if steps.max() > _GAP * np.median(steps):
-            k = int(steps.argmax())
-            raise InvalidValue(
-                f"{self.source}: t",
-                f"a gap of {steps[k]:.4g} s after {t[k]:.6g} s",
-                "no gap: cut the log there",
-            )
+        k, usual = int(steps.argmin()), float(np.median(steps))
+        if steps[k] <= 0.0:
+            words = f"{t[k + 1]:.9g} in sample {k + 1} after {t[k]:.9g}"
+            raise InvalidValue(where, words, "times that ascend: sort the rows, each time once")
+        if usual >= _SLOWEST:
+            expected = f"less than {_SLOWEST} s, or a unit behind the name, as in t [ms]"
+            raise InvalidValue(where, f"steps of {usual:.4g} s", expected)
+        k = int(steps.argmax())
+        if steps[k] > _GAP * usual:
+            words = f"a gap of {steps[k]:.4g} s after {t[k]:.6g} s"
+            raise InvalidValue(where, words, "no gap: cut the log there")
         kept: dict[str, dict[str, Array]] = {}
         for joint, columns in self.joints.items():
             for kind, values in columns.items():
@@ -151,7 +153,9 @@ def write_log(log: Log, path: str | Path) -> Path:
 
 def _read_csv(path: Path) -> dict[str, Sequence[Any]]:
     text = read_text(path, expected="a log (CSV)", limit=_LIMIT)
-    rows = [row for row in csv.reader(io.StringIO(text)) if row]
+    text = text.lstrip("\ufeff#")  # what Excel and NumPy write before a header
+    separator = max(",;\t", key=text.partition("\n")[0].count)
+    rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator) if row]
     if not rows:
         raise Unreadable("is empty, expected a log (CSV) with a header")
     header = [name.strip() for name in rows[0]]

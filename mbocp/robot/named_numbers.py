@@ -151,14 +151,19 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     LoopNotClosed
         If no initial pose closes the loops with these values.
     """
+    for word, value in values.items():
+        if word.startswith("joint.") and word.endswith(".mass") and value < 0.0:
+            raise InvalidValue(OF_ROBOT + word, value, "a mass, 0 or above [kg]")
+        if word.endswith(".length") and take(robot, word).moves and value <= 0.0:
+            raise InvalidValue(OF_ROBOT + word, value, "a length above 0 [m]")
     numbers = numbers_behind(robot, values)
     at = {n: ca.SX(value) for n, value in zip(numbers, robot.values_of(numbers), strict=True)}
     found = put(robot, at, [(word, ca.SX(value)) for word, value in values.items()])
     now = {number: float(ca.evalf(ca.SX(value))) for number, value in found.items()}
+    payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     other = with_numbers_of_model(robot, now)
     visuals = pin.GeometryModel(robot.visual_model)
     _move_visuals(robot, other.model, visuals, values)
-    payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     spec = {**robot.spec, "numbers": {**robot.spec.get("numbers", {}), **values}}
     if "payload" in spec:
         spec["payload"] = [payload.table for payload in payloads]

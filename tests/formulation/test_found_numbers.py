@@ -338,7 +338,11 @@ def test_a_result_keeps_them(tmp_path: Path) -> None:
         ({"of": "robot.payload.load.mass", "max": 1.0}, r"parameter.0.start, that of the robot.*0 to 1"),
         ({"of": "robot.payload.load.mass", "start": 9.0}, r"parameter.0.start: got 9.*0 to 3"),
         ({"of": "robot.payload.load.mass", "least": 1.0}, "least.*unknown key"),
-        ({"of": "robot.payload.load.mass", "min": -1.0}, "payload 'load': mass: got -1"),
+        ({"of": "robot.payload.load.mass", "min": -40.0}, "payload 'load': mass: got -40"),
+        (
+            {"of": "robot.joint.shoulder_lift_joint.mass", "min": -40.0, "max": 40.0},
+            "got -40.0, expected a mass",
+        ),
         ({"of": "robot.joint.elbow_joint.length"}, "parameter.0.min: got 0, expected a length above 0"),
         (
             {"of": ["robot.base.x", "robot.base.yaw"]},
@@ -349,6 +353,11 @@ def test_a_result_keeps_them(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(table: dict[str, Any], words: str) -> None:
     with pytest.raises((InvalidValue, ProblemError, ProblemFileError), match=words):
         Problem.create(**ARM, parameter=[{"min": 0.0, "max": 3.0, **table}])
+
+
+def test_lengths_of_a_robot_are_positive() -> None:
+    with pytest.raises(InvalidValue, match=r"elbow_joint\.length: got -0\.4, expected a length above 0"):
+        mbocp.load_robot("ur5", numbers={"joint.elbow_joint.length": -0.4})
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 from dataclasses import replace
 from pathlib import Path
@@ -285,11 +286,15 @@ def test_a_log_without_what_is_needed_is_refused_by_name(ur5, truth):
         identify(ur5, without("elbow_joint", "q"))
     with pytest.raises(LogError, match=r"no column wrist_1_joint.tau"):
         identify(ur5, without("wrist_1_joint", "tau"))
-    with pytest.raises(UnknownJoint, match=r"'elbow_join'.*did you mean 'elbow_joint'"):
-        identify(ur5, Log(log.t, {**log.joints, "elbow_join": {"q": log.t}}))
+    other = without("elbow_joint", "q")
+    with pytest.raises(LogError, match=r"no column elbow_joint.q: .*'elbow_join', which the robot does not"):
+        identify(ur5, Log(log.t, {**other.joints, "elbow_join": {"q": log.t}}))
     still = {n: {**c, "q": c["q"] if n != "elbow_joint" else 0.0 * log.t} for n, c in log.joints.items()}
     with pytest.raises(LogError, match=r"elbow_joint.q: the joint does not move"):
         identify(ur5, Log(log.t, still))
+    none = {**log.joints, "elbow_joint": {**log.joints["elbow_joint"], "tau": 0.0 * log.t}}
+    with pytest.raises(LogError, match=r"elbow_joint.tau: it does not change"):
+        identify(ur5, Log(log.t, none))
     degrees = {n: {"q": np.rad2deg(c["q"]) * 4.0, "tau": c["tau"]} for n, c in log.joints.items()}
     with pytest.raises(LogError, match="is it in degrees"):
         identify(ur5, Log(log.t, degrees))
@@ -302,6 +307,37 @@ def test_torques_with_a_turned_sign_are_named(ur5, truth, found):
     messages = identify(ur5, Log(log.t, joints)).messages
     assert any("torques of 'elbow_joint' go against those of the file" in message for message in messages)
     assert not any("go against" in message for message in found.messages)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda q, tau: (q, 1e3 * tau), "times those of the file: are they in N m"),
+        (lambda q, tau: (np.rad2deg(0.04 * q), tau), "are positions in degrees"),
+        (lambda q, tau: (q, tau + 300.0 * (np.arange(len(tau)) == 50)), "'elbow_joint' at 1 s is off by 2"),
+    ],
+)
+def test_what_looks_like_something_else_is_asked(ur5, truth, found, spoil, words):
+    """In all joints, if it is a unit."""
+    log = simulate_log(truth, duration=4.0, rate=50.0)
+    several = "in " in words
+    joints = {
+        name: dict(zip(("q", "tau"), spoil(c["q"], c["tau"]), strict=True))
+        if several or name == "elbow_joint"
+        else c
+        for name, c in log.joints.items()
+    }
+    messages = identify(ur5, Log(log.t, joints), friction_speed=0.1).messages
+    assert [m for m in messages if re.search(words, m)]
+    assert not found.messages
+
+
+def test_columns_of_a_gripper_are_left_out(ur5, truth, found):
+    log = simulate_log(truth, duration=8.0, seed=3)
+    gripper = {"finger": {"q": log.t, "tau": log.t}}
+    again = identify(ur5, Log(log.t, {**log.joints, **gripper}))
+    np.testing.assert_array_equal(again.values, found.values)
+    assert again.messages == ("columns of 'finger' are not used: the robot has no such joint",)
 
 
 def test_the_example_finds_the_heavier_link():

@@ -57,11 +57,26 @@ def test_joint_states_with_names_in_columns(tmp_path):
 
 
 def test_units_behind_names(tmp_path):
-    log = read(tmp_path, table(**{"t [ms]": 1e3 * T, "a.q [deg]": T}))
-    np.testing.assert_allclose(log.t, T)
+    for unit, size in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        log = read(tmp_path, table(**{f"t [{unit}]": size * T, "a.q [deg]": T}))
+        np.testing.assert_allclose(log.t, T)
     np.testing.assert_allclose(log.joints["a"]["q"], np.deg2rad(T))
     with pytest.raises(LogError, match="unit: got 'turns'"):
         read(tmp_path, table(**{"t": T, "a.q [turns]": T}))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: "# " + text,
+        lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", "\t"),
+    ],
+)
+def test_what_spreadsheets_and_numpy_write(tmp_path, change):
+    text = table(**{"t": T, "a.q": 2.0 * T})
+    np.testing.assert_allclose(read(tmp_path, change(text)).joints["a"]["q"], 2.0 * T)
 
 
 def test_it_is_written_and_read_again(tmp_path):
@@ -172,7 +187,8 @@ def test_packages_that_are_missing_are_named(tmp_path, monkeypatch, extra, modul
     ("columns", "words"),
     [
         ({"a.q": T}, "no column of times"),
-        ({"t": T[::-1], "a.q": T}, "t: got .* in sample 1 after .* expected times that ascend"),
+        ({"t": T[::-1], "a.q": T}, "t: got .* in sample 1 after .* expected times that ascend: sort"),
+        ({"t": 1e3 * T, "a.q": T}, r"t: got steps of 10 s, expected less than .* t \[ms\]"),
         ({"t": np.where(np.arange(K) > 30, T + 1.0, T), "a.q": T}, "a gap of 1.01 s after 0.3 s"),
         ({"t": T, "a.q": ["x", *T[1:]]}, "a.q: got .*x.* in sample 0, expected a number"),
         ({"t": T, "a.q": ["nan", *T[1:]]}, "a.q: got nan in sample 0, expected finite numbers"),
