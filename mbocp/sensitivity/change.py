@@ -10,8 +10,11 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.formulate import implied_end_rows
+from mbocp.formulation.build import parameter_values
+from mbocp.formulation.formulate import implied_end_rows, pieces_of
 from mbocp.formulation.layout import places
+from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.state_bounds import state_bounds
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.sensitivity.kkt import call
@@ -81,10 +84,11 @@ def change_along(formulation: Formulation, problem_at: Callable[[float], Problem
         Returns the problem after a move of some size.
     """
     programme = formulation.programme
-    without = implied_end_rows(formulate(formulation.problem)) if formulation.end_rows_may_depend else ()
+    has_all = len(pieces_of(formulation.problem).end_rows.of_joints) == len(formulation.end_rows.of_joints)
+    without = () if has_all else implied_end_rows(formulate(formulation.problem))
 
     def numbers(size: float) -> Array:
-        moved = _numbers(formulate(problem_at(size), without), formulation)
+        moved = _numbers(pieces_of(problem_at(size), without), formulation)
         return np.concatenate([moved[f.name].ravel() for f in fields(Change)])
 
     flat, first, found = fourth_order(numbers), 0, {}
@@ -96,15 +100,15 @@ def change_along(formulation: Formulation, problem_at: Callable[[float], Problem
     return Change(**found)
 
 
-def _numbers(moved: Formulation, base: Formulation) -> dict[str, Array]:
-    programme, start = moved.programme, base.programme.x_start
-    (away,) = call(base.programme.functions, "difference", 1, [start, programme.x_start])
-    bounds = programme.bounds
+def _numbers(moved: Pieces, base: Formulation) -> dict[str, Array]:
+    theta, rho, rho_terminal = parameter_values(moved)
+    (away,) = call(base.programme.functions, "difference", 1, [base.programme.x_start, moved.x_start])
+    bounds = state_bounds(moved)
     return {
-        "start": away.dense(programme.kind.ndx),
-        "theta": programme.theta,
-        "rho": programme.rho,
-        "rho_terminal": _align(moved, base),
+        "start": away.dense(base.programme.kind.ndx),
+        "theta": theta,
+        "rho": rho,
+        "rho_terminal": _align(rho_terminal, base),
         "lower": _finite(bounds.lower),
         "upper": _finite(bounds.upper),
     }
@@ -114,12 +118,12 @@ def _finite(side: Array) -> Array:
     return np.where(np.isfinite(side), side, 0.0)
 
 
-def _align(moved: Formulation, base: Formulation) -> Array:
+def _align(rho_terminal: Array, base: Formulation) -> Array:
     """Numbers of the end with projections turned as near to those of the base as they can be.
 
     Rows of a projection span a space, and which rows they are is a matter of round-off.
     """
-    at, found = places(base.pieces.parameters.terminal), np.array(moved.programme.rho_terminal)
+    at, found = places(base.pieces.parameters.terminal), np.array(rho_terminal)
     nv = base.pieces.space.nv
     for name in ("D_q", "D_rate"):
         D = found[at[name]].reshape(nv, -1).T  # by columns

@@ -13,9 +13,10 @@ recursion factorises it once, and solves it for any right-hand side, in time lin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
@@ -105,12 +106,9 @@ class Kkt:
     Attributes
     ----------
     optimum : Optimum
-    of_start : Parts
-        Derivative of F in the tangent of the given state: a vector for each of its directions.
     """
 
     optimum: Optimum
-    of_start: Parts
     _native: KernelProgramme  # with K's factors
 
     @classmethod
@@ -145,13 +143,18 @@ class Kkt:
                 ws = np.zeros_like(optimum.ws)
                 ws[held] = native.z_upper if held.any() else 0.0
                 found = Optimum(programme, Iterate.read_from(native, programme), ws, held, optimum.sides)
-                return cls(found, _of_start(found), native)
+                return cls(found, native)
             native.move(1.0)
             native.accept(1.0)
         raise SolverError(
             "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
             f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
         )
+
+    @cached_property
+    def of_start(self) -> Parts:
+        """Derivative of F in the tangent of the given state: a vector for each of its directions."""
+        return _of_start(self.optimum)
 
     def solve(self, right: Parts) -> Parts:
         """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
@@ -257,7 +260,7 @@ def call(
     SingularSystem
         If an output is not finite.
     """
-    sizes, patterns = _shapes(functions, name)
+    sizes, patterns = _shapes(functions.function(name))
     given = [
         value.ravel() if value.size == count * size else np.tile(value.ravel(), count)
         for value, size in zip(inputs, sizes, strict=True)
@@ -271,10 +274,9 @@ def call(
     )
 
 
-@lru_cache(maxsize=32)
-def _shapes(functions: CompiledFunctions, name: str) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
+@lru_cache(maxsize=64)
+def _shapes(function: ca.Function) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
     """Sizes of the inputs of a function, and rows and columns of the numbers of its outputs."""
-    function = functions.function(name)
     triplets = [function.sparsity_out(k).get_triplet() for k in range(function.n_out())]
     patterns = [
         (np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)) for rows, columns in triplets

@@ -12,7 +12,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
-from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.formulate import formulate_with_independent_ends, formulation_in_use
 from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -82,12 +82,14 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = replace(take_end_of(solution.problem, carried), limits_within=carried.limits_within)
+    problem = take_end_of(solution.problem, carried)
+    if problem.limits_within != carried.limits_within:
+        problem = replace(problem, limits_within=carried.limits_within)
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
         problem = with_room(problem, carried.room, solution.t, solution.qs)
-    formulation, _ = formulate_with_independent_ends(problem, math.inf)
+    formulation = formulation_in_use(problem) or formulate_with_independent_ends(problem, math.inf)[0]
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")
     return formulation, carried.into(formulation.programme)

@@ -107,7 +107,8 @@ def factorise_held(
 ) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
-    Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
+    Where limits are held, each is tried twice: from the first factorisation the kernel learns how much these
+    have to weigh.
     Shifts of the Hessian in the states, and the first weight of the end condition, are by the weight of the
     controls.
     """
@@ -116,9 +117,10 @@ def factorise_held(
         weight = first
         while weight <= _LAST_WEIGHT:
             weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
-            native.factorise(*weights)
-            native.weigh(native.barrier)
             found = native.factorise(*weights)
+            if len(native.z_upper):
+                native.weigh(native.barrier)
+                found = native.factorise(*weights)
             if found.ok and found.negative == programme.ng:
                 return True
             weight *= 100.0
