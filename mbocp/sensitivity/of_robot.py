@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,10 +18,11 @@ from mbocp.formulation.layout import places
 from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model
+from mbocp.robot.named_numbers import OF_ROBOT, numbers_behind, put, take, with_numbers_of_model
 from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.sensitivity.change import Change, change_along
 from mbocp.sensitivity.parameter import Parameter
+from mbocp.symbolic import ModelNumber
 
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
@@ -40,7 +41,7 @@ class OfRobot(Parameter):
         slopes = self.in_numbers
         ends = ((self.problem.u_start, self.problem.u_before), (self.problem.goal.u, self.problem.u_after))
         if any(said.rule == "rest" and isinstance(u, np.ndarray) for said, u in ends):
-            return Change.join([change_along(self.formulation, partial(self._move, s)) for s in slopes])
+            return change_along(self.formulation, *(partial(self._move, s) for s in slopes))
         found, layout = self._none, self.formulation.pieces.parameters
         found.theta[:, places(layout.theta)[NUMBERS]] = slopes
         found.rho_terminal[:, places(layout.terminal)[NUMBERS]] = slopes
@@ -124,15 +125,15 @@ class PayloadNumbers(OfRobot):
         name = self.word.split(".", 3)[2]
         return next(payload for payload in robot.payloads if payload.name == name)
 
-    def _numbers_of(self, robot: Robot) -> tuple[ca.SX, ca.SX]:
-        return _numbers_with(robot, self.word.removeprefix(OF_ROBOT), self.names)
+    def _numbers_after(self, robot: Robot, moved: Array) -> tuple[Array, Array]:
+        word = self.word.removeprefix(OF_ROBOT)
+        words = (word,) if len(self.names) == 1 else tuple(f"{word}.{name}" for name in self.names)
+        return _numbers_with(robot, words, moved)
 
     @property
     def in_numbers(self) -> Array:
         """Of the body that carries it, and of the frame at its centre of mass."""
-        moved, numbers = self._numbers_of(self.problem.robot)
-        slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(numbers, moved))])
-        return np.asarray(slopes(np.zeros(moved.numel()))).T
+        return self._numbers_after(self.problem.robot, np.zeros(len(self.names)))[1].T
 
     @property
     def value(self) -> Array:
@@ -152,20 +153,33 @@ class PayloadNumbers(OfRobot):
         own = np.array(getattr(payload, key))
         said: Any = float(value) if key == "mass" else tuple(map(float, value))
         carried = tuple(replace(p, **{key: said}) if p is payload else p for p in robot.payloads)
-        moved, numbers = self._numbers_of(robot)
-        values = np.asarray(ca.Function("numbers", [moved], [ca.densify(numbers)])(value - own)).ravel()
+        values, _ = self._numbers_after(robot, value - own)
         spec = {**robot.spec, "payload": [one.table for one in carried]}
         robot = replace(_with_numbers(robot, values), payloads=carried, spec=spec)
         return replace(problem, robot=robot)
 
 
-def _numbers_with(robot: Robot, word: str, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
-    """By how much numbers of the robot are changed, and what `robot.varying_values` are then."""
-    moved = ca.SX.sym("moved", len(names))
-    words = [word] if len(names) == 1 else [f"{word}.{name}" for name in names]
-    given = numbers_behind(robot, words)
-    now = {n: ca.SX(v) for n, v in zip(given, robot.values_of(given), strict=True)}
-    now |= {n: ca.SX(v) for n, v in zip(robot.varying, robot.varying_values, strict=True)}
-    changed = [(one, number_of(robot, one) + m) for one, m in zip(words, ca.vertsplit(moved), strict=True)]
-    after = put(robot, now, changed)
-    return moved, ca.vertcat(*[after[number] for number in robot.varying])
+def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[Array, Array]:
+    """`robot.varying_values` after numbers of some words have grown, and derivatives of these in that."""
+    payloads = tuple((payload.name, payload.position is None) for payload in robot.payloads)
+    key = (robot.shape_fingerprint, robot.varying, payloads, words)
+    given = numbers_behind(robot, words) if key not in _growth else _growth[key][0]
+    if key not in _growth:
+        _growth[key] = given, _grow(robot, words, given)
+    values, slopes = _growth[key][1](robot.values_of(given), robot.varying_values, moved)
+    return np.asarray(values).ravel(), np.asarray(slopes)
+
+
+_growth: dict[tuple[Hashable, ...], tuple[tuple[ModelNumber, ...], ca.Function]] = {}  # by shapes of robots
+
+
+def _grow(robot: Robot, words: tuple[str, ...], given: tuple[ModelNumber, ...]) -> ca.Function:
+    symbols = [ca.SX.sym(name, len(of)) for name, of in (("g", given), ("v", robot.varying), ("m", words))]
+    of_given, of_varying, moved = symbols
+    now = dict(zip(given, ca.vertsplit(of_given), strict=True))
+    now |= dict(zip(robot.varying, ca.vertsplit(of_varying), strict=True))
+    pairs = zip(words, ca.vertsplit(moved), strict=True)
+    after = put(robot, now, [(word, take(robot, word).get(now) + m) for word, m in pairs])
+    numbers = ca.vertcat(*[after[number] for number in robot.varying])
+    outputs = [ca.densify(numbers), ca.densify(ca.jacobian(numbers, moved))]
+    return ca.Function("grow", symbols, outputs)

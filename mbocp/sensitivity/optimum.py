@@ -117,6 +117,8 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
         kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
+        if optimum.programme.bounds.is_empty:
+            return Found(formulation, kkt, ())
         optimum = _correct(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))

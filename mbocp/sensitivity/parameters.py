@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.change import Change, change_along, says_all
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter
@@ -22,6 +22,7 @@ from mbocp.terms.cost import RunningTerm, Weighted
 from mbocp.terms.kinds import Tracking
 
 _SIDES = ("lower", "upper")
+_LITTLE = 2.0**-15  # [the unit of a limit], to the looser side
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,27 +119,41 @@ class Limit(Parameter):
         return tuple(label.name for label in labels)
 
     def change(self) -> Change:
-        """Of bounds; those of controls are as many as controls have values in a step."""
-        value, found = self.value, self._none
-        letter, _, side = self._field.partition("_")
-        if letter == "u" and not self.problem.inequalities:
-            at, kind = self.formulation.layout, self.formulation.programme.kind
-            bounds = getattr(self.formulation.programme.bounds, f"u_{side}")
-            for column in range(at.num_own):
-                k = column % len(value)
-                is_finite = np.isfinite(bounds[:, column])
-                getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
+        """Of bounds of the same numbers, if these are all; else of what formulating anew makes of each."""
+        value, problem = self.value, self.problem
+        found = self._of_bounds()
+        steps = np.linspace(_LITTLE, 2.0 * _LITTLE, len(value)) * (1 if self._field.endswith("upper") else -1)
+        if says_all(self.formulation, found, steps, self.put(problem, value + steps)):
             return found
+        scales = np.where(np.isfinite(value) & (value != 0.0), np.abs(value), 1.0)  # powers may go with it
+        is_finite = np.isfinite(value)
+        moves = np.diag(scales)[is_finite]
+        moved = change_along(
+            self.formulation, *(lambda size, by=by: self.put(problem, value + size * by) for by in moves)
+        )
+        return moved.along(np.eye(len(value))[:, is_finite] / scales[is_finite])
 
-        def change_of(k: int) -> Change:
-            if not np.isfinite(value[k]):
-                return Change.none(self.formulation.programme, 1)
-            scale = abs(value[k]) or 1.0  # numbers may go with powers of it
-            move = scale * np.eye(len(value))[k]
-            moved = change_along(self.formulation, lambda size: self.put(self.problem, value + size * move))
-            return moved.along(np.array([1.0 / scale]))
-
-        return Change.join([change_of(k) for k in range(len(value))])
+    def _of_bounds(self) -> Change:
+        """Of bounds of coordinates, of speeds, and of controls, of which steps may have several values."""
+        found, at = self._none, self.formulation.layout
+        letter, _, side = self._field.partition("_")
+        columns, numbers = list[int](), list[int]()  # of states and controls, and which number is theirs
+        if letter == "q":
+            for part in self.formulation.space.parts:
+                count = min(part.at_z.stop - part.at_z.start, part.at_q.stop - part.at_q.start)
+                columns += range(part.at_z.start, part.at_z.start + count)
+                numbers += range(part.at_q.start, part.at_q.start + count)
+        elif letter == "v":
+            numbers = list(range(min(at.ns, len(self.names))))
+            columns = [at.s.start + k for k in numbers]
+        elif letter == "u":
+            columns = list(range(at.nx, at.nx + at.num_own))
+            numbers = [k % len(self.names) for k in range(at.num_own)]
+        pairs = zip(columns, numbers, strict=True)
+        bounds = getattr(self.formulation.programme.bounds, side)
+        for column, k in pairs:
+            getattr(found, side)[k, np.isfinite(bounds[:, column]), column] = 1.0
+        return found
 
     @property
     def value(self) -> Array:
@@ -174,9 +189,10 @@ class Duration(Parameter):
     def change(self) -> Change:
         """Of the length of a step, and of all that depends on it or tells the time."""
         T = self.problem.duration
-        return change_along(
+        moved = change_along(
             self.formulation, lambda size: self.put(self.problem, np.array(T * (1.0 + size)))
-        ).along(np.array([1.0 / T]))
+        )
+        return moved.along(np.array([[1.0 / T]]))
 
     @property
     def value(self) -> Array:
@@ -210,7 +226,11 @@ def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[Paramete
     ProblemError
         If the problem has none of a word, or derivatives in it are not supported.
     """
-    kinds = {word: kind for kind in PARAMETERS for word in kind.words(formulation)}
+    kinds: dict[str, type[Parameter]] = {}
+    for kind in PARAMETERS:
+        kinds |= dict.fromkeys(kind.words(formulation), kind)
+        if wrt and kinds.keys() >= set(wrt):
+            break
     for word in wrt or ("",):
         if word not in kinds:
             raise ProblemError(

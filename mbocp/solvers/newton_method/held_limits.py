@@ -88,13 +88,17 @@ def hold(
     programme: StagewiseProgramme, iterate: Iterate, pulls: Array, held: BoolArray, sides: Array
 ) -> KernelProgramme:
     """Kernel programme at an iterate with some limits as equations, and no others; see `active_limits`."""
+    fixed = replace(programme, num_guards=0)
+    if not held.any():
+        native = kernel_programme(fixed)
+        iterate.load_into(native)
+        return native
     lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
-    fixed = replace(programme, num_guards=0, bounds=programme.bounds.with_sides(lower, upper))
-    native = kernel_programme(fixed, has_limits=bool(held.any()))
+    fixed = replace(fixed, bounds=programme.bounds.with_sides(lower, upper))
+    native = kernel_programme(fixed, has_limits=True)
     iterate.load_into(native)
-    if held.any():
-        native.start_limits(_ANY)
-        native.z_upper = pulls[held]
+    native.start_limits(_ANY)
+    native.z_upper = pulls[held]
     return native
 
 
