@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,12 +18,24 @@ from mbocp.formulation.layout import places
 from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import OF_ROBOT, numbers_behind, put, take, with_numbers_of_model
+from mbocp.robot.named_numbers import (
+    OF_ROBOT,
+    named_numbers,
+    number_of,
+    numbers_behind,
+    opened_for,
+    put,
+    take,
+    with_numbers,
+    with_numbers_of_model,
+)
 from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.of_ends import nearest_configuration
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.symbolic import ModelNumber
 
+_OF_PAYLOAD = "payload."
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
 
@@ -157,6 +169,74 @@ class PayloadNumbers(OfRobot):
         spec = {**robot.spec, "payload": [one.table for one in carried]}
         robot = replace(_with_numbers(robot, values), payloads=carried, spec=spec)
         return replace(problem, robot=robot)
+
+
+@dataclass(frozen=True, eq=False)
+class NumberByWord(OfRobot):
+    """One number of a robot whose functions take what it is made of, see `opened_for_words`."""
+
+    @classmethod
+    def words(cls, formulation: Formulation) -> Iterator[str]:
+        """All of these but those of payloads; beside obstacles none that moves frames."""
+        problem, robot = formulation.problem, formulation.problem.robot
+        if NUMBERS not in formulation.pieces.parameters.theta or problem.parameter:
+            return
+        for word, number in named_numbers(robot).items():
+            is_taken = set(number.takes) <= set(robot.varying) and not word.startswith(_OF_PAYLOAD)
+            if is_taken and not (number.moves and problem.clearance is not None):
+                yield OF_ROBOT + word
+
+    @property
+    def _word(self) -> str:
+        return self.word.removeprefix(OF_ROBOT)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The word."""
+        return (self.word,)
+
+    @property
+    def in_numbers(self) -> Array:
+        """Of all that it is made of."""
+        return _numbers_with(self.problem.robot, (self._word,), np.zeros(1))[1].T
+
+    def change(self) -> Change:
+        """Of the numbers; where it moves closed loops or contacts, of start and goal, too, that keep them."""
+        problem, value = self.problem, self.value
+        has_ties = problem.robot.nc or problem.timeline.switches is not None
+        if not (has_ties and take(problem.robot, self._word).moves):
+            return super().change()
+        scale = abs(float(value)) or 1.0
+        moved = change_along(self.formulation, lambda size: self.put(problem, value + size * scale))
+        return moved.along(np.array([[1.0 / scale]]))
+
+    @property
+    def value(self) -> Array:
+        """As the robot has it."""
+        return np.array(number_of(self.problem.robot, self._word))
+
+    def put(self, problem: Problem, value: Array) -> Problem:
+        """With a robot of another number, and start and goal nearest to what its loops allow."""
+        moved = replace(problem, robot=with_numbers(problem.robot, {self._word: float(value)}))
+        goal, robot = problem.goal, moved.robot
+        if not robot.nc:
+            return moved
+        moved = replace(moved, q_start=nearest_configuration(robot, problem.q_start))
+        moved = replace(moved, goal=replace(goal, q=nearest_configuration(robot, goal.q)))
+        start, end = (moved.free_at_end(q) for q in (moved.q_start, moved.goal.q))
+        rate = end @ end.T @ goal.value if goal.rate == "v" else goal.value
+        goal = replace(moved.goal, value=rate)
+        return replace(moved, v_start=start @ start.T @ problem.v_start, goal=goal)
+
+
+def opened_for_words(problem: Problem, wrt: Sequence[str]) -> Problem:
+    """A problem whose functions take the robot's numbers of some words, as far as the robot has these."""
+    asked = [word.removeprefix(OF_ROBOT) for word in wrt if word.startswith(OF_ROBOT)]
+    known = named_numbers(problem.robot) if asked else {}
+    words = [word for word in asked if word in known and not word.startswith(_OF_PAYLOAD)]
+    if not words or problem.parameter:
+        return problem
+    return replace(problem, robot=opened_for(problem.robot, words))
 
 
 def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[Array, Array]:

@@ -60,7 +60,7 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
         If the solution does not hold the solver's last iterate, or is one of several goals.
     """
     words = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    formulation, iterate = formulate_again(solution)
+    formulation, iterate = formulate_again(solution, words)
     return Sensitivities(formulation, iterate, tuple(parameters_of(formulation, words)))
 
 

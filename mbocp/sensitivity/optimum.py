@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
+from mbocp.sensitivity.of_robot import opened_for_words
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held_limits import active_limits
 from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
@@ -48,8 +50,14 @@ class Found:
     degenerate: tuple[str, ...]
 
 
-def formulate_again(solution: Solution) -> tuple[Formulation, Iterate]:
+def formulate_again(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Formulation, Iterate]:
     """Formulation that a solution is one of, and its iterate there.
+
+    Parameters
+    ----------
+    solution : Solution
+    wrt : sequence of str
+        Words of numbers that functions have to take as parameters.
 
     Raises
     ------
@@ -68,10 +76,10 @@ def formulate_again(solution: Solution) -> tuple[Formulation, Iterate]:
             "sensitivities: the solution is robust, and the room that its limits leave moves with all "
             "numbers; solve without [robust]"
         )
-    return formulate_as_solved(solution)
+    return formulate_as_solved(solution, wrt)
 
 
-def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
+def formulate_as_solved(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Formulation, Iterate]:
     """The same of any solution, without the room that limits leave for what is uncertain.
 
     Raises
@@ -89,6 +97,7 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
         problem = with_room(problem, carried.room, solution.t, solution.qs)
+    problem = opened_for_words(problem, wrt)
     formulation = formulation_in_use(problem) or formulate_with_independent_ends(problem, math.inf)[0]
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")

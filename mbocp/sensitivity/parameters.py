@@ -16,7 +16,7 @@ from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
 from mbocp.sensitivity.change import Change, change_along, says_all
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
-from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
+from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.terms.cost import RunningTerm, Weighted
 from mbocp.terms.kinds import Tracking
@@ -215,6 +215,7 @@ PARAMETERS: tuple[type[Parameter], ...] = (
     Duration,
     PayloadNumbers,
     NumbersOfRobot,
+    NumberByWord,
 )
 
 
