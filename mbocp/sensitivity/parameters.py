@@ -22,7 +22,7 @@ from mbocp.terms.cost import RunningTerm, Weighted
 from mbocp.terms.kinds import Tracking
 
 _SIDES = ("lower", "upper")
-_LITTLE = 2.0**-15  # [the unit of a limit], to the looser side
+_LITTLE = 2.0**-15  # by which a number is moved to see what moves with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,8 @@ class Limit(Parameter):
         """Of bounds of the same numbers, if these are all; else of what formulating anew makes of each."""
         value, problem = self.value, self.problem
         found = self._of_bounds()
-        steps = np.linspace(_LITTLE, 2.0 * _LITTLE, len(value)) * (1 if self._field.endswith("upper") else -1)
+        looser = 1.0 if self._field.endswith("upper") else -1.0
+        steps = looser * np.linspace(_LITTLE, 2.0 * _LITTLE, len(value))
         if says_all(self.formulation, found, steps, self.put(problem, value + steps)):
             return found
         scales = np.where(np.isfinite(value) & (value != 0.0), np.abs(value), 1.0)  # powers may go with it
@@ -187,11 +188,12 @@ class Duration(Parameter):
         return (self.word,)
 
     def change(self) -> Change:
-        """Of the length of a step, and of all that depends on it or tells the time."""
-        T = self.problem.duration
-        moved = change_along(
-            self.formulation, lambda size: self.put(self.problem, np.array(T * (1.0 + size)))
-        )
+        """Of the length of a step, if that is all; else of all that depends on it or tells the time."""
+        T, problem, found = self.problem.duration, self.problem, self._none
+        found.theta[0, places(self.formulation.pieces.parameters.theta)["dt"]] = problem.dt / T
+        if says_all(self.formulation, found, np.array([_LITTLE * T]), self.put(problem, T * (1.0 + _LITTLE))):
+            return found
+        moved = change_along(self.formulation, lambda size: self.put(problem, T * (1.0 + size)))
         return moved.along(np.array([[1.0 / T]]))
 
     @property
@@ -199,7 +201,7 @@ class Duration(Parameter):
         """The duration."""
         return np.array(self.problem.duration)
 
-    def put(self, problem: Problem, value: Array) -> Problem:
+    def put(self, problem: Problem, value: Array | float) -> Problem:
         """With another one."""
         timeline, duration = problem.timeline, float(value)
         phases = tuple(replace(phase, duration=duration) for phase in timeline.phases)
