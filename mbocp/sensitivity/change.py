@@ -48,7 +48,7 @@ class Change:
 
     @classmethod
     def none(cls, programme: StagewiseProgramme, k: int) -> Change:
-        """Zeros, to be filled in."""
+        """Zeros, to be filled in; those of bounds are in the memory of one."""
         kind = programme.kind
         limits = (k, *programme.bounds.has_limit.shape)
         return cls(
@@ -56,8 +56,8 @@ class Change:
             theta=np.zeros((k, programme.theta.size)),
             rho=np.zeros((k, programme.rho.size)),
             rho_terminal=np.zeros((k, programme.rho_terminal.size)),
-            lower=np.zeros(limits),
-            upper=np.zeros(limits),
+            lower=np.broadcast_to(0.0, limits),
+            upper=np.broadcast_to(0.0, limits),
         )
 
     @classmethod
@@ -65,7 +65,7 @@ class Change:
         """Those of several parameters, one after the other."""
         if len(changes) == 1:
             return changes[0]
-        return cls(*(np.concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
+        return cls(*(_concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
 
     @property
     def is_in_steps(self) -> bool:
@@ -75,6 +75,13 @@ class Change:
     def along(self, weights: Array) -> Change:
         """Those along moves of all parameters, shape (number, k)."""
         return type(self)(*(np.tensordot(weights, getattr(self, f.name), 1) for f in fields(self)))
+
+
+def _concatenate(parts: list[Array]) -> Array:
+    """Parts one after the other; zeros in the memory of one stay such."""
+    if any(any(part.strides) for part in parts):
+        return np.concatenate(parts)
+    return np.broadcast_to(0.0, (sum(map(len, parts)), *parts[0].shape[1:]))
 
 
 def change_along(formulation: Formulation, *moves: Callable[[float], Problem]) -> Change:

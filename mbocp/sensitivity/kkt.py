@@ -152,8 +152,11 @@ class Kkt:
         )
 
     @cached_property
-    def of_start(self) -> Parts:
-        """Derivative of F in the tangent of the given state: a vector for each of its directions."""
+    def of_start(self) -> tuple[Array, Array, Array, Array]:
+        """Derivative of F in the tangent of the given state, shapes (ndx, any).
+
+        Of the first rows alone that belong to states, algebraic unknowns and controls, and of the first step.
+        """
         return _of_start(self.optimum)
 
     def solve(self, right: Parts) -> Parts:
@@ -208,20 +211,17 @@ def _relative(step: Array, whole: Array) -> float:
     return float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(whole).max(initial=0.0)))
 
 
-def _of_start(optimum: Optimum) -> Parts:
-    """Derivative of F in the tangent of the given state."""
+def _of_start(optimum: Optimum) -> tuple[Array, Array, Array, Array]:
     programme = optimum.programme
     kind, ndx = programme.kind, programme.kind.ndx
     inputs = [*(part[:1] for part in optimum.points), optimum.iterate.ms[:1]]
     given = [*inputs, programme.theta, programme.rho.ravel()[: kind.nr]]
     _, _, jacobian, _, hessian = call(programme.functions, "complete", 1, given)
     start, end = ndx + kind.ny, 2 * ndx + kind.ny  # columns are (x1, y, x0, u)
-    found = Parts.zeros(programme, ndx)
-    found.ms[:, 0] = jacobian.matrix((start, end + kind.nu))[:, start:end].T
+    of_rows = jacobian.matrix((start, end + kind.nu))[:, start:end].T
     whole = hessian.matrix((end + kind.nu, end + kind.nu))
     slopes = (whole + np.triu(whole, 1).T)[start:end]
-    found.xs[:, 0], found.ys[:, 0], found.us[:, 0] = slopes[:, :ndx], slopes[:, ndx:start], slopes[:, end:]
-    return found
+    return slopes[:, :ndx], slopes[:, ndx:start], slopes[:, end:], of_rows
 
 
 class Nonzeros(NamedTuple):

@@ -74,8 +74,10 @@ class ParameterFunctions:
                 slopes, g = call(self.of_end, "end_push", 1, given)
                 found.xs[k, -1] += slopes.dense(kind.ndx)[0]
                 found.eta[k] += g.dense(programme.ng)[0]
-        of_start = (np.tensordot(change.start, part, 1) for part in kkt.of_start)
-        return Parts(*(own + part for own, part in zip(found, of_start, strict=True)))
+        if change.start.any():
+            for own, part in zip(found[:4], kkt.of_start, strict=True):
+                own[:, 0] += change.start @ part
+        return found
 
     def pull(self, kkt: Kkt, adjoint: Parts, change: Change) -> Array:
         """Derivatives in parameters, shape (k,), from an adjoint of the conditions alone."""
@@ -93,8 +95,8 @@ class ParameterFunctions:
             (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
             found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
         if change.start.any():
-            pairs = zip(kkt.of_start, adjoint, strict=True)
-            found += change.start @ sum(np.tensordot(part, own[0], own[0].ndim) for part, own in pairs)
+            pairs = zip(kkt.of_start, (xs, ys, us, ms), strict=True)
+            found += change.start @ sum(part @ own[0] for part, own in pairs)
         return found
 
 

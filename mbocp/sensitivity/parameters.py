@@ -152,9 +152,10 @@ class Limit(Parameter):
             numbers = [k % len(self.names) for k in range(at.num_own)]
         pairs = zip(columns, numbers, strict=True)
         bounds = getattr(self.formulation.programme.bounds, side)
+        of_bounds = np.zeros(found.lower.shape)
         for column, k in pairs:
-            getattr(found, side)[k, np.isfinite(bounds[:, column]), column] = 1.0
-        return found
+            of_bounds[k, np.isfinite(bounds[:, column]), column] = 1.0
+        return replace(found, **{side: of_bounds})
 
     @property
     def value(self) -> Array:
