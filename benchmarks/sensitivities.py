@@ -2,14 +2,15 @@
 
 Solves end at a barrier, which keeps optima by 1e-7 and more from limits that hardly pull: for differences
 over short steps that is much. Run it by `python -m benchmarks.sensitivities --count 200`. Robot, scheme,
-coordinates, weights, limits and starts are drawn. Counted are optima that agree, that are degenerate, so that
-derivatives of both sides differ, that are refused, and that differ. What no file may say, such as a scheme
-that does not take some coordinates, is drawn again.
+coordinates, weights, limits and starts are drawn, until so many are compared. Counted are optima that agree
+and that differ, and those that are degenerate, so that derivatives of both sides differ, or refused. What no
+file may say, such as a scheme that does not take some coordinates, is drawn again.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import warnings
 from collections import Counter
 from collections.abc import Iterator
@@ -121,8 +122,8 @@ def verdict(problem: mbocp.Problem, rng: np.random.Generator) -> tuple[str, floa
 
 def _to_round_off(found: SolutionMap, value: np.ndarray) -> dict[str, np.ndarray]:
     """Cost and motion of an optimum whose conditions hold to round-off."""
-    solution, derivatives = found._at([value])
-    motion = derivatives._reader.motion
+    solution, derivatives = found.at([value])
+    motion = derivatives.motion
     return {"cost": np.array(solution.cost), "qs": motion.qs, "vs": motion.vs, "us": motion.us}
 
 
@@ -141,7 +142,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     counts: Counter[str] = Counter()
-    for k in range(asked.count):
+    for k in itertools.count():
+        if counts["agrees"] + counts["differs"] >= asked.count:
+            break
         rng = np.random.default_rng([asked.seed, k])
         name = ""
         try:

@@ -108,6 +108,8 @@ class Job:
 
     def with_limits_within(self, letters: str) -> Job:
         """Return the job with limits that hold within steps, by their letters."""
+        if letters == self.problem.limits_within:
+            return self
         return replace(self, problem=replace(self.problem, limits_within=letters))
 
     @property

@@ -86,11 +86,11 @@ class SolutionMap:
         NotConverged
             If there is no optimum, with the best that was found.
         """
-        return _outputs(self._at(values)[0])
+        return _outputs(self.at(values)[0])
 
     def push(self, values: Sequence[Array], moves: Sequence[Array]) -> dict[str, Array]:
         """Derivatives of the outputs along moves of the values, by one solve."""
-        solution, found = self._at(values)
+        solution, found = self.at(values)
         inner = {
             parameter.word: np.linalg.pinv(parameter.tangent) @ np.ravel(move)
             for parameter, move in zip(found.parameters, moves, strict=True)
@@ -102,7 +102,7 @@ class SolutionMap:
 
     def pull(self, values: Sequence[Array], bars: Mapping[str, Array]) -> list[Array]:
         """Gradients, by parameter, of what has given derivatives in the outputs, by one adjoint solve."""
-        solution, found = self._at(values)
+        solution, found = self.at(values)
         given = dict(bars)
         given["qs"] = np.einsum("nij,ni->nj", _tangents(solution), given["qs"])
         given["dts"] = np.cumsum(given.pop("t")[:0:-1])[::-1]
@@ -112,8 +112,14 @@ class SolutionMap:
             for parameter, value in zip(found.parameters, self.values, strict=True)
         ]
 
-    def _at(self, values: Sequence[Array]) -> tuple[Solution, Sensitivities]:
-        """The optimum at values of the parameters, solved, or found again."""
+    def at(self, values: Sequence[Array]) -> tuple[Solution, Sensitivities]:
+        """The optimum at values of the parameters, solved, or found again, and its derivatives.
+
+        Raises
+        ------
+        DimensionMismatch, NotConverged
+            As a call does.
+        """
         given = [np.asarray(value, dtype=np.float64) for value in values]
         for parameter, value, own in zip(self.parameters, given, self.values, strict=True):
             if value.shape != own.shape:

@@ -9,6 +9,7 @@ has to ask which one it is. What the tau schemes have stands in `Formulation`.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from functools import lru_cache
 from typing import ClassVar, TypeVar
@@ -96,10 +97,16 @@ class Formulation(ABC):
     solves_for_lams: ClassVar[bool] = True
 
     @classmethod
-    def made_of(cls: type[F], pieces: Pieces, deadline: float) -> F:
+    @abstractmethod
+    def pieces_of(cls, problem: Problem) -> Pieces:
+        """What the programme of a problem is made of, before any function is loaded."""
+
+    @classmethod
+    def of(cls: type[F], problem: Problem, *, deadline: float = math.inf) -> F:
         """Return the formulation with its programme, compiled or from the cache."""
+        pieces = cls.pieces_of(problem)
         programme = build_programme(pieces, deadline=deadline)
-        return cls(pieces.problem, programme, pieces.layout, pieces.space, pieces.end_rows, pieces)
+        return cls(problem, programme, pieces.layout, pieces.space, pieces.end_rows, pieces)
 
     @property
     def states(self) -> States:

@@ -79,7 +79,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
     """
     problem, signature, layout = pieces.problem, pieces.signature, pieces.parameters
     robot = problem.robot
-    theta, rho, rho_terminal = _parameters(pieces, layout)
+    theta, rho, rho_terminal = parameter_values(pieces)
     bounds = state_bounds(pieces)
     at_once = problem.solver.is_interior_point  # CasADi's solvers call functions stage by stage
     programme = StagewiseProgramme(
@@ -250,7 +250,9 @@ def _of_joints(joints: ConfigurationSpace) -> str:
     return "dcm" if any(part.at_matrix >= 0 for part in joints.parts) else "quaternion"
 
 
-def _parameters(pieces: Pieces, layout: ParameterLayout) -> tuple[Array, Array, Array]:
+def parameter_values(pieces: Pieces) -> tuple[Array, Array, Array]:
+    """Numbers that functions take: theta of all steps, rho of each, and those of the end."""
+    layout = pieces.parameters
     problem, space, joints, end = pieces.problem, pieces.space, pieces.joints, pieces.end
     goal, robot, rates = problem.goal, problem.robot, problem.stabilisation
     given = term_numbers(problem, problem.heaviest_cost, joints)

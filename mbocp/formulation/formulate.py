@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.reachability import dependent_end_rows
+
+_in_use: WeakValueDictionary[int, Formulation] = WeakValueDictionary()  # each holds its problem
 
 
 def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float = math.inf) -> Formulation:
@@ -48,10 +51,13 @@ def formulate(problem: Problem, without: Sequence[int] = (), *, deadline: float 
     ProblemError
         If a velocity is limited that is no unknown, because controls prescribe it.
     """
-    found = _formulate(problem, deadline)
-    if not without:
-        return found
-    return without_end_rows(found, without, deadline=deadline)
+    found = _family_of(problem).of(problem, deadline=deadline)
+    return without_end_rows(found, without, deadline=deadline) if without else found
+
+
+def pieces_of(problem: Problem, without: Sequence[int] = ()) -> Pieces:
+    """What a problem's programme is made of; see `formulate`, of which it takes a part of the time."""
+    return _fewer(_family_of(problem).pieces_of(problem), without)
 
 
 def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[Formulation, str]:
@@ -62,13 +68,19 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
     MbocpError
         As `formulate` does.
     """
-    whole = formulate(problem, deadline=deadline)
-    rows = implied_end_rows(whole)
-    if not rows:
-        return whole, ""
-    names = ", ".join(whole.programme.describe_row(-1, row) for row in rows)
-    fewer = without_end_rows(whole, rows, deadline=deadline)
-    return fewer, f"; left out, since the dynamics imply it: {names}"
+    found, told = formulate(problem, deadline=deadline), ""
+    rows = implied_end_rows(found)
+    if rows:
+        names = ", ".join(found.programme.describe_row(-1, row) for row in rows)
+        told = f"; left out, since the dynamics imply it: {names}"
+        found = without_end_rows(found, rows, deadline=deadline)
+    _in_use[id(problem)] = found
+    return found, told
+
+
+def formulation_in_use(problem: Problem) -> Formulation | None:
+    """Formulation of this very problem with independent ends, where something holds one: its solution may."""
+    return _in_use.get(id(problem))
 
 
 def implied_end_rows(whole: Formulation) -> tuple[int, ...]:
@@ -98,24 +110,24 @@ def with_compiled_functions(formulation: Formulation) -> Formulation:
     return replace(formulation, programme=programme)
 
 
-def _formulate(problem: Problem, deadline: float) -> Formulation:
+def _family_of(problem: Problem) -> type[Formulation]:
     # Each is imported where it is asked for: they are as large as all that they share.
     if problem.scheme in TABLEAUX:
         from mbocp.formulation.schemes.explicit import ExplicitFormulation
 
-        return ExplicitFormulation.of(problem, deadline=deadline)
+        return ExplicitFormulation
     if problem.scheme in PAIRS:
         from mbocp.formulation.schemes.symplectic import PartitionedFormulation
 
-        return PartitionedFormulation.of(problem, deadline=deadline)
+        return PartitionedFormulation
     # Robots whose bodies only slide have the same equations in both coordinates.
     if problem.coordinates == "natural" and _has_turning_bodies(problem):
         from mbocp.formulation.schemes.natural import NaturalFormulation
 
-        return NaturalFormulation.of(problem, deadline=deadline)
+        return NaturalFormulation
     from mbocp.formulation.schemes.implicit import ImplicitFormulation
 
-    return ImplicitFormulation.of(problem, deadline=deadline)
+    return ImplicitFormulation
 
 
 def _has_turning_bodies(problem: Problem) -> bool:
@@ -156,6 +168,8 @@ def without_end_rows(
 
 
 def _fewer(pieces: Pieces, rows: Sequence[int]) -> Pieces:
+    if not rows:
+        return pieces
     end_rows, end = pieces.end_rows.without(rows), pieces.end
     count = len(end.D_q)
     goal = replace(pieces.signature.goal, ng_q=len(end_rows.D_q), ng_rate=len(end_rows.D_rate))

@@ -156,6 +156,8 @@ class ConfigurationSpace:
 
     def tangents(self, zs: Array) -> Array:
         """Derivatives of coordinates z along the tangent directions, shape (n, nz, nv) from (n, nz)."""
+        if self.is_vector:
+            return np.broadcast_to(np.eye(self.nv), (len(zs), self.nz, self.nv))
         found = np.asarray(_tangents(self).map(len(zs))(zs.T))
         return found.reshape(self.nz, len(zs), self.nv).transpose(1, 0, 2)
 

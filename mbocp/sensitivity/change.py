@@ -10,8 +10,11 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.formulate import implied_end_rows
+from mbocp.formulation.build import parameter_values
+from mbocp.formulation.formulate import implied_end_rows, pieces_of
 from mbocp.formulation.layout import places
+from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.state_bounds import state_bounds
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.sensitivity.kkt import call
@@ -19,6 +22,7 @@ from mbocp.sensitivity.kkt import call
 # Differences of fourth order: of numbers that depend on the move linearly or smoothly, right to 1e-11.
 _STEP = 2.0**-9
 _WEIGHTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
+_SAME = 1e-12
 POINTS = tuple((at * _STEP, weight / _STEP) for at, weight in _WEIGHTS)  # moves, and their weights
 
 
@@ -44,7 +48,7 @@ class Change:
 
     @classmethod
     def none(cls, programme: StagewiseProgramme, k: int) -> Change:
-        """Zeros, to be filled in."""
+        """Zeros, to be filled in; those of bounds are in the memory of one."""
         kind = programme.kind
         limits = (k, *programme.bounds.has_limit.shape)
         return cls(
@@ -52,74 +56,105 @@ class Change:
             theta=np.zeros((k, programme.theta.size)),
             rho=np.zeros((k, programme.rho.size)),
             rho_terminal=np.zeros((k, programme.rho_terminal.size)),
-            lower=np.zeros(limits),
-            upper=np.zeros(limits),
+            lower=np.broadcast_to(0.0, limits),
+            upper=np.broadcast_to(0.0, limits),
         )
 
     @classmethod
     def join(cls, changes: list[Change]) -> Change:
         """Those of several parameters, one after the other."""
-        return cls(*(np.concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
+        if len(changes) == 1:
+            return changes[0]
+        return cls(*(_concatenate([getattr(c, f.name) for c in changes]) for f in fields(cls)))
+
+    @property
+    def is_in_steps(self) -> bool:
+        """Whether numbers of steps are among them."""
+        return bool(self.theta.any() or self.rho.any())
 
     def along(self, weights: Array) -> Change:
-        """That along one move of all parameters."""
-        return type(self)(*(np.tensordot(weights, getattr(self, f.name), 1)[None] for f in fields(self)))
+        """Those along moves of all parameters, shape (number, k)."""
+        return type(self)(*(np.tensordot(weights, getattr(self, f.name), 1) for f in fields(self)))
 
 
-def fourth_order(values: Callable[[float], Array]) -> Array:
-    """Derivative at zero of a smooth function of a number of which one is a move of ordinary size."""
-    return np.sum([weight * values(at) for at, weight in POINTS], axis=0)
+def _concatenate(parts: list[Array]) -> Array:
+    """Parts one after the other; zeros in the memory of one stay such."""
+    if any(any(part.strides) for part in parts):
+        return np.concatenate(parts)
+    return np.broadcast_to(0.0, (sum(map(len, parts)), *parts[0].shape[1:]))
 
 
-def change_along(formulation: Formulation, problem_at: Callable[[float], Problem]) -> Change:
-    """Change of the numbers with a move of a problem, whose functions stay the same, formulated anew.
+def change_along(formulation: Formulation, *moves: Callable[[float], Problem]) -> Change:
+    """Change of the numbers with moves of a problem, whose functions stay the same.
 
     Parameters
     ----------
     formulation : Formulation
-    problem_at : callable
-        Returns the problem after a move of some size.
+    *moves : callable
+        Each returns the problem after a move of some size.
     """
-    programme = formulation.programme
-    without = implied_end_rows(formulate(formulation.problem)) if formulation.end_rows_may_depend else ()
+    without = _rows_left_out(formulation)
 
-    def numbers(size: float) -> Array:
-        moved = _numbers(formulate(problem_at(size), without), formulation)
-        return np.concatenate([moved[f.name].ravel() for f in fields(Change)])
+    def change(problem_at: Callable[[float], Problem]) -> Change:
+        points = [(w, _numbers(pieces_of(problem_at(at), without), formulation)) for at, w in POINTS]
+        return Change(*(sum(w * getattr(n, f.name) for w, n in points) for f in fields(Change)))
 
-    flat, first, found = fourth_order(numbers), 0, {}
-    for f in fields(Change):
-        shape = getattr(Change.none(programme, 1), f.name).shape
-        count = int(np.prod(shape))
-        found[f.name] = flat[first : first + count].reshape(shape)
-        first += count
-    return Change(**found)
+    return Change.join([change(move) for move in moves])
 
 
-def _numbers(moved: Formulation, base: Formulation) -> dict[str, Array]:
-    programme, start = moved.programme, base.programme.x_start
-    (away,) = call(base.programme.functions, "difference", 1, [start, programme.x_start])
-    bounds = programme.bounds
-    return {
-        "start": away.dense(programme.kind.ndx),
-        "theta": programme.theta,
-        "rho": programme.rho,
-        "rho_terminal": _align(moved, base),
-        "lower": _finite(bounds.lower),
-        "upper": _finite(bounds.upper),
-    }
+def says_all(formulation: Formulation, change: Change, steps: Array, moved: Problem) -> bool:
+    """Whether the numbers of a problem are those of a change by steps of all its parameters at once.
+
+    Where steps differ, those of one parameter are no others'.
+    """
+    programme, bounds = formulation.programme, formulation.programme.bounds
+    before = Change(
+        start=np.zeros((1, programme.kind.ndx)),
+        theta=programme.theta[None],
+        rho=programme.rho[None],
+        rho_terminal=programme.rho_terminal[None],
+        lower=_finite(bounds.lower)[None],
+        upper=_finite(bounds.upper)[None],
+    )
+    after = _numbers(pieces_of(moved, _rows_left_out(formulation)), formulation)
+    trio = [[getattr(n, f.name) for n in (before, change.along(steps[None]), after)] for f in fields(Change)]
+    return all(np.allclose(was + by, now, rtol=_SAME, atol=_SAME) for was, by, now in trio)
+
+
+def _rows_left_out(formulation: Formulation) -> tuple[int, ...]:
+    """Rows of the end condition that the dynamics imply, and the formulation does without."""
+    if not formulation.end_rows_may_depend:
+        return ()
+    rows = len(pieces_of(formulation.problem).end_rows.of_joints)
+    has_all = rows == len(formulation.end_rows.of_joints)
+    return () if has_all else implied_end_rows(formulate(formulation.problem))
+
+
+def _numbers(moved: Pieces, base: Formulation) -> Change:
+    """Numbers of a problem that is moved, and its start as a move."""
+    theta, rho, rho_terminal = parameter_values(moved)
+    (away,) = call(base.programme.functions, "difference", 1, [base.programme.x_start, moved.x_start])
+    bounds = state_bounds(moved)
+    return Change(
+        start=away.dense(base.programme.kind.ndx),
+        theta=theta[None],
+        rho=rho[None],
+        rho_terminal=_align(rho_terminal, base)[None],
+        lower=_finite(bounds.lower)[None],
+        upper=_finite(bounds.upper)[None],
+    )
 
 
 def _finite(side: Array) -> Array:
     return np.where(np.isfinite(side), side, 0.0)
 
 
-def _align(moved: Formulation, base: Formulation) -> Array:
+def _align(rho_terminal: Array, base: Formulation) -> Array:
     """Numbers of the end with projections turned as near to those of the base as they can be.
 
     Rows of a projection span a space, and which rows they are is a matter of round-off.
     """
-    at, found = places(base.pieces.parameters.terminal), np.array(moved.programme.rho_terminal)
+    at, found = places(base.pieces.parameters.terminal), np.array(rho_terminal)
     nv = base.pieces.space.nv
     for name in ("D_q", "D_rate"):
         D = found[at[name]].reshape(nv, -1).T  # by columns

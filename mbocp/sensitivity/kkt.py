@@ -13,9 +13,10 @@ recursion factorises it once, and solves it for any right-hand side, in time lin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
+import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
@@ -105,12 +106,9 @@ class Kkt:
     Attributes
     ----------
     optimum : Optimum
-    of_start : Parts
-        Derivative of F in the tangent of the given state: a vector for each of its directions.
     """
 
     optimum: Optimum
-    of_start: Parts
     _native: KernelProgramme  # with K's factors
 
     @classmethod
@@ -145,13 +143,21 @@ class Kkt:
                 ws = np.zeros_like(optimum.ws)
                 ws[held] = native.z_upper if held.any() else 0.0
                 found = Optimum(programme, Iterate.read_from(native, programme), ws, held, optimum.sides)
-                return cls(found, _of_start(found), native)
+                return cls(found, native)
             native.move(1.0)
             native.accept(1.0)
         raise SolverError(
             "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
             f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
         )
+
+    @cached_property
+    def of_start(self) -> tuple[Array, Array, Array, Array]:
+        """Derivative of F in the tangent of the given state, shapes (ndx, any).
+
+        Of the first rows alone that belong to states, algebraic unknowns and controls, and of the first step.
+        """
+        return _of_start(self.optimum)
 
     def solve(self, right: Parts) -> Parts:
         """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
@@ -205,20 +211,17 @@ def _relative(step: Array, whole: Array) -> float:
     return float(np.abs(step).max(initial=0.0) / (1.0 + np.abs(whole).max(initial=0.0)))
 
 
-def _of_start(optimum: Optimum) -> Parts:
-    """Derivative of F in the tangent of the given state."""
+def _of_start(optimum: Optimum) -> tuple[Array, Array, Array, Array]:
     programme = optimum.programme
     kind, ndx = programme.kind, programme.kind.ndx
     inputs = [*(part[:1] for part in optimum.points), optimum.iterate.ms[:1]]
     given = [*inputs, programme.theta, programme.rho.ravel()[: kind.nr]]
     _, _, jacobian, _, hessian = call(programme.functions, "complete", 1, given)
     start, end = ndx + kind.ny, 2 * ndx + kind.ny  # columns are (x1, y, x0, u)
-    found = Parts.zeros(programme, ndx)
-    found.ms[:, 0] = jacobian.matrix((start, end + kind.nu))[:, start:end].T
+    of_rows = jacobian.matrix((start, end + kind.nu))[:, start:end].T
     whole = hessian.matrix((end + kind.nu, end + kind.nu))
     slopes = (whole + np.triu(whole, 1).T)[start:end]
-    found.xs[:, 0], found.ys[:, 0], found.us[:, 0] = slopes[:, :ndx], slopes[:, ndx:start], slopes[:, end:]
-    return found
+    return slopes[:, :ndx], slopes[:, ndx:start], slopes[:, end:], of_rows
 
 
 class Nonzeros(NamedTuple):
@@ -257,7 +260,7 @@ def call(
     SingularSystem
         If an output is not finite.
     """
-    sizes, patterns = _shapes(functions, name)
+    sizes, patterns = _shapes(functions.function(name))
     given = [
         value.ravel() if value.size == count * size else np.tile(value.ravel(), count)
         for value, size in zip(inputs, sizes, strict=True)
@@ -271,10 +274,9 @@ def call(
     )
 
 
-@lru_cache(maxsize=32)
-def _shapes(functions: CompiledFunctions, name: str) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
+@lru_cache(maxsize=64)
+def _shapes(function: ca.Function) -> tuple[list[int], list[tuple[IntArray, IntArray]]]:
     """Sizes of the inputs of a function, and rows and columns of the numbers of its outputs."""
-    function = functions.function(name)
     triplets = [function.sparsity_out(k).get_triplet() for k in range(function.n_out())]
     patterns = [
         (np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)) for rows, columns in triplets

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from mbocp._arrays import Array
@@ -14,69 +16,39 @@ from mbocp.sensitivity.kkt import Kkt, Optimum, Parts, call
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
-    """Derivatives of a scalar in a programme's numbers.
+class ParameterFunctions:
+    """The functions of `mbocp.sensitivity.derivative_functions` along a horizon, loaded when they are needed.
 
     Attributes
     ----------
-    start : ndarray, shape (ndx,)
-        In the tangent of the given state.
-    theta, rho, rho_terminal : ndarray
+    formulation : Formulation
     """
 
-    start: Array
-    theta: Array
-    rho: Array
-    rho_terminal: Array
+    formulation: Formulation
 
+    @cached_property
+    def of_stage(self) -> CompiledFunctions:
+        """Those of a step."""
+        return load_stage_functions(self.formulation)
 
-def gradient_of(change: Change, slopes: Slopes, pulls: Array, ws: Array) -> Array:
-    """Derivatives of a scalar in parameters, shape (k,).
+    @cached_property
+    def of_end(self) -> CompiledFunctions:
+        """Those of the end."""
+        return load_end_functions(self.formulation)
 
-    Parameters
-    ----------
-    change : Change
-        What the parameters make of the programme's numbers.
-    slopes : Slopes
-        Derivatives in these.
-    pulls : ndarray, shape (N, nx + nu + nh)
-        The negative of those in the bounds of active limits.
-    ws : ndarray, shape (N, nx + nu + nh)
-        Multipliers, whose signs say which bounds these are.
-    """
-    sides = np.where(ws > 0.0, change.upper, change.lower)
-    return (
-        change.start @ slopes.start
-        + change.theta @ slopes.theta
-        + change.rho @ slopes.rho
-        + change.rho_terminal @ slopes.rho_terminal
-        - np.einsum("knj,nj->k", sides, pulls)
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class ParameterFunctions:
-    """The functions of `mbocp.sensitivity.derivative_functions` along a horizon."""
-
-    of_stage: CompiledFunctions
-    of_end: CompiledFunctions
-
-    @classmethod
-    def of(cls, formulation: Formulation) -> ParameterFunctions:
-        """Those of a formulation."""
-        return cls(load_stage_functions(formulation), load_end_functions(formulation))
-
-    def slopes(self, optimum: Optimum) -> Slopes:
-        """Derivatives of the Lagrangian: of the optimal cost, by the envelope theorem."""
-        theta, rho, start = call(self.of_stage, "slope", len(optimum.ws), _given(optimum))
-        (end,) = call(self.of_end, "end_slope", 1, _given_at_end(optimum))
+    def gradient(self, optimum: Optimum, change: Change) -> Array:
+        """Derivatives of the optimal cost in parameters, shape (k,), by the envelope theorem."""
         programme, kind = optimum.programme, optimum.programme.kind
-        return Slopes(
-            start=start.dense(kind.ndx)[0],
-            theta=theta.dense(programme.theta.size).sum(axis=0),
-            rho=rho.dense(kind.nr).ravel(),
-            rho_terminal=end.dense(programme.rho_terminal.size)[0],
-        )
+        found = _of_bounds(optimum, optimum.ws, change)
+        if change.start.any() or change.is_in_steps:
+            theta, rho, start = call(self.of_stage, "slope", len(optimum.ws), _given(optimum))
+            found += change.start @ start.dense(kind.ndx)[0]
+            found += change.theta @ theta.dense(programme.theta.size).sum(axis=0)
+            found += change.rho @ rho.dense(kind.nr).ravel()
+        if change.rho_terminal.any():
+            (end,) = call(self.of_end, "end_slope", 1, _given_at_end(optimum))
+            found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
+        return found
 
     def push(self, kkt: Kkt, change: Change) -> Parts:
         """Derivatives of the optimality conditions in parameters."""
@@ -102,30 +74,38 @@ class ParameterFunctions:
                 slopes, g = call(self.of_end, "end_push", 1, given)
                 found.xs[k, -1] += slopes.dense(kind.ndx)[0]
                 found.eta[k] += g.dense(programme.ng)[0]
-        of_start = (np.tensordot(change.start, part, 1) for part in kkt.of_start)
-        return Parts(*(own + part for own, part in zip(found, of_start, strict=True)))
+        if change.start.any():
+            for own, part in zip(found[:4], kkt.of_start, strict=True):
+                own[:, 0] += change.start @ part
+        return found
 
-    def pull(self, kkt: Kkt, adjoint: Parts) -> Slopes:
-        """From an adjoint of the conditions, the only one of its parts, to derivatives in the numbers."""
+    def pull(self, kkt: Kkt, adjoint: Parts, change: Change) -> Array:
+        """Derivatives in parameters, shape (k,), from an adjoint of the conditions alone."""
         optimum, programme = kkt.optimum, kkt.optimum.programme
         kind, N = programme.kind, programme.num_steps
         xs, ys, us, ms, eta, ws = (part[0] for part in adjoint)
-        before = np.vstack([np.zeros((1, kind.ndx)), xs[:-1]])
-        bars = [np.hstack([xs, ys, before, us]), ms, ws[:, kind.nx + kind.nu :]]
-        theta, rho = call(self.of_stage, "pull", N, [*_given(optimum), *bars])
-        (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
-        return Slopes(
-            start=np.sum(
-                [
-                    np.tensordot(part, own[0], own[0].ndim)
-                    for part, own in zip(kkt.of_start, adjoint, strict=True)
-                ],
-                axis=0,
-            ),
-            theta=theta.dense(programme.theta.size).sum(axis=0),
-            rho=rho.dense(kind.nr).ravel(),
-            rho_terminal=end.dense(programme.rho_terminal.size)[0],
-        )
+        found = _of_bounds(optimum, ws, change)
+        if change.is_in_steps:
+            before = np.vstack([np.zeros((1, kind.ndx)), xs[:-1]])
+            bars = [np.hstack([xs, ys, before, us]), ms, ws[:, kind.nx + kind.nu :]]
+            theta, rho = call(self.of_stage, "pull", N, [*_given(optimum), *bars])
+            found += change.theta @ theta.dense(programme.theta.size).sum(axis=0)
+            found += change.rho @ rho.dense(kind.nr).ravel()
+        if change.rho_terminal.any():
+            (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
+            found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
+        if change.start.any():
+            pairs = zip(kkt.of_start, (xs, ys, us, ms), strict=True)
+            found += change.start @ sum(part @ own[0] for part, own in pairs)
+        return found
+
+
+def _of_bounds(optimum: Optimum, pulls: Array, change: Change) -> Array:
+    """Derivatives in parameters, shape (k,), from the negative of those in the bounds of active limits."""
+    if not pulls.any():
+        return np.zeros(len(change.start))
+    sides = np.where(optimum.ws > 0.0, change.upper, change.lower)
+    return -np.einsum("knj,nj->k", sides, pulls)
 
 
 def _given(optimum: Optimum) -> list[Array]:

@@ -51,27 +51,27 @@ class OfState(Parameter):
             return np.eye(len(self.names))
         return ConfigurationSpace(self.problem.robot.model).tangents(self.value[None])[0]
 
-    def _moves(self, q: Array) -> Array:
-        """Directions in which each number moves, a row each: as far as loops allow it."""
+    def _basis(self, q: Array) -> Array:
+        """Directions in which numbers may move, shape (nv, any), orthonormal: those that loops allow."""
         if self.word.endswith(".p") or not self.problem.robot.nc:
             return np.eye(self.problem.robot.nv)
-        return _projection(self.problem, q)
+        return self.problem.free_at_end(q)
 
-    def _formulate_anew(self, moves: Array) -> Change:
-        """Changes along directions, of which functions do not say what they make of the numbers."""
+    def _moves(self, q: Array) -> Array:
+        """How all move with each of the numbers, a row each: as far as loops allow it."""
+        basis = self._basis(q)
+        return basis @ basis.T
+
+    def _formulate_anew(self, q: Array) -> Change:
+        """Changes where functions do not say what they make of the numbers; q closes the loops."""
+        basis = self._basis(q)
 
         def move_by(move: Array, size: float) -> Problem:
             if self.is_configuration:
                 return self.put(self.problem, self.problem.robot.integrate(self.value, size * move))
             return self.put(self.problem, self.value + size * move)
 
-        return Change.join([change_along(self.formulation, partial(move_by, move)) for move in moves])
-
-
-def _projection(problem: Problem, q: Array) -> Array:
-    """Of velocities onto what loops allow."""
-    basis = problem.free_at_end(q)
-    return basis @ basis.T
+        return change_along(self.formulation, *(partial(move_by, move) for move in basis.T)).along(basis)
 
 
 def nearest_configuration(robot: Robot, q: Array) -> Array:
@@ -122,10 +122,9 @@ class Start(OfState):
     def change(self) -> Change:
         """Of the given state alone."""
         formulation, problem = self.formulation, self.problem
-        moves = self._moves(problem.q_start)
         if _begins_with_a_chord(problem) or _is_held_at_start(problem) or not _is_plain(problem):
-            return self._formulate_anew(moves)
-        found, at = self._none, formulation.layout
+            return self._formulate_anew(problem.q_start)
+        found, at, moves = self._none, formulation.layout, self._moves(problem.q_start)
         if self.is_configuration:
             found.start[:, : at.nw] = moves @ tangents(formulation, formulation.programme.x_start[None])[0].T
         else:
@@ -168,17 +167,17 @@ class GoalOfJoints(OfState):
     def change(self) -> Change:
         """Of numbers of the end."""
         formulation, problem = self.formulation, self.problem
-        moves = self._moves(problem.goal.q)
-        has_ties = problem.robot.nc or problem.timeline.switches is not None  # of which projections are made
-        if has_ties or not _is_plain(problem):
-            return self._formulate_anew(moves)
+        has_ties = problem.robot.nc or problem.timeline.switches is not None
+        makes_projections = self.is_configuration and has_ties
+        if makes_projections or not _is_plain(problem):
+            return self._formulate_anew(problem.goal.q)
         found, space = self._none, formulation.pieces.joints
         at = places(formulation.pieces.parameters.terminal)
         if self.is_configuration:
             z = space.coordinates(np.asarray(problem.goal.q)[None])[0]
             found.rho_terminal[:, at["q"]] = space.tangents(z[None])[0].T
         else:
-            found.rho_terminal[:, at["rate"]] = moves
+            found.rho_terminal[:, at["rate"]] = self._moves(problem.goal.q)
         return found
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,11 +18,24 @@ from mbocp.formulation.layout import places
 from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import OF_ROBOT, number_of, numbers_behind, put, with_numbers_of_model
+from mbocp.robot.named_numbers import (
+    OF_ROBOT,
+    named_numbers,
+    number_of,
+    numbers_behind,
+    opened_for,
+    put,
+    take,
+    with_numbers,
+    with_numbers_of_model,
+)
 from mbocp.robot.payload import INERTIA_KEYS, Payload
 from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.of_ends import nearest_configuration
 from mbocp.sensitivity.parameter import Parameter
+from mbocp.symbolic import ModelNumber
 
+_OF_PAYLOAD = "payload."
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
 
@@ -40,7 +53,7 @@ class OfRobot(Parameter):
         slopes = self.in_numbers
         ends = ((self.problem.u_start, self.problem.u_before), (self.problem.goal.u, self.problem.u_after))
         if any(said.rule == "rest" and isinstance(u, np.ndarray) for said, u in ends):
-            return Change.join([change_along(self.formulation, partial(self._move, s)) for s in slopes])
+            return change_along(self.formulation, *(partial(self._move, s) for s in slopes))
         found, layout = self._none, self.formulation.pieces.parameters
         found.theta[:, places(layout.theta)[NUMBERS]] = slopes
         found.rho_terminal[:, places(layout.terminal)[NUMBERS]] = slopes
@@ -124,15 +137,15 @@ class PayloadNumbers(OfRobot):
         name = self.word.split(".", 3)[2]
         return next(payload for payload in robot.payloads if payload.name == name)
 
-    def _numbers_of(self, robot: Robot) -> tuple[ca.SX, ca.SX]:
-        return _numbers_with(robot, self.word.removeprefix(OF_ROBOT), self.names)
+    def _numbers_after(self, robot: Robot, moved: Array) -> tuple[Array, Array]:
+        word = self.word.removeprefix(OF_ROBOT)
+        words = (word,) if len(self.names) == 1 else tuple(f"{word}.{name}" for name in self.names)
+        return _numbers_with(robot, words, moved)
 
     @property
     def in_numbers(self) -> Array:
         """Of the body that carries it, and of the frame at its centre of mass."""
-        moved, numbers = self._numbers_of(self.problem.robot)
-        slopes = ca.Function("slopes", [moved], [ca.densify(ca.jacobian(numbers, moved))])
-        return np.asarray(slopes(np.zeros(moved.numel()))).T
+        return self._numbers_after(self.problem.robot, np.zeros(len(self.names)))[1].T
 
     @property
     def value(self) -> Array:
@@ -152,20 +165,101 @@ class PayloadNumbers(OfRobot):
         own = np.array(getattr(payload, key))
         said: Any = float(value) if key == "mass" else tuple(map(float, value))
         carried = tuple(replace(p, **{key: said}) if p is payload else p for p in robot.payloads)
-        moved, numbers = self._numbers_of(robot)
-        values = np.asarray(ca.Function("numbers", [moved], [ca.densify(numbers)])(value - own)).ravel()
+        values, _ = self._numbers_after(robot, value - own)
         spec = {**robot.spec, "payload": [one.table for one in carried]}
         robot = replace(_with_numbers(robot, values), payloads=carried, spec=spec)
         return replace(problem, robot=robot)
 
 
-def _numbers_with(robot: Robot, word: str, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
-    """By how much numbers of the robot are changed, and what `robot.varying_values` are then."""
-    moved = ca.SX.sym("moved", len(names))
-    words = [word] if len(names) == 1 else [f"{word}.{name}" for name in names]
-    given = numbers_behind(robot, words)
-    now = {n: ca.SX(v) for n, v in zip(given, robot.values_of(given), strict=True)}
-    now |= {n: ca.SX(v) for n, v in zip(robot.varying, robot.varying_values, strict=True)}
-    changed = [(one, number_of(robot, one) + m) for one, m in zip(words, ca.vertsplit(moved), strict=True)]
-    after = put(robot, now, changed)
-    return moved, ca.vertcat(*[after[number] for number in robot.varying])
+@dataclass(frozen=True, eq=False)
+class NumberByWord(OfRobot):
+    """One number of a robot whose functions take what it is made of, see `opened_for_words`."""
+
+    @classmethod
+    def words(cls, formulation: Formulation) -> Iterator[str]:
+        """All of these but those of payloads; beside obstacles none that moves frames."""
+        problem, robot = formulation.problem, formulation.problem.robot
+        if NUMBERS not in formulation.pieces.parameters.theta or problem.parameter:
+            return
+        for word, number in named_numbers(robot).items():
+            is_taken = set(number.takes) <= set(robot.varying) and not word.startswith(_OF_PAYLOAD)
+            if is_taken and not (number.moves and problem.clearance is not None):
+                yield OF_ROBOT + word
+
+    @property
+    def _word(self) -> str:
+        return self.word.removeprefix(OF_ROBOT)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The word."""
+        return (self.word,)
+
+    @property
+    def in_numbers(self) -> Array:
+        """Of all that it is made of."""
+        return _numbers_with(self.problem.robot, (self._word,), np.zeros(1))[1].T
+
+    def change(self) -> Change:
+        """Of the numbers; where it moves closed loops or contacts, of start and goal, too, that keep them."""
+        problem, value = self.problem, self.value
+        has_ties = problem.robot.nc or problem.timeline.switches is not None
+        if not (has_ties and take(problem.robot, self._word).moves):
+            return super().change()
+        scale = abs(float(value)) or 1.0
+        moved = change_along(self.formulation, lambda size: self.put(problem, value + size * scale))
+        return moved.along(np.array([[1.0 / scale]]))
+
+    @property
+    def value(self) -> Array:
+        """As the robot has it."""
+        return np.array(number_of(self.problem.robot, self._word))
+
+    def put(self, problem: Problem, value: Array) -> Problem:
+        """With a robot of another number, and start and goal nearest to what its loops allow."""
+        moved = replace(problem, robot=with_numbers(problem.robot, {self._word: float(value)}))
+        goal, robot = problem.goal, moved.robot
+        if not robot.nc:
+            return moved
+        moved = replace(moved, q_start=nearest_configuration(robot, problem.q_start))
+        moved = replace(moved, goal=replace(goal, q=nearest_configuration(robot, goal.q)))
+        start, end = (moved.free_at_end(q) for q in (moved.q_start, moved.goal.q))
+        rate = end @ end.T @ goal.value if goal.rate == "v" else goal.value
+        goal = replace(moved.goal, value=rate)
+        return replace(moved, v_start=start @ start.T @ problem.v_start, goal=goal)
+
+
+def opened_for_words(problem: Problem, wrt: Sequence[str]) -> Problem:
+    """A problem whose functions take the robot's numbers of some words, as far as the robot has these."""
+    asked = [word.removeprefix(OF_ROBOT) for word in wrt if word.startswith(OF_ROBOT)]
+    known = named_numbers(problem.robot) if asked else {}
+    words = [word for word in asked if word in known and not word.startswith(_OF_PAYLOAD)]
+    if not words or problem.parameter:
+        return problem
+    return replace(problem, robot=opened_for(problem.robot, words))
+
+
+def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[Array, Array]:
+    """`robot.varying_values` after numbers of some words have grown, and derivatives of these in that."""
+    payloads = tuple((payload.name, payload.position is None) for payload in robot.payloads)
+    key = (robot.shape_fingerprint, robot.varying, payloads, words)
+    given = numbers_behind(robot, words) if key not in _growth else _growth[key][0]
+    if key not in _growth:
+        _growth[key] = given, _grow(robot, words, given)
+    values, slopes = _growth[key][1](robot.values_of(given), robot.varying_values, moved)
+    return np.asarray(values).ravel(), np.asarray(slopes)
+
+
+_growth: dict[tuple[Hashable, ...], tuple[tuple[ModelNumber, ...], ca.Function]] = {}  # by shapes of robots
+
+
+def _grow(robot: Robot, words: tuple[str, ...], given: tuple[ModelNumber, ...]) -> ca.Function:
+    symbols = [ca.SX.sym(name, len(of)) for name, of in (("g", given), ("v", robot.varying), ("m", words))]
+    of_given, of_varying, moved = symbols
+    now = dict(zip(given, ca.vertsplit(of_given), strict=True))
+    now |= dict(zip(robot.varying, ca.vertsplit(of_varying), strict=True))
+    pairs = zip(words, ca.vertsplit(moved), strict=True)
+    after = put(robot, now, [(word, take(robot, word).get(now) + m) for word, m in pairs])
+    numbers = ca.vertcat(*[after[number] for number in robot.varying])
+    outputs = [ca.densify(numbers), ca.densify(ca.jacobian(numbers, moved))]
+    return ca.Function("grow", symbols, outputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,11 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
-from mbocp.formulation import Formulation
+from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
 from mbocp.sensitivity.change import Change
 from mbocp.sensitivity.kkt import Optimum, Parts
-from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions, gradient_of
+from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameter import Parameter
@@ -59,7 +60,7 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
         If the solution does not hold the solver's last iterate, or is one of several goals.
     """
     words = (wrt,) if isinstance(wrt, str) else tuple(wrt)
-    formulation, iterate = formulate_again(solution)
+    formulation, iterate = formulate_again(solution, words)
     return Sensitivities(formulation, iterate, tuple(parameters_of(formulation, words)))
 
 
@@ -101,6 +102,11 @@ class Sensitivities:
         """Limits that are active with next to no multiplier, or nearly active."""
         return self._optimum.degenerate
 
+    @property
+    def motion(self) -> Motion:
+        """That whose conditions hold to round-off; the solution's own ends at a barrier."""
+        return self._reader.motion
+
     @cached_property
     def cost(self) -> dict[str, Array]:
         """Gradient of the cost by parameter, by the envelope theorem: no system is solved.
@@ -111,8 +117,7 @@ class Sensitivities:
         return self._by_word(self._cost_at(with_active_limits(self.formulation.programme, self.iterate)))
 
     def _cost_at(self, optimum: Optimum) -> Array:
-        slopes = self._functions.slopes(optimum)
-        return gradient_of(self._change, slopes, optimum.ws, optimum.ws)
+        return self._functions.gradient(optimum, self._change)
 
     def of(self, quantity: str, word: str) -> Array:
         """Derivative of a quantity of the solution in a parameter.
@@ -172,7 +177,7 @@ class Sensitivities:
             given[word][:] = _fitting(word, move, given[word].shape)
         weights = np.concatenate(list(given.values()))
         stretch = np.array([weights @ self._stretches])
-        (along,) = self._moves_for(self._change.along(weights), stretch)
+        (along,) = self._moves_for(self._change.along(weights[None]), stretch)
         return {
             "cost": weights @ self._cost_at(self._optimum.kkt.optimum),
             **self._reader.along(along, OF_MOTION),
@@ -194,7 +199,7 @@ class Sensitivities:
         SingularSystem
             If the optimum is not the only one near.
         """
-        kkt, motion = self._optimum.kkt, self._reader.motion
+        kkt, motion = self._optimum.kkt, self.motion
         shapes = {
             "cost": (),
             "qs": motion.vs.shape,
@@ -210,9 +215,8 @@ class Sensitivities:
         xs, us, stretch = self._reader.pull_back(given)
         zeros = Parts.zeros(self.formulation.programme, 1)
         adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
-        found = self._functions.pull(kkt, adjoint)
-        found.start[:] += xs[0]
-        whole = gradient_of(self._change, found, adjoint.ws[0], kkt.optimum.ws) + stretch * self._stretches
+        whole = self._functions.pull(kkt, adjoint, self._change)
+        whole += self._change.start @ xs[0] + stretch * self._stretches
         if of_cost:
             whole += of_cost * self._cost_at(kkt.optimum)
         return self._by_word(whole)
@@ -231,7 +235,7 @@ class Sensitivities:
 
     @cached_property
     def _functions(self) -> ParameterFunctions:
-        return ParameterFunctions.of(self.formulation)
+        return ParameterFunctions(self.formulation)
 
     @cached_property
     def _change(self) -> Change:
@@ -245,7 +249,8 @@ class Sensitivities:
     def _stretches(self) -> Array:
         """By which part of them each number makes all given lengths of steps grow."""
         T = self.formulation.problem.duration
-        return np.concatenate([np.full(len(p.names), p.scales_time / T) for p in self.parameters])
+        pairs = zip(self.names.values(), self.parameters, strict=True)
+        return np.concatenate([np.full(len(names), p.scales_time / T) for names, p in pairs])
 
     @cached_property
     def _moves(self) -> dict[str, list[Move]]:
@@ -270,8 +275,8 @@ class Sensitivities:
 
     def _by_word(self, whole: Any) -> dict[str, Any]:
         """Parts of what belongs to all parameters, one after the other."""
-        ends = np.cumsum([0, *(len(p.names) for p in self.parameters)])
-        return {p.word: whole[ends[i] : ends[i + 1]] for i, p in enumerate(self.parameters)}
+        ends = accumulate(map(len, self.names.values()), initial=0)
+        return {word: whole[slice(*pair)] for word, pair in zip(self.names, pairwise(ends), strict=True)}
 
 
 def _fitting(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

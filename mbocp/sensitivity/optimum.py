@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -12,11 +13,12 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
-from mbocp.formulation.formulate import formulate_with_independent_ends
+from mbocp.formulation.formulate import formulate_with_independent_ends, formulation_in_use
 from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.kkt import Kkt, Optimum, call
+from mbocp.sensitivity.of_robot import opened_for_words
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held_limits import active_limits
 from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
@@ -48,8 +50,14 @@ class Found:
     degenerate: tuple[str, ...]
 
 
-def formulate_again(solution: Solution) -> tuple[Formulation, Iterate]:
+def formulate_again(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Formulation, Iterate]:
     """Formulation that a solution is one of, and its iterate there.
+
+    Parameters
+    ----------
+    solution : Solution
+    wrt : sequence of str
+        Words of numbers that functions have to take as parameters.
 
     Raises
     ------
@@ -68,10 +76,10 @@ def formulate_again(solution: Solution) -> tuple[Formulation, Iterate]:
             "sensitivities: the solution is robust, and the room that its limits leave moves with all "
             "numbers; solve without [robust]"
         )
-    return formulate_as_solved(solution)
+    return formulate_as_solved(solution, wrt)
 
 
-def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
+def formulate_as_solved(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Formulation, Iterate]:
     """The same of any solution, without the room that limits leave for what is uncertain.
 
     Raises
@@ -82,12 +90,15 @@ def formulate_as_solved(solution: Solution) -> tuple[Formulation, Iterate]:
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = replace(take_end_of(solution.problem, carried), limits_within=carried.limits_within)
+    problem = take_end_of(solution.problem, carried)
+    if problem.limits_within != carried.limits_within:
+        problem = replace(problem, limits_within=carried.limits_within)
     if problem.goals:
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
         problem = with_room(problem, carried.room, solution.t, solution.qs)
-    formulation, _ = formulate_with_independent_ends(problem, math.inf)
+    problem = opened_for_words(problem, wrt)
+    formulation = formulation_in_use(problem) or formulate_with_independent_ends(problem, math.inf)[0]
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")
     return formulation, carried.into(formulation.programme)
@@ -115,6 +126,8 @@ def find_optimum(formulation: Formulation, iterate: Iterate) -> Found:
 def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
     for _ in range(_ROUNDS):
         kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
+        if optimum.programme.bounds.is_empty:
+            return Found(formulation, kkt, ())
         optimum = _correct(kkt.optimum)
         if np.array_equal(optimum.held, kkt.optimum.held):
             return Found(formulation, kkt, _degenerate(optimum))

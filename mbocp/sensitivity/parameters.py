@@ -14,14 +14,15 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.change import Change, change_along, says_all
 from mbocp.sensitivity.of_ends import GoalOfFrame, GoalOfJoints, Start, has_chord
-from mbocp.sensitivity.of_robot import NumbersOfRobot, PayloadNumbers
+from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
 from mbocp.sensitivity.parameter import Parameter
 from mbocp.terms.cost import RunningTerm, Weighted
 from mbocp.terms.kinds import Tracking
 
 _SIDES = ("lower", "upper")
+_LITTLE = 2.0**-15  # by which a number is moved to see what moves with it
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,27 +119,43 @@ class Limit(Parameter):
         return tuple(label.name for label in labels)
 
     def change(self) -> Change:
-        """Of bounds; those of controls are as many as controls have values in a step."""
-        value, found = self.value, self._none
-        letter, _, side = self._field.partition("_")
-        if letter == "u" and not self.problem.inequalities:
-            at, kind = self.formulation.layout, self.formulation.programme.kind
-            bounds = getattr(self.formulation.programme.bounds, f"u_{side}")
-            for column in range(at.num_own):
-                k = column % len(value)
-                is_finite = np.isfinite(bounds[:, column])
-                getattr(found, side)[k, is_finite, kind.nx + column] = 1.0
+        """Of bounds of the same numbers, if these are all; else of what formulating anew makes of each."""
+        value, problem = self.value, self.problem
+        found = self._of_bounds()
+        looser = 1.0 if self._field.endswith("upper") else -1.0
+        steps = looser * np.linspace(_LITTLE, 2.0 * _LITTLE, len(value))
+        if says_all(self.formulation, found, steps, self.put(problem, value + steps)):
             return found
+        scales = np.where(np.isfinite(value) & (value != 0.0), np.abs(value), 1.0)  # powers may go with it
+        is_finite = np.isfinite(value)
+        moves = np.diag(scales)[is_finite]
+        moved = change_along(
+            self.formulation, *(lambda size, by=by: self.put(problem, value + size * by) for by in moves)
+        )
+        return moved.along(np.eye(len(value))[:, is_finite] / scales[is_finite])
 
-        def change_of(k: int) -> Change:
-            if not np.isfinite(value[k]):
-                return Change.none(self.formulation.programme, 1)
-            scale = abs(value[k]) or 1.0  # numbers may go with powers of it
-            move = scale * np.eye(len(value))[k]
-            moved = change_along(self.formulation, lambda size: self.put(self.problem, value + size * move))
-            return moved.along(np.array([1.0 / scale]))
-
-        return Change.join([change_of(k) for k in range(len(value))])
+    def _of_bounds(self) -> Change:
+        """Of bounds of coordinates, of speeds, and of controls, of which steps may have several values."""
+        found, at = self._none, self.formulation.layout
+        letter, _, side = self._field.partition("_")
+        columns, numbers = list[int](), list[int]()  # of states and controls, and which number is theirs
+        if letter == "q":
+            for part in self.formulation.space.parts:
+                count = min(part.at_z.stop - part.at_z.start, part.at_q.stop - part.at_q.start)
+                columns += range(part.at_z.start, part.at_z.start + count)
+                numbers += range(part.at_q.start, part.at_q.start + count)
+        elif letter == "v":
+            numbers = list(range(min(at.ns, len(self.names))))
+            columns = [at.s.start + k for k in numbers]
+        elif letter == "u":
+            columns = list(range(at.nx, at.nx + at.num_own))
+            numbers = [k % len(self.names) for k in range(at.num_own)]
+        pairs = zip(columns, numbers, strict=True)
+        bounds = getattr(self.formulation.programme.bounds, side)
+        of_bounds = np.zeros(found.lower.shape)
+        for column, k in pairs:
+            of_bounds[k, np.isfinite(bounds[:, column]), column] = 1.0
+        return replace(found, **{side: of_bounds})
 
     @property
     def value(self) -> Array:
@@ -172,18 +189,20 @@ class Duration(Parameter):
         return (self.word,)
 
     def change(self) -> Change:
-        """Of the length of a step, and of all that depends on it or tells the time."""
-        T = self.problem.duration
-        return change_along(
-            self.formulation, lambda size: self.put(self.problem, np.array(T * (1.0 + size)))
-        ).along(np.array([1.0 / T]))
+        """Of the length of a step, if that is all; else of all that depends on it or tells the time."""
+        T, problem, found = self.problem.duration, self.problem, self._none
+        found.theta[0, places(self.formulation.pieces.parameters.theta)["dt"]] = problem.dt / T
+        if says_all(self.formulation, found, np.array([_LITTLE * T]), self.put(problem, T * (1.0 + _LITTLE))):
+            return found
+        moved = change_along(self.formulation, lambda size: self.put(problem, T * (1.0 + size)))
+        return moved.along(np.array([[1.0 / T]]))
 
     @property
     def value(self) -> Array:
         """The duration."""
         return np.array(self.problem.duration)
 
-    def put(self, problem: Problem, value: Array) -> Problem:
+    def put(self, problem: Problem, value: Array | float) -> Problem:
         """With another one."""
         timeline, duration = problem.timeline, float(value)
         phases = tuple(replace(phase, duration=duration) for phase in timeline.phases)
@@ -199,6 +218,7 @@ PARAMETERS: tuple[type[Parameter], ...] = (
     Duration,
     PayloadNumbers,
     NumbersOfRobot,
+    NumberByWord,
 )
 
 
@@ -210,7 +230,11 @@ def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[Paramete
     ProblemError
         If the problem has none of a word, or derivatives in it are not supported.
     """
-    kinds = {word: kind for kind in PARAMETERS for word in kind.words(formulation)}
+    kinds: dict[str, type[Parameter]] = {}
+    for kind in PARAMETERS:
+        kinds |= dict.fromkeys(kind.words(formulation), kind)
+        if wrt and kinds.keys() >= set(wrt):
+            break
     for word in wrt or ("",):
         if word not in kinds:
             raise ProblemError(

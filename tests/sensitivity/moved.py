@@ -9,6 +9,7 @@ import pinocchio as pin
 
 import mbocp
 from mbocp.problem.limits import LIMITS
+from mbocp.robot.named_numbers import number_of, with_numbers
 
 ROUND_OFF = 1e-14
 
@@ -37,7 +38,9 @@ def moved(problem, word, k, size):
         return problem.with_(limits=replace(problem.limits, **{field: sides}))
     if word == "horizon.duration":
         return problem.with_(duration=problem.duration + size)
-    return problem.with_(robot=moved_payload(problem.robot, key, k, size))
+    if key.startswith("payload"):
+        return problem.with_(robot=moved_payload(problem.robot, key, k, size))
+    return with_other_number(problem, key, size)
 
 
 def allowed(problem, q):
@@ -48,8 +51,11 @@ def allowed(problem, q):
 
 def moved_configuration(problem, q, k, size):
     """A configuration moved along a direction that loops allow, with closed loops."""
-    robot = problem.robot
-    q = robot.integrate(q, size * allowed(problem, q)[k])
+    return closed(problem.robot, problem.robot.integrate(q, size * allowed(problem, q)[k]))
+
+
+def closed(robot, q):
+    """A configuration near another, whose loops are closed."""
     while robot.nc and np.abs(robot.constraint_residual(q)).max() > ROUND_OFF:
         q = robot.integrate(q, -np.linalg.pinv(robot.constraint_jacobian(q)) @ robot.constraint_residual(q))
     return q
@@ -68,6 +74,13 @@ def moved_goal(problem, goal, key, k, size):
         turned = target.rotation @ pin.exp3(size * np.eye(3)[k])
         target = replace(target, orientation=pin.Quaternion(turned).coeffs())
     return replace(goal, frames=(replace(frame, target=target),))
+
+
+def with_other_number(problem, word, size):
+    """With one more of a number of the robot, and start and goal near those of before."""
+    robot = with_numbers(problem.robot, {word: number_of(problem.robot, word) + size})
+    q_start, q_goal = (closed(robot, q) for q in (problem.q_start, problem.goal.q))
+    return replace(problem, robot=robot, q_start=q_start, goal=replace(problem.goal, q=q_goal))
 
 
 def moved_payload(robot, key, k, size):

@@ -61,6 +61,10 @@ def explicit_steps():
     return example("so3/unicycle_pendulum.toml", steps=40)
 
 
+def quartic_spring():
+    return example("paper/cart_pendulum_elastic.toml", steps=40)
+
+
 def continuous_joints():
     reach = example("arms/kinova_reach.toml", steps=24, cost={"velocity": 10.0})
     assert reach.robot.nq > reach.robot.nv
@@ -141,6 +145,10 @@ CASES = [
     (loop, "goal.q", 1, 1e-3),
     (loop, "goal.v", 0, 1e-3),
     (loop, "horizon.duration", 0, 1e-3),
+    (loop, "robot.frame.coupler_pin.length", 0, 1e-4),
+    (loop, "robot.joint.rocker.mass", 0, 1e-3),
+    (quartic_spring, "robot.spring.spring.length", 0, 1e-4),
+    (arm_with_slow_torques, "robot.joint.elbow_joint.length", 0, 1e-4),
     (loop_of_bodies, "start.q", 0, 1e-3),
     (loop_of_bodies, "start.v", 0, 1e-3),
     (loop_of_bodies, "goal.q", 1, 1e-3),
@@ -382,11 +390,19 @@ def arm_between_times(until):
     return example("arms/ur5_reach.toml", steps=20).with_(terms=[held])
 
 
-@pytest.mark.parametrize("path", ["design/five_bar_lengths.toml", "design/gear_ratio.toml"])
-def test_numbers_that_are_found_are_no_parameters(path):
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [
+        ("design/five_bar_lengths.toml", "robot.numbers"),
+        ("design/gear_ratio.toml", "robot.numbers"),
+        ("design/five_bar_lengths.toml", "robot.joint.left_elbow.mass"),  # beside those that are found
+        ("arms/past_a_belt.toml", "robot.joint.elbow_joint.length"),  # which obstacles do not follow
+    ],
+)
+def test_numbers_that_equations_do_not_take_are_no_parameters(path, word):
     solution = solved(mbocp.load_problem(EXAMPLES / path))
-    with pytest.raises(ProblemError, match=r"'robot\.numbers' is no parameter"):
-        mbocp.sensitivities(solution, ["robot.numbers"])
+    with pytest.raises(ProblemError, match=f"'{word}' is no parameter"):
+        mbocp.sensitivities(solution, [word])
 
 
 def test_a_target_that_is_the_goal_has_no_parameter():

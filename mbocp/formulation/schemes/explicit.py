@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -17,7 +16,7 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.goal import end_condition_rows, guarded_parts
 from mbocp.formulation.motion import Motion, NodeSlopes
-from mbocp.formulation.pieces import RowLabels, impulses
+from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
@@ -51,8 +50,8 @@ class ExplicitFormulation(JointFormulation):
     tau = force_tau = 1.0  # of a guess: velocities of a line lag by half a step, no more
 
     @classmethod
-    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ExplicitFormulation:
-        """See `mbocp.formulation.formulate`."""
+    def pieces_of(cls, problem: Problem) -> Pieces:
+        """See `Formulation.pieces_of`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, robot.rotations)
         guarded = guarded_parts(problem, space)
@@ -70,7 +69,7 @@ class ExplicitFormulation(JointFormulation):
         words = RowLabels(robot.v_labels, "rate", robot.speed_labels)
         start_speeds = robot.speeds(problem.q_start, problem.v_start)
         own = (impulses(0, problem.dt), start_speeds, free_speed_bounds(problem))
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
+        return joint_pieces(problem, signature, space, rows, *own, words)
 
     def start_state(self, q: Array, v: Array) -> Array:
         """First state of the programme at a state of the robot, without what it remembers."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ from mbocp.formulation.features.switches import (
 )
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import RowLabels, impulses
+from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
@@ -47,8 +46,8 @@ class ImplicitFormulation(JointFormulation):
     """States are (q, v) of the joints; steps are equations that hold between two of them."""
 
     @classmethod
-    def of(cls, problem: Problem, *, deadline: float = math.inf) -> ImplicitFormulation:
-        """See `mbocp.formulation.formulate`."""
+    def pieces_of(cls, problem: Problem) -> Pieces:
+        """See `Formulation.pieces_of`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, "quaternion")
         rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
@@ -57,7 +56,7 @@ class ImplicitFormulation(JointFormulation):
         labels = labels_of(problem)
         words = RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels)
         own = (impulses(len(labels), problem.dt), consistent_velocity(problem), problem.limits_along()["v"])
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
+        return joint_pieces(problem, signature, space, rows, *own, words)
 
     @property
     def keeps_adjoints(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -59,8 +58,8 @@ class NaturalFormulation(Formulation):
     can_drift = True
 
     @classmethod
-    def of(cls, problem: Problem, *, deadline: float = math.inf) -> NaturalFormulation:
-        """See `mbocp.formulation.formulate`."""
+    def pieces_of(cls, problem: Problem) -> Pieces:
+        """See `Formulation.pieces_of`."""
         robot = problem.robot
         mechanics = natural_mechanics(robot)
         joints, space = mechanics.joint_space, NaturalSpace(mechanics, problem.q_start)
@@ -74,7 +73,7 @@ class NaturalFormulation(Formulation):
         unbounded = np.full(at.ns, np.inf)
         names = mechanics.coordinate_labels
         start = _start(problem, space, problem.q_start, consistent_velocity(problem))
-        pieces = Pieces(
+        return Pieces(
             problem=problem,
             joints=joints,
             space=space,
@@ -89,7 +88,6 @@ class NaturalFormulation(Formulation):
             speed_bounds=(-unbounded, unbounded),
             labels=RowLabels(names, "momentum balance", names, labels),
         )
-        return cls.made_of(pieces, deadline)
 
     @property
     def constraint_labels(self) -> tuple[Label, ...]:

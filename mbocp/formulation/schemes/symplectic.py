@@ -5,7 +5,6 @@ Rates of stages and impulses at them are unknowns of the step.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -20,7 +19,7 @@ from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.accelerations import acceleration_at, mean_acceleration
 from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import Algebraic, RowLabels
+from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
 from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
@@ -171,8 +170,8 @@ class PartitionedFormulation(JointFormulation):
     tau = force_tau = 0.5
 
     @classmethod
-    def of(cls, problem: Problem, *, deadline: float = math.inf) -> PartitionedFormulation:
-        """See `mbocp.formulation.formulate`."""
+    def pieces_of(cls, problem: Problem) -> Pieces:
+        """See `Formulation.pieces_of`."""
         robot, pair = problem.robot, PAIRS[problem.scheme]
         space = ConfigurationSpace(robot.model, "quaternion")
         rows = end_condition_rows(robot, problem.goal)
@@ -187,7 +186,7 @@ class PartitionedFormulation(JointFormulation):
         )
         algebraic = _algebraic(pair, robot.nv, robot.nc, problem.dt)
         own = (algebraic, problem.v_start, problem.limits_along()["v"])
-        return cls.made_of(joint_pieces(problem, signature, space, rows, *own, words), deadline)
+        return joint_pieces(problem, signature, space, rows, *own, words)
 
     @property
     def pair(self) -> Pair:

@@ -56,13 +56,17 @@ def hold(
     programme: StagewiseProgramme, iterate: Iterate, pulls: Array, held: BoolArray, sides: Array
 ) -> KernelProgramme:
     """Kernel programme at an iterate with some limits as equations, and no others; see `active_limits`."""
+    fixed = replace(programme, num_guards=0)
+    if not held.any():
+        native = kernel_programme(fixed)
+        iterate.load_into(native)
+        return native
     lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
-    fixed = replace(programme, num_guards=0, bounds=programme.bounds.with_sides(lower, upper))
-    native = kernel_programme(fixed, has_limits=bool(held.any()))
+    fixed = replace(fixed, bounds=programme.bounds.with_sides(lower, upper))
+    native = kernel_programme(fixed, has_limits=True)
     iterate.load_into(native)
-    if held.any():
-        native.start_limits(_ANY)
-        native.z_upper = pulls[held]
+    native.start_limits(_ANY)
+    native.z_upper = pulls[held]
     return native
 
 
@@ -75,7 +79,8 @@ def factorise_held(
 ) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
-    Each is tried twice: from the first factorisation the kernel learns how much held limits have to weigh.
+    Where limits are held, each is tried twice: from the first factorisation the kernel learns how much these
+    have to weigh.
     Shifts of the Hessian in the states, and the first weight of the end condition, are by the weight of the
     controls.
     """
@@ -84,9 +89,10 @@ def factorise_held(
         weight = first
         while weight <= _LAST_WEIGHT:
             weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
-            native.factorise(*weights)
-            native.weigh(native.barrier)
             found = native.factorise(*weights)
+            if len(native.z_upper):
+                native.weigh(native.barrier)
+                found = native.factorise(*weights)
             if found.ok and found.negative == programme.ng:
                 return True
             weight *= 100.0
