@@ -301,12 +301,12 @@ class LimitsExceeded(MbocpError):
     `excesses` has each limit that is left, with joint, value and time: `mbocp.solution.sent.Excess`.
     """
 
-    def __init__(self, path: Path | str, excesses: Sequence[Any]) -> None:
+    def __init__(self, path: Path | str, excesses: Sequence[Any], remedy: str) -> None:
         self.path, self.excesses = Path(path), tuple(excesses)
         listed = "; ".join(f"{excess.name}: {excess.words}" for excess in excesses[:_MOST_LISTED])
         listed += f"; and {len(excesses) - _MOST_LISTED} more" if len(excesses) > _MOST_LISTED else ""
         super().__init__(
-            f"{path}: not written, the motion leaves its limits as it is sent: {listed}. Take more steps; "
+            f"{path}: not written, the motion leaves its limits as it is sent: {listed}; {remedy}; "
             "check=False writes it all the same"
         )
 

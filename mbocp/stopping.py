@@ -21,7 +21,9 @@ from mbocp.solving import solve
 _LEADING = ("follow", "line")  # paths that say where a frame goes, and so where it would have to stop
 _SPREAD = 20.0  # how much shorter or longer than estimated a stop may be
 _RESTING = 1e-9  # [rad/s, m/s]
-_SMALL = 1e-4  # part of the cost of time that controls cost: enough to tell them apart where they are free
+_SMALL = (
+    1e-3  # part of the cost of time that controls cost: less does not tell them apart where they are free
+)
 
 
 def stop(

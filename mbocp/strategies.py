@@ -118,8 +118,8 @@ class OneSolve:
 class WithinSteps:
     """Solve so that speeds, accelerations and what falls with a speed keep their limits between nodes, too.
 
-    Limits of accelerations hold there from the first, and others with them; those of speeds and motors alone,
-    or where that comes to nothing, only if the motion leaves them by far.
+    Limits of accelerations and jerks hold there from the first, and others with them; those of speeds and
+    motors alone, or where that comes to nothing, only if the motion leaves them by far.
 
     Attributes
     ----------

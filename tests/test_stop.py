@@ -49,6 +49,15 @@ def test_with_a_limit_of_jerk_it_takes_as_long_as_that_asks_for(rotor: mbocp.Rob
     assert s.accelerations[-1, 0] == pytest.approx(-10.0 * half, rel=1e-4)  # and none after half a step
 
 
+def test_torques_alone_stop_an_arm_from_any_state() -> None:
+    """Within 20 short steps, in which torques leap from limit to limit."""
+    words = {"goal": {"q": [0.0] * 6, "v": 0}, "limits": {"effort": True, "velocity": True}}
+    problem, rng = Problem.create("ur5", 1.0, 30, **words), np.random.default_rng(7)
+    for _ in range(16):  # with a tenth of the weight of controls four of them stagnated
+        q, v = rng.uniform(-2.0, 2.0, 6), rng.uniform(-0.9, 0.9, 6) * problem.robot.limits.velocity
+        assert mbocp.stop(problem, q=q, v=v).converged
+
+
 def test_it_goes_on_with_the_acceleration_of_the_motion(rotor: mbocp.Robot) -> None:
     plan = mbocp.solve(swing(rotor, jerk=4.0), check=True)
     s = mbocp.stop(plan, at=0.5)

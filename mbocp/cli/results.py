@@ -200,7 +200,13 @@ def export(
 ) -> None:
     """Write a motion for controllers, viewers and other tools."""
     from mbocp.solution import Solution
-    from mbocp.solution.export_formats import format_of, sent_within, write_recording, write_samples
+    from mbocp.solution.export_formats import (
+        format_of,
+        sent_within,
+        what_helps,
+        write_recording,
+        write_samples,
+    )
     from mbocp.solution.recordings import RECORDINGS
     from mbocp.solution.sampled import sample
 
@@ -227,7 +233,7 @@ def export(
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if of_joints and check:
-        typer.echo(f"{output}: not written; take more steps, or --no-check", err=True)
+        typer.echo(f"{output}: not written; {what_helps(sent, excesses)}, or --no-check", err=True)
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)
     if not quiet:

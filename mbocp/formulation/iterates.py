@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.memory import kept_at_start
 from mbocp.formulation.features.step_lengths import lengths_of_states
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
@@ -47,8 +49,12 @@ def take_end_of(problem: Problem, carried: Carried) -> Problem:
     return problem
 
 
-def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulation) -> Iterate | None:
-    """An iterate as it was; of one with more steps the last ones. None where unknowns or motion are others.
+def restore(
+    carried: Carried, dts: Array, motion: Iterate, formulation: Formulation, steps: IntArray
+) -> Iterate | None:
+    """An iterate as it was, or its last steps; of a later part within limits its multipliers with the motion.
+
+    None where unknowns are others, or steps are not about as long.
 
     Parameters
     ----------
@@ -56,26 +62,34 @@ def restore(carried: Carried, dts: Array, motion: Iterate, formulation: Formulat
     dts : ndarray, shape (M,)
         Lengths of its steps [s].
     motion : Iterate
-        Of the same motion, or its last steps, for the formulation.
+        Of the same motion, or a later part of it, for the formulation.
     formulation : Formulation
-        Of a problem that may differ in all numbers but the lengths of steps, in its costs and in its path
-        constraints.
+        Of a problem that may differ in all numbers, in its costs and in its path constraints.
+    steps : ndarray of int, shape (N,)
+        Which of its steps the middle of each step of the motion is in.
     """
     programme, problem, at = formulation.programme, formulation.problem, formulation.layout
-    first = len(dts) - problem.num_steps
-    if first < 0 or carried.meaning != _meaning(formulation):
+    if len(carried.iterate.ms) != len(dts) or carried.meaning != _meaning(formulation):
         return None
-    rest, lengths = carried.rest(first), lengths_of_states(problem, at, motion.xs)
-    if not (rest.fits(programme) and np.allclose(lengths, dts[first:], rtol=_SAME, atol=_SAME * problem.dt)):
+    part, lengths = carried.at_steps(steps), lengths_of_states(problem, at, motion.xs)
+    if not part.fits(programme):
         return None
-    iterate = rest.into(programme)
-    if not _is_of(iterate, motion, at):
+    iterate, before, first = part.into(programme), dts[steps], int(steps[0])
+    is_part = np.allclose(lengths, before, rtol=_SAME, atol=_SAME * problem.dt) and _is_of(
+        iterate, motion, at
+    )
+    is_alike = bool(np.all((lengths <= 2.0 * before) & (before <= 2.0 * lengths)))
+    if not (is_part or (first and is_alike and iterate.bounds is not None)):
         return None
-    unit = problem.dt * iterate.xs[1, at.states["h"]] / dts[first] if "h" in at.states else np.ones(0)
-    is_whole = first == 0 and np.allclose(unit, 1.0, rtol=_SAME, atol=0.0)
+    unit = problem.dt * iterate.xs[1, at.states["h"]] / before[0] if "h" in at.states else np.ones(0)
+    is_whole = is_part and first == 0 and np.allclose(unit, 1.0, rtol=_SAME, atol=0.0)
     xs = np.vstack([programme.x_start, iterate.xs[1:]]) if is_whole else motion.xs
     us = iterate.us if is_whole else motion.us
-    return replace(_in_units(iterate, at, unit, len(dts)), xs=frozen_array(xs), us=frozen_array(us))
+    iterate = _in_units(
+        iterate, at, {**_units_of(iterate, motion, at), "h": unit, "t": unit * len(steps) / len(dts)}
+    )
+    iterate = _from_start(iterate, formulation) if first else iterate
+    return replace(iterate, xs=frozen_array(xs), us=frozen_array(us))
 
 
 def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
@@ -90,9 +104,16 @@ def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
     )
 
 
-def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Iterate:
-    """The iterate with multipliers for a unit of lengths that is so many times the one it had."""
-    units = {"h": unit, "t": unit * len(iterate.ms) / steps}
+def _units_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> dict[str, Array | float]:
+    """Unit of accelerations of a motion, see `memory_units`, by that of an iterate of about the same one."""
+    if "acceleration" not in at.states:
+        return {}
+    before, now = (np.linalg.norm(one.xs[1:, at.states["acceleration"]]) for one in (iterate, motion))
+    return {"acceleration": before / now} if before and now else {}
+
+
+def _in_units(iterate: Iterate, at: StateLayout, units: Mapping[str, Array | float]) -> Iterate:
+    """The iterate with multipliers for units that are so many times those it had."""
     ms, bounds = np.array(iterate.ms), iterate.bounds
     for name in units.keys() & at.states.keys():
         ms[:, at.rows[name]] *= units[name]
@@ -101,6 +122,22 @@ def _in_units(iterate: Iterate, at: StateLayout, unit: Array, steps: int) -> Ite
             lam_xs[:, at.states[name]] *= units[name]
             bounds = replace(bounds, xs=lam_xs)
     return replace(iterate, ms=ms, bounds=bounds)
+
+
+def _from_start(iterate: Iterate, formulation: Formulation) -> Iterate:
+    """The iterate with multipliers of rates in a first step, which was a later one."""
+    problem, ms, bounds = formulation.problem, np.array(iterate.ms), iterate.bounds
+    kept = kept_at_start(problem)
+    for name in kept.keys() & formulation.layout.rows.keys():
+        ms[0, formulation.layout.rows[name]] *= kept[name]
+    if bounds is not None:
+        path = np.array(bounds.path)
+        for limit in problem.rate_limits:
+            part = kept.get(limit.term.remembers[-1], 1.0)
+            names = {label.name for label in limit.labels}
+            path[0, [name in names for name in formulation.programme.path_names]] *= part
+        bounds = replace(bounds, path=path)
+    return replace(iterate, ms=ms, bounds=bounds, is_rest=True)
 
 
 def _meaning(formulation: Formulation) -> str:

@@ -64,8 +64,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
         lams = np.zeros((problem.num_steps, 0 if has_multipliers else robot.nc))
     motion = _motion(saved, formulation, places)
     iterate = formulation.iterate_of(motion, lams)
-    if saved.iterate is not None and np.array_equal(nodes, np.arange(nodes[0], saved.num_steps + 1)):
-        kept = restore(saved.iterate, np.diff(saved.t), iterate, formulation)
+    if saved.iterate is not None:
+        kept = restore(saved.iterate, np.diff(saved.t), iterate, formulation, places.middle)
         if kept is not None:
             return kept
     if has_multipliers:

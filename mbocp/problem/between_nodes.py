@@ -120,8 +120,10 @@ def can_hold_within(problem: Problem) -> str:
 
 
 def limits_accelerations(problem: Problem) -> bool:
-    """Whether limits of accelerations, all along or by the speed, can hold within steps."""
-    return "a" in can_hold_within(problem) or any(one.control is None for one in speed_lines(problem))
+    """Whether limits of accelerations, all along or by the speed, or of jerks can hold within steps."""
+    return bool({"a", "j"} & set(can_hold_within(problem))) or any(
+        one.control is None for one in speed_lines(problem)
+    )
 
 
 def has_cubics(problem: Problem) -> bool:

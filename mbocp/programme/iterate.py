@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
+from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import DimensionMismatch
 
@@ -60,6 +60,8 @@ class Iterate:
         Multiplier of the end condition.
     bounds : BoundMultipliers, optional
         Of inequalities, where a solver keeps them.
+    is_rest : bool
+        Whether it is the rest of a motion that was optimal, whose limits' multipliers are nearly its own.
     """
 
     xs: Array
@@ -68,6 +70,7 @@ class Iterate:
     ms: Array
     eta: Array
     bounds: BoundMultipliers | None = None
+    is_rest: bool = False
 
     def __post_init__(self) -> None:
         for name in ("xs", "ys", "us", "ms", "eta"):
@@ -150,14 +153,13 @@ class Carried:
         """An iterate of a programme."""
         return cls(iterate, () if iterate.bounds is None else programme.path_names)
 
-    def rest(self, first: int) -> Carried:
-        """What follows a node."""
-        iterate, bounds = self.iterate, self.iterate.bounds
+    def at_steps(self, steps: IntArray) -> Carried:
+        """Some of its steps, one after the other, with the node before each and that after the last."""
+        iterate, bounds, nodes = self.iterate, self.iterate.bounds, np.append(steps, steps[-1] + 1)
         if bounds is not None:
-            rows = {name: getattr(bounds, name)[first:] for name in ("xs", "us", "path")}
-            bounds = replace(bounds, **rows)
-        rows = {name: getattr(iterate, name)[first:] for name in ("xs", "ys", "us", "ms")}
-        return replace(self, iterate=replace(iterate, **rows, bounds=bounds))
+            bounds = replace(bounds, xs=bounds.xs[nodes], us=bounds.us[steps], path=bounds.path[steps])
+        rows = {name: getattr(iterate, name)[steps] for name in ("ys", "us", "ms")}
+        return replace(self, iterate=replace(iterate, **rows, xs=iterate.xs[nodes], bounds=bounds))
 
     def fits(self, programme: StagewiseProgramme) -> bool:
         """Whether a programme has unknowns and multipliers of the same shapes, but for path constraints."""

@@ -7,7 +7,7 @@ import io
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -115,8 +115,18 @@ def export_motion(
     else:
         sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
-            raise LimitsExceeded(path, excesses)
+            raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
     return write_samples(sample(sent, load_robot), solution, path, name)
+
+
+def what_helps(sent: Sent, excesses: Sequence[Excess]) -> str:
+    """Say what may keep a motion within limits that it leaves as it is sent, the worst first."""
+    if excesses[0].kind == "jerk" and not sent.curves.is_from_rest_to_rest:
+        return (
+            "since only motions from rest to rest are fitted within jerks, take horizon.controls = "
+            '"linear", more steps and less of limits.jerk than there is'
+        )
+    return "take more steps"
 
 
 def write_recording(

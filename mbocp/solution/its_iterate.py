@@ -108,7 +108,8 @@ def iterate_in(content: FileContent) -> Carried | None:
         if got != shape:
             raise DimensionMismatch(f"{_PART}{name}", got, shape)
     bounds = BoundMultipliers(*(own[name] for name in limits)) if has_limits else None
-    iterate = Iterate(**{name: own[name] for name in shapes}, eta=arrays["eta"], bounds=bounds)
+    xs, ys, us, ms = (own[name] for name in shapes)
+    iterate = Iterate(xs, ys, us, ms, arrays["eta"], bounds)
     names = tuple(name for name, _ in content.columns.get(_PATH, ()))
     chosen = {name: frozen_array(own[name]) for name in _CHOSEN if name in own}
     within = sorted(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)

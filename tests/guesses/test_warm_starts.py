@@ -19,6 +19,7 @@ from mbocp.programme.iterate import Carried
 from mbocp.solution import Solution
 from mbocp.solution.later import is_complete
 from mbocp.solution.rest import place_of_start
+from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from tests.holds.cases import pendulum as held
 
 FREE = {"min": 0.05, "max": 5.0, "guess": 0.6}
@@ -104,7 +105,7 @@ def test_what_means_something_else_is_not_restored() -> None:
         kept = iterate_from_solution(solution, formulate(other))
         plain = iterate_from_solution(replace(solution, iterate=None), formulate(other))
         np.testing.assert_array_equal(kept.ms, plain.ms)
-    short = replace(solution, iterate=solution.iterate.rest(3))
+    short = replace(solution, iterate=solution.iterate.at_steps(np.arange(3, 16)))
     assert mbocp.solve(pendulum("se1"), warm_start=short).converged
 
 
@@ -116,7 +117,7 @@ def later(plan: Solution, problem: Problem, node: int, duration: Any = None) -> 
     return problem.with_(start=state, duration=duration or free, steps=problem.num_steps - node)
 
 
-REPLANNED = [name for name in PROBLEMS if name not in ("rates", "free via point", "hold with an impact")]
+REPLANNED = [name for name in PROBLEMS if name not in ("free via point", "hold with an impact")]
 
 
 @pytest.mark.parametrize("name", REPLANNED)
@@ -130,6 +131,56 @@ def test_a_plan_is_followed_to_its_end_from_any_node(name: str) -> None:
         assert warm.cost <= cold.cost * (1.0 + 1e-8)
         iterations += [cold.iterations, warm.iterations]
     assert iterations[1] <= iterations[0]
+
+
+def replan(plan: Solution, place: float, **words: Any) -> Problem:
+    """The rest of a plan within limits of jerk, from its state and acceleration at a place, in steps."""
+    n, s = divmod(place, 1.0)
+    at = {k: (1.0 - s) * x[int(n)] + s * x[int(n) + 1] for k, x in (("q", plan.qs), ("v", plan.vs))}
+    a = (1.0 - s) * plan.acceleration_at(int(n)) + s * plan.acceleration_at(int(n) + 1)
+    return plan.problem.with_(start={**at, "a": a}, steps=plan.num_steps - int(n), **words)
+
+
+@pytest.mark.parametrize("limits", [{"jerk": 100.0}, {"effort_rate": 15.0}])
+def test_the_rest_of_a_plan_within_limits_of_rates_is_optimal(limits: dict[str, float]) -> None:
+    """Its first jerk counts over half a step, its first control has no rate."""
+    plan = mbocp.solve(pendulum(steps=32, limits=limits), check=True)
+    for node in (6, 12, 20):
+        rest = replan(plan, node, duration=plan.duration - float(plan.t[node]))
+        formulation = formulate(replace(rest, limits_within=plan.iterate.limits_within))
+        kept = iterate_from_solution(plan, formulation)
+        assert GlobalisedNewton().judge(formulation.programme, kept).evaluation.residual < 1e-8
+        assert mbocp.solve(rest, warm_start=plan, check=True).iterations <= 8
+
+
+def test_replans_within_limits_of_jerk_take_half_the_iterations_of_cold_ones() -> None:
+    """In least time, from nodes and between them, a little beside the plan."""
+    limits = {"profile": "ur5e", "effort": False, "acceleration": 15.0}
+    free = {"min": 0.01, "max": 5.0}
+    plan = mbocp.solve(
+        Problem.create(
+            "ur5",
+            free,
+            40,
+            start={"q": [0.3, -1.2, 1.4, -0.6, 0.5, 0.0]},
+            goal={"q": [1.3, -0.5, 0.6, 0.3, -0.4, 1.0], "v": 0},
+            limits={**limits, "jerk": 148.5},
+            cost={"time": 1.0, "effort": 1e-5},
+        ),
+        check=True,
+    )
+    taken = []
+    for k, place in enumerate((5.0, 9.3, 15.0, 19.6, 24.0, 30.5)):
+        guess = plan.duration * (1.0 - place / 40)
+        later = replan(plan, place, duration={**free, "guess": guess}, limits={**limits, "jerk": 150.0})
+        beside = later.with_(
+            start={"q": later.q_start + 1e-4 * (k % 3), "v": later.v_start, "a": later.a_start}
+        )
+        warm, cold = mbocp.solve(beside, warm_start=plan, check=True), mbocp.solve(beside, check=True)
+        assert warm.duration == pytest.approx(cold.duration, rel=1e-5)
+        taken.append((warm.iterations, cold.iterations))
+    warm_median, cold_median = np.median(taken, axis=0)
+    assert 2 * warm_median < cold_median
 
 
 def test_a_start_between_nodes_is_found_or_given() -> None:

@@ -183,3 +183,12 @@ def memory_units(problem: Problem) -> dict[str, float]:
     if "jerk" in keys and "acceleration" not in keys:
         units["acceleration"] = units["jerk"] * problem.duration / _RISE
     return units
+
+
+def kept_at_start(problem: Problem) -> dict[str, float]:
+    """Return the part of their multipliers that rates keep where their step becomes the first one, by name.
+
+    Over half the time a rate is twice as steep; that of a control without one before is none.
+    """
+    of_controls = 1.0 if problem.controls == "linear" else 0.0 if problem.u_before is None else 0.5
+    return {"control_rate": of_controls, "jerk": 0.5}
