@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from mbocp._keys import tables_in
+from mbocp._keys import NO_KIND, tables_in
 from mbocp._text import show
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
@@ -108,12 +108,15 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
         return "this key is missing"
     if kind == "value_error":
         return str(item["ctx"]["error"])
-    expected = _EXPECTED.get(kind, item["msg"])
+    expected = _EXPECTED.get(kind, _INPUT.sub("a number ", item["msg"]))
+    if kind == NO_KIND:
+        expected = f"a {item['msg']}"
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
     return f"got {show(got, _MAX_VALUE_LENGTH)}, expected {expected}"
 
 
+_INPUT = re.compile("^Input should be (?=greater|less)")
 _EXPECTED = {
     "bool_type": "true or false",
     "float_type": "a number",
