@@ -68,7 +68,7 @@ _MOST_PLACES = 3  # of a key, that a message names
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
 # Words of other tools, each with the keys of the same meaning; the first that the table has is named.
-_OTHER_WORDS = {
+OTHER_WORDS = {
     **dict.fromkeys(("torque", "torques", "force", "tau"), ("effort",)),
     **dict.fromkeys(("speed", "speeds", "v", "qd"), ("velocity", "v")),
     **dict.fromkeys(("q", "joints", "qpos", "positions", "position"), ("position", "q")),
@@ -143,7 +143,7 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
         return f"unknown key; {advice} ({listed})"
     others = {table: keys for table, keys in tables.items() if table not in _REPEATED}
     elsewhere = [f"{table}.{name}" if table else name for table, keys in others.items() if name in keys]
-    same = [repr(word) for word in _OTHER_WORDS.get(name, ()) if word in valid][:1]
+    same = [repr(word) for word in OTHER_WORDS.get(name, ()) if word in valid][:1]
     near = [repr(word) for word in difflib.get_close_matches(name, valid, n=1)]
     if likely := same or elsewhere[:_MOST_PLACES] or near:
         return f"unknown key, did you mean {' or '.join(likely)}? ({listed})"
