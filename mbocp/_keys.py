@@ -8,26 +8,20 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Union, get_args, get_origin
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    TypeAdapter,
-    create_model,
-)
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from mbocp._dataclass import dataclass
+from mbocp._json_schema import json_schema_of
 from mbocp._measured import Measured
 
+NO_KIND = "no_kind"  # pydantic's errors of values that are of none of the kinds that a key takes
 _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
 _WORDS = {float: "number", int: "whole number", str: "string", bool: "boolean"}
 
@@ -99,7 +93,9 @@ class Kind:
     ) -> JsonSchemaValue:
         """Return the schema of what people write."""
         inner, written = handler(schema), json_schema_of(self.written)
-        return {"anyOf": [written, inner]} if inner and inner != written else written
+        if written.items() <= inner.items():
+            return inner
+        return {"anyOf": [written, inner]} if inner else written
 
 
 @dataclass(frozen=True)
@@ -128,6 +124,8 @@ class Key:
         In words, where the value, and the kind, do not say it.
     beside : tuple of str
         Keys that the same line describes.
+    weight : str
+        Key of the same table without which this one says nothing; then it has to be empty.
     """
 
     says: str
@@ -135,6 +133,18 @@ class Key:
     default: str = ""
     takes: str = ""
     beside: tuple[str, ...] = ()
+    weight: str = ""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Complain once where none of several kinds of values fits, and not once for each."""
+        found = handler(source)
+        inner: Any = found
+        while inner["type"] in ("nullable", "function-before"):
+            inner = inner["schema"]
+        if inner["type"] == "union":
+            inner["custom_error_type"] = NO_KIND
+            inner["custom_error_message"] = self.takes or _words(source)
+        return found
 
     @property
     def description(self) -> str:
@@ -199,13 +209,18 @@ class Declared(BaseModel):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
-        """Return the schema, in which keys of one line are described alike."""
+        """Return the schema, in which keys of one line are described alike, and need their weights."""
         found, keys = handler(schema), keys_of(cls)
-        rows = {name: row_of(name, keys) for name in cls.model_fields}
-        properties = handler.resolve_ref_schema(found)["properties"]
-        for name, row in rows.items():
-            if row is not None:
+        table = handler.resolve_ref_schema(found)
+        properties, weighed = table["properties"], []
+        for name in cls.model_fields:
+            if (row := row_of(name, keys)) is not None:
                 properties[name] = {**properties[name], "description": keys[row].description}
+                if weight := keys[row].weight:
+                    then = {"properties": {name: {"type": "object", "maxProperties": 0}}}
+                    weighed.append({"if": {"not": {"required": [weight]}}, "then": then})
+        if weighed:
+            table["allOf"] = weighed
         return found
 
 
@@ -213,9 +228,6 @@ class Table(Declared):
     """A table of a problem file: keys that it does not have are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)
-
-
-T = TypeVar("T", bound=Table)
 
 
 def takes_of(info: FieldInfo) -> str:
@@ -252,7 +264,8 @@ def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
     if origin in (Union, types.UnionType):
         return ", or ".join(_words(one) for one in arguments if one is not types.NoneType)
     if origin is list:
-        return "tables" if tables_in(annotation) else f"list of {_words(arguments[0])}s"
+        of_what = "list" if get_origin(arguments[0]) is list else _words(arguments[0])
+        return "tables" if tables_in(annotation) else f"list of {of_what}s"
     return _WORDS.get(annotation, "table")
 
 
@@ -262,45 +275,3 @@ def tables_in(annotation: Any) -> list[type[BaseModel]]:
         return [annotation]
     found = (table for argument in get_args(annotation) for table in tables_in(argument))
     return list(dict.fromkeys(found))
-
-
-def merge_tables(name: str, words: str, parts: Iterable[type[Table]], base: type[T]) -> type[T]:
-    """Return `base` with the keys of all `parts`, in order; one that several have is common."""
-    fields: dict[str, FieldInfo] = {}
-    keys: dict[str, Key] = {}
-    for part in parts:
-        fields.update((key, info) for key, info in part.model_fields.items() if key not in fields)
-        for key, said in keys_of(part).items():
-            row = row_of(key, keys)
-            keys[row or key] = said if row is None else keys[row].join(said)
-    return create_model(
-        name, __base__=base, __doc__=words, __module__=__name__, **dict(_annotations(fields, keys))
-    )
-
-
-def _annotations(fields: Mapping[str, FieldInfo], keys: Mapping[str, Key]) -> Iterator[tuple[str, Any]]:
-    for name, info in fields.items():
-        own = copy(info)
-        own.metadata = [item for item in info.metadata if not isinstance(item, Key)]
-        own.metadata += [keys[name]] if name in keys else []
-        yield name, (own.annotation, own)
-
-
-class _Generator(GenerateJsonSchema):
-    """JSON schemas of what TOML can say: it has no null, and a table that is left out needs no default."""
-
-    def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
-        return self.generate_inner(schema["schema"])
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        if isinstance(schema.get("default"), (bool, int, float, str)):
-            return super().default_schema(schema)
-        return self.generate_inner(schema["schema"])
-
-    def field_title_should_be_set(self, schema: Any) -> bool:
-        return False
-
-
-def json_schema_of(kind: Any) -> dict[str, Any]:
-    """Return the JSON schema of what a type, or a table, is written as."""
-    return TypeAdapter(kind).json_schema(schema_generator=_Generator)

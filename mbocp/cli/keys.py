@@ -27,7 +27,8 @@ SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it k
 
 def keys(
     name: Annotated[
-        str | None, argument("NAME", "A key, a table, or the last part of a name. [default: all]")
+        str | None,
+        argument("NAME", "A key, a table, the last part of a name, or a word. [default: all]"),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -52,12 +53,18 @@ def keys(
 
 def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mapping[str, Row]:
     """The keys that are asked for; those of tables in tables by name, or if `every` one is."""
+    from mbocp.problem.file.messages import OTHER_WORDS
+
     at_home = known if every else {key: row for key, row in known.items() if key in row.names}
     if name is None:
         return at_home
     asked = _INDEX.sub("", name)
     found = {key: row for key, row in known.items() if f"{key}.".startswith(f"{asked}.")}
-    found = found or {key: row for key, row in at_home.items() if key.endswith(f".{asked}")}
+    if not found:
+        word = re.compile(rf"\b{re.escape(asked)}", re.IGNORECASE)
+        ends = tuple(f".{end}" for end in (asked, *OTHER_WORDS.get(asked, ())[:1]))
+        found = {key: row for key, row in at_home.items() if key.endswith(ends)}
+        found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
     if not found:
         raise InvalidValue("NAME", show(name), f"a key of problem files; {suggest(asked, known)}")
     return found

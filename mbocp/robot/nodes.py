@@ -1,6 +1,6 @@
 """Configurations of many nodes at once; of robots whose joints are plain vectors without a loop over them.
 
-The arithmetic is Pinocchio's in either case, to the last bit.
+The arithmetic is Pinocchio's in either case; compilers may round it differently.
 """
 
 from __future__ import annotations

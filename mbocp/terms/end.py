@@ -16,7 +16,7 @@ from mbocp._keys import Key, Table
 from mbocp.lie import ConfigurationSpace
 from mbocp.terms.cost import CostTerm, CostWeights, Reader, half_square
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.written import NonNegative, Weights, check_weight_is_given
+from mbocp.terms.written import NonNegative, Weights
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,11 @@ class TerminalCost(CostTerm):
         terminal: Annotated[NonNegative, Key('beta_T, of a `"penalty"` and `"both"`')] = 0.0
         terminal_weights: Annotated[
             Weights | None,
-            Key("diagonal of QT on (q, p), or on (q, v)", default="1 where the goal says something"),
+            Key(
+                "diagonal of QT on (q, p), or on (q, v)",
+                default="1 where the goal says something",
+                weight="terminal",
+            ),
         ] = None
 
     @property
@@ -120,7 +124,6 @@ class TerminalCost(CostTerm):
         """Weight and weights."""
         asked, key = reader.goal_says(), "cost.terminal_weights"
         weights = reader.on_states(table.terminal_weights, asked, key)
-        check_weight_is_given(table, "terminal", ("terminal_weights",))
         if table.terminal > 0.0:
             reader.check_weighed(weights, asked, key, "the goal")
         return {"terminal": table.terminal, "terminal_weights": weights}

@@ -22,7 +22,6 @@ from mbocp.terms.written import (
     NonNegative,
     TargetTable,
     Weights,
-    check_weight_is_given,
 )
 
 
@@ -78,15 +77,25 @@ class Tracking(RunningCost):
 
         tracking: Annotated[NonNegative, Key("beta")] = 0.0
         tracking_weights: Annotated[
-            Weights | None, Key("diagonal of Q on (q, p)", default="1 where the target says something")
+            Weights | None,
+            Key("diagonal of Q on (q, p)", default="1 where the target says something", weight="tracking"),
         ] = None
         target: Annotated[
             TargetTable | None,
-            Key("y_d: one row, or one for every step", default="the goal", takes="table with `q` and `p`"),
+            Key(
+                "y_d: one row, or one for every step",
+                default="the goal",
+                takes="table with `q` and `p`",
+                weight="tracking",
+            ),
         ] = None
         target_file: Annotated[
             str | None,
-            Key("y_d from a result, or a CSV table with the columns `t`, `q:NAME`, `p:NAME`", takes="path"),
+            Key(
+                "y_d from a result, or a CSV table with the columns `t`, `q:NAME`, `p:NAME`",
+                takes="path",
+                weight="tracking",
+            ),
         ] = None
 
     @classmethod
@@ -102,7 +111,6 @@ class Tracking(RunningCost):
         target_q, target_p, given = reader.targets(table.target, table.target_file)
         key = "cost.tracking_weights"
         weights = reader.on_states(table.tracking_weights, given, key)
-        check_weight_is_given(table, "tracking", ("tracking_weights", "target", "target_file"))
         if table.tracking > 0.0:
             reader.check_weighed(weights, given, key, "cost.target (or the goal)")
         return {

@@ -12,31 +12,9 @@ from pydantic.json_schema import SkipJsonSchema
 from mbocp._keys import Key, Kind, Table, Takes
 from mbocp._numbers import as_float, finite_number, is_number, named_numbers, vector
 from mbocp._text import show
-from mbocp.exceptions import InvalidValue
 
 Vector: TypeAlias = list[float]
 Named: TypeAlias = dict[str, float | list[float]]
-
-
-def check_weight_is_given(table: Any, weight: str, keys: tuple[str, ...]) -> None:
-    """Refuse keys of a term of the cost that does not count, since nobody gave its weight.
-
-    Raises
-    ------
-    InvalidValue
-        Naming the first of the keys that is given.
-    """
-    given = table.model_fields_set
-    said = [] if weight in given else [key for key in keys if key in given and _says_something(table, key)]
-    if said:
-        expected = f"cost.{weight}, the weight of the term that it belongs to"
-        raise InvalidValue(f"cost.{said[0]}", f"no cost.{weight}", expected)
-
-
-def _says_something(table: Any, key: str) -> bool:
-    """Whether a key is neither None nor a table without keys."""
-    value = getattr(table, key)
-    return value is not None and bool(getattr(value, "model_fields_set", True))
 
 
 def read_vector(value: Any) -> Vector | Named:

@@ -50,6 +50,20 @@ def test_the_end_of_a_name_is_enough(run: Run) -> None:
     assert {"limits.jerk", "phase.limits.jerk"} <= set(facts(run, "jerk"))
 
 
+@pytest.mark.parametrize(
+    ("word", "found"),
+    [
+        ("torque", {"limits.effort", "cost.effort", "path.stall"}),  # another word for it, and in meanings
+        ("speed", {"robot.motor.speed", "limits.velocity", "path.min"}),
+        ("tcp", {"goal.frame", "path.frame"}),
+        ("Rotor", {"robot.motor.inertia"}),
+    ],
+)
+def test_words_are_found(run: Run, word: str, found: set[str]) -> None:
+    assert found <= set(facts(run, word))
+    assert len(facts(run, word)) < len(rows()) / 10
+
+
 def test_a_name_that_is_none_is_refused(run: Run) -> None:
     done = run("keys", "horizon.stepps")
     assert done.exit_code == 2

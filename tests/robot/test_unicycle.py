@@ -88,7 +88,7 @@ def test_its_inertias_are_those_of_table_1(unicycle: Robot) -> None:
     np.testing.assert_allclose(mass[:2, :2], np.eye(2) * (0.5 + 2 * 0.25 + 1.0), rtol=1e-14)
     np.testing.assert_allclose(mass[2:5, 2:5], INERTIA_B, rtol=1e-14, atol=1e-17)
     assert mass[5, 5] == pytest.approx(1.66e-3 + 2 * 1.625e-4 + 2 * 0.25 * 0.1**2, rel=1e-14)  # eq. (24)
-    np.testing.assert_array_equal(mass[5, :5], 0.0)
+    np.testing.assert_allclose(mass[5, :5], 0.0, atol=1e-17)
 
 
 @given(NUMBERS)

@@ -11,9 +11,10 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp._files import MEGABYTE, is_file
-from mbocp._keys import Table, merge_tables
+from mbocp._keys import Table, keys_of
+from mbocp._merged import merge_tables
 from mbocp._text import show
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.cost import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import read_columns, read_result
@@ -47,8 +48,20 @@ def read_cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost
     values: dict[str, Any] = {}
     for term in COST_TERMS:
         values |= term.read(table, cost_reader)
+    _check_weights_are_given(cost_table)
     further = {key: values.pop(key) for key in further_terms()}
     return Cost(**values, further=further)
+
+
+def _check_weights_are_given(cost_table: Any) -> None:
+    """Refuse keys of terms that do not count, since nobody gave their weights."""
+    given = cost_table.model_fields_set
+    for name, key in keys_of(CostTable).items():
+        value = getattr(cost_table, name)
+        says = name in given and value is not None and getattr(value, "model_fields_set", True)
+        if key.weight and key.weight not in given and says:
+            expected = f"cost.{key.weight}, the weight of the term that it belongs to"
+            raise InvalidValue(f"cost.{name}", f"no cost.{key.weight}", expected)
 
 
 def write_cost(cost: Cost) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from mbocp._keys import tables_in
+from mbocp._keys import NO_KIND, tables_in
 from mbocp._text import show
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError, ProblemFileError
 
@@ -68,7 +68,7 @@ _MOST_PLACES = 3  # of a key, that a message names
 _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 
 # Words of other tools, each with the keys of the same meaning; the first that the table has is named.
-_OTHER_WORDS = {
+OTHER_WORDS = {
     **dict.fromkeys(("torque", "torques", "force", "tau"), ("effort",)),
     **dict.fromkeys(("speed", "speeds", "v", "qd"), ("velocity", "v")),
     **dict.fromkeys(("q", "joints", "qpos", "positions", "position"), ("position", "q")),
@@ -108,12 +108,15 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
         return "this key is missing"
     if kind == "value_error":
         return str(item["ctx"]["error"])
-    expected = _EXPECTED.get(kind, item["msg"])
+    expected = _EXPECTED.get(kind, _INPUT.sub("a number ", item["msg"]))
+    if kind == NO_KIND:
+        expected = f"a {item['msg']}"
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
     return f"got {show(got, _MAX_VALUE_LENGTH)}, expected {expected}"
 
 
+_INPUT = re.compile("^Input should be (?=greater|less)")
 _EXPECTED = {
     "bool_type": "true or false",
     "float_type": "a number",
@@ -140,7 +143,7 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
         return f"unknown key; {advice} ({listed})"
     others = {table: keys for table, keys in tables.items() if table not in _REPEATED}
     elsewhere = [f"{table}.{name}" if table else name for table, keys in others.items() if name in keys]
-    same = [repr(word) for word in _OTHER_WORDS.get(name, ()) if word in valid][:1]
+    same = [repr(word) for word in OTHER_WORDS.get(name, ()) if word in valid][:1]
     near = [repr(word) for word in difflib.get_close_matches(name, valid, n=1)]
     if likely := same or elsewhere[:_MOST_PLACES] or near:
         return f"unknown key, did you mean {' or '.join(likely)}? ({listed})"

@@ -180,13 +180,11 @@ def obstacles_from(
 
 
 def self_collision_from(
-    self_collision_table: bool | SelfCollisionTable | None, folder: Path | None = None
+    self_collision_table: SelfCollisionTable | None, folder: Path | None = None
 ) -> SelfCollision | None:
     """Make what is said of links that meet; None: nothing."""
-    if self_collision_table is None or self_collision_table is False:
+    if self_collision_table is None:
         return None
-    if self_collision_table is True:
-        return SelfCollision()
     srdf = None if self_collision_table.srdf is None else (folder or Path()) / self_collision_table.srdf
     for pair in self_collision_table.disabled:
         if len(pair) != 2:

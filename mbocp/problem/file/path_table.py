@@ -13,8 +13,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE, is_file, path_of, read_bytes, read_text
-from mbocp._keys import Key, Table, merge_tables
+from mbocp._keys import Key, Table
 from mbocp._measured import in_unit
+from mbocp._merged import merge_tables
 from mbocp._text import reads_as_number, show
 from mbocp.exceptions import ProblemError, Unreadable
 from mbocp.problem._checks import check_choice, choice

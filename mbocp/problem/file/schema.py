@@ -16,7 +16,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, create_model
 
-from mbocp._keys import Key, Kind, Table, json_schema_of
+from mbocp._json_schema import json_schema_of, unite
+from mbocp._keys import Key, Kind, Table
 from mbocp._text import show
 from mbocp.problem._checks import choice
 from mbocp.problem.coordinates import COORDINATES
@@ -54,6 +55,14 @@ def _named_limits(value: Any) -> Any:
     if isinstance(value, str):
         raise ValueError(f'got {show(value)}, expected "profile" or a table')
     return value
+
+
+def _whether_or_how(value: Any) -> Any:
+    if isinstance(value, bool):
+        return {} if value else None
+    if value is None or isinstance(value, Mapping):
+        return value
+    raise ValueError(f"got {show(value)}, expected true, false or a table")
 
 
 def _named_solver(value: Any) -> Any:
@@ -94,7 +103,8 @@ class ProblemTable(Table):
     ] = Field(default_factory=list)
     obstacle: Annotated[list[ObstacleTable], Key("[obstacles](obstacles.md)")] = Field(default_factory=list)
     self_collision: Annotated[
-        bool | SelfCollisionTable | None,
+        SelfCollisionTable | None,
+        Kind("boolean, or table", _whether_or_how, bool),
         Key("whether links [keep apart](obstacles.md#self-collision)", "", "false"),
     ] = None
     terms: Annotated[list[TermTable], Key("[terms of one's own](terms.md)")] = Field(default_factory=list)  # type: ignore[valid-type]
@@ -113,7 +123,7 @@ class ProblemTable(Table):
 def problem_schema() -> dict[str, Any]:
     """Return the JSON schema of problem files: editors complete keys by it, and check them."""
     about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "problem file of mbocp"}
-    return {**json_schema_of(ProblemTable), **about}
+    return {**unite(json_schema_of(ProblemTable)), **about}
 
 
 def checked_tables(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
+from pydantic import Field
+
 from mbocp._keys import Kind, OneOrSeveral
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import show
@@ -13,7 +15,8 @@ from mbocp.terms.written import Named, Vector, range_of, read_side, read_vector
 T = TypeVar("T")
 Limit: TypeAlias = float | list[float]
 _Limits: TypeAlias = bool | float | list[Limit] | dict[str, Limit | list[Limit]]
-_Sizes: TypeAlias = float | list[float] | dict[str, float | list[float]]
+_Size: TypeAlias = Annotated[float, Field(gt=0)]
+_Sizes: TypeAlias = _Size | list[_Size] | dict[str, _Size | list[_Size]]
 _Ranges: TypeAlias = bool | list[Vector] | dict[str, Vector | list[Vector]]
 
 

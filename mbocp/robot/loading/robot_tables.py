@@ -41,7 +41,8 @@ def _inertia(value: Any) -> tuple[float, ...]:
         value = [value.get(key, 0.0) for key in INERTIA_KEYS]
     if isinstance(value, list | tuple) and len(value) == 3:
         value = [*value, 0.0, 0.0, 0.0]
-    return vector_of(_INERTIA, 6)(value)
+    found: tuple[float, ...] = vector_of(_INERTIA, 6).read(value)
+    return found
 
 
 def _name(value: Any) -> str:
@@ -50,7 +51,9 @@ def _name(value: Any) -> str:
     return value
 
 
-Inertia: TypeAlias = Annotated[Any, BeforeValidator(_inertia), Measured("kg m^2")]
+Inertia: TypeAlias = Annotated[
+    Any, Kind(_INERTIA, _inertia, list[float] | dict[str, float]), Measured("kg m^2")
+]
 Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number), Measured("kg")]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
@@ -72,9 +75,9 @@ class ShapeTable(BaseModel):
     mass: Mass | None = None
     com: Position = (0.0, 0.0, 0.0)
     inertia: Inertia = (0.0,) * 6
-    box: Annotated[Any, BeforeValidator(vector_of("3 lengths x, y, z [m]", 3)), Measured("m")] = None
-    sphere: Annotated[Any, BeforeValidator(finite_number), Measured("m")] = None
-    cylinder: Annotated[Any, BeforeValidator(vector_of("radius and length [m]", 2)), Measured("m")] = None
+    box: Annotated[Any, vector_of("3 lengths x, y, z [m]", 3), Measured("m")] = None
+    sphere: Annotated[Any, Kind("number", finite_number, float), Measured("m")] = None
+    cylinder: Annotated[Any, vector_of("radius and length [m]", 2), Measured("m")] = None
 
 
 class PayloadTable(ShapeTable):

@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
@@ -19,6 +18,7 @@ from pydantic import (
 )
 
 from mbocp._arrays import plain
+from mbocp._keys import Kind
 from mbocp._measured import Measured
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, show
@@ -82,15 +82,15 @@ class PairTable(Table):
         return self
 
 
-def vector_of(expected: str, *counts: int) -> Callable[[Any], tuple[float, ...]]:
-    """Make a validator of so many finite numbers; `expected` says them in messages."""
+def vector_of(expected: str, *counts: int) -> Kind:
+    """Return the kind of so many finite numbers; `expected` says them in messages."""
 
     def read(value: Any) -> tuple[float, ...]:
         if not isinstance(value, list | tuple) or len(value) not in counts or not all(map(is_number, value)):
             raise ValueError(f"got {show(value)}, expected {expected}")
         return tuple(map(finite_number, value))
 
-    return read
+    return Kind(expected, read, Annotated[list[float], Field(min_length=min(counts), max_length=max(counts))])
 
 
 def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
@@ -100,10 +100,8 @@ def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
-Position: TypeAlias = Annotated[Any, BeforeValidator(vector_of("3 numbers [m]", 3)), Measured("m")]
-Orientation: TypeAlias = Annotated[
-    Any, AfterValidator(_has_length), BeforeValidator(vector_of(_TURN, 3, 4)), Measured("rad")
-]
+Position: TypeAlias = Annotated[Any, vector_of("3 numbers [m]", 3), Measured("m")]
+Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), vector_of(_TURN, 3, 4), Measured("rad")]
 
 
 def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tuple[str, str]:

@@ -157,6 +157,16 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             r"""got 'some', expected "default" \| "none\"""",
         ),
         ("solver.tolerance=0", "solver.tolerance", r"got 0\.0, expected a positive number"),
+        ("solver.starts=1.5", "solver.starts", "got 1.5, expected a whole number, or string"),
+        ("self_collision={margin='far'}", "self_collision.margin", "got 'far', expected a number"),
+        ("self_collision='far'", "self_collision", "got 'far', expected true, false or a table"),
+        ("obstacle=[{shape='mesh', scale='x'}]", "obstacle.0.scale", "got 'x', expected a number > 0, or 3"),
+        ("gait.swings=3", "gait.swings", "got 3, expected a string, or list of lists"),
+        (
+            "robot.motor=[{joint='elbow_joint', effort=-1}]",
+            "robot.motor.0.effort",
+            "got -1, expected a number greater than 0",
+        ),
         ("solver.max_iterations=0", "solver.max_iterations", "got 0, expected a whole number of at least 1"),
     ],
 )

@@ -5,14 +5,18 @@ from __future__ import annotations
 import re
 from copy import deepcopy
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
+from pydantic import ValidationError
 
-from mbocp._files import read_toml
+from mbocp._files import parse_toml, read_toml
 from mbocp._keys import default_of, key_of, keys_of, row_of, tables_in, takes_of
+from mbocp.exceptions import ProblemFileError
+from mbocp.problem import parse_problem
 from mbocp.problem.file.keys_page import all_keys
 from mbocp.problem.file.schema import ProblemTable, problem_schema
 from mbocp.problem.solver import SolverOptions, SolverTable
@@ -22,6 +26,8 @@ DOCUMENTS = {path: read_toml(path) for path in sorted((ROOT / "examples").rglob(
 PROBLEMS = {
     path: tables for path, tables in DOCUMENTS.items() if set(tables) <= set(ProblemTable.model_fields)
 }
+FIELDS = dict(all_keys())
+SAID_BY_MBOCP_ALONE = ("gait.swings", "robot.inertias.links", "robot.part.inertias.links")
 UNITS = re.compile(r"(m|rad|s|kg|N|W|J|1|m/s|part of|those)\b")
 
 
@@ -98,6 +104,72 @@ def test_editors_refuse_misspelt_keys(path: Path) -> None:
 def test_editors_refuse_what_no_problem_has(wrong: dict[str, Any]) -> None:
     assert not complaints({"robot": "ur5"})
     assert complaints({"robot": "ur5", **wrong})
+
+
+@pytest.mark.parametrize("table", ProblemTable.model_fields)
+def test_editors_point_at_the_keys_that_mbocp_refuses(table: str) -> None:
+    """Or at the table of a key that it does not have."""
+    names = [name for name in FIELDS if name.partition(".")[0] == table]
+    for name, value in product(names, ({"none": {"none": [{}]}}, [[["none"]]], "none", -1.5, True)):
+        tables = tables_of(name, value)
+        if (refused := refused_place(name, tables)) and name not in SAID_BY_MBOCP_ALONE:
+            told = [tuple(error.absolute_path) for error in validator().iter_errors(tables)]
+            assert any(fit(place, refused) for place in told), (name, value, told, refused)
+
+
+def fit(told: tuple[Any, ...], refused: tuple[Any, ...]) -> bool:
+    """Whether a place is within another, or is the table whose key is unknown."""
+    return told[: len(refused)] == refused or (refused[-1] == "none" and refused[: len(told)] == told)
+
+
+def refused_place(name: str, tables: dict[str, Any]) -> tuple[Any, ...] | None:
+    """Where mbocp finds the key's value wrong; None: it does not, or complains of something further out."""
+    try:
+        ProblemTable.model_validate(tables)
+    except ValidationError as error:
+        found = (item["loc"] for item in error.errors() if item["type"] != "missing")
+        places = [tuple(part for part in place if part != "qp") for place in found]
+        keys = (".".join(part for part in place if isinstance(part, str)) for place in places)
+        return next((place for place, key in zip(places, keys, strict=True) if key.startswith(name)), None)
+    return None
+
+
+def tables_of(name: str, value: Any) -> dict[str, Any]:
+    """Tables of a file that gives one key a value."""
+    *above, last = name.split(".")
+    found: Any = {last: value}
+    while above:
+        at = above.pop()
+        is_list = "list[" in str(FIELDS[".".join([*above, at])].annotation)
+        found = {at: [found] if is_list else found}
+    return {"robot": "ur5", **found}
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("solver = {tolerance = 1e100}", "solver.tolerance"),
+        ("cost = {tracking_weights = {q = 1}}", "cost.tracking_weights"),
+        ("cost = {target = {q = [1, 1]}}", "cost.target"),
+        ("cost = {terminal_weights = [1, 1, 1, 1]}", "cost.terminal_weights"),
+        ("self_collision = {margin = 'none'}", "self_collision.margin"),
+        ("robot = {name = 'ur5', payload = [{mass = 1, frame = 'tool0', com = 1}]}", "robot.payload.0.com"),
+    ],
+)
+def test_editors_and_mbocp_name_the_same_key(setting: str, key: str) -> None:
+    robot = "" if setting.startswith("robot") else "robot = 'double_pendulum'"
+    text = f"{robot}\nhorizon = {{duration = 1.0, steps = 10}}\ngoal = {{q = [1.0, 0.5], v = 0}}\n{setting}"
+    with pytest.raises(ProblemFileError) as error:
+        parse_problem(text)
+    told = [".".join(map(str, error.absolute_path)) for error in validator().iter_errors(parse_toml(text))]
+    assert [error.value.key] == told == [key]
+
+
+def test_a_key_without_its_weight_may_be_empty() -> None:
+    empty = {"tracking_weights": {}, "target": {}, "terminal_weights": {}}
+    assert not complaints({"robot": "ur5", "cost": empty})
+    given = {"tracking": 1.0, "tracking_weights": {"q": 1.0}, "target": {"q": [1.0]}, "terminal": 2.0}
+    assert not complaints({"robot": "ur5", "cost": {**given, "terminal_weights": {"q": 1.0}}})
 
 
 def test_editors_explain_keys() -> None:
