@@ -15,7 +15,12 @@ from mbocp.problem.file.tables import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
 
 # Searches for poses of frames end 6e-9 apart on different processors.
-ROUGH = ("arms/straight_line.toml", "arms/throw_into_bucket.toml")
+ROUGH = (
+    "arms/straight_line.toml",
+    "arms/throw_into_bucket.toml",
+    "legged/talos_stairs.toml",
+    "legged/talos_step.toml",
+)
 
 
 @cache
