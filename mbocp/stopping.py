@@ -21,9 +21,7 @@ from mbocp.solving import solve
 _LEADING = ("follow", "line")  # paths that say where a frame goes, and so where it would have to stop
 _SPREAD = 20.0  # how much shorter or longer than estimated a stop may be
 _RESTING = 1e-9  # [rad/s, m/s]
-_SMALL = (
-    1e-3  # part of the cost of time that controls cost: less does not tell them apart where they are free
-)
+_SMALL = 1e-3  # part of the cost of time that controls cost: less does not tell apart those that are free
 
 
 def stop(

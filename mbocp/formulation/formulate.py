@@ -80,7 +80,8 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
 
 def formulation_in_use(problem: Problem) -> Formulation | None:
     """Formulation of this very problem with independent ends, where something holds one: its solution may."""
-    return _in_use.get(id(problem))
+    found = _in_use.get(id(problem))
+    return found if found is not None and found.problem is problem else None
 
 
 def implied_end_rows(whole: Formulation) -> tuple[int, ...]:

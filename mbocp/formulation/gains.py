@@ -23,9 +23,7 @@ from mbocp.programme import Iterate
 from mbocp.solvers.newton_method.held_limits import FIRST_WEIGHT, active_limits, factorise_held
 from mbocp.solvers.newton_method.limit_multipliers import at_solution
 
-_ROBUST_WEIGHT = (
-    1e5  # of the end condition by the weight of the controls, where these answer to what is uncertain
-)
+_ROBUST_WEIGHT = 1e5  # of the end condition by the weight of the controls that answer to what is uncertain
 _SHIFTS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 1e2)  # of the Hessian in the states, the same
 
 
