@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array
 
 _SMALL = 1e-150  # squares of what is smaller lose their digits
-_TIE = 0.99  # rows from this part of the longest on count as equally long
+_TIE = 0.99  # rows, and entries, from this part of the largest on count as equally large
 
 
 def null_space(matrix: Array, tolerance: float) -> Array:
@@ -79,6 +79,12 @@ def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
         unit = left[place] / lengths[place]
         left -= np.outer(left @ unit, unit)
     return sorted(found)
+
+
+def largest_entry(row: Array) -> int:
+    """Return where the largest entry of a row is, by size; of those that are equal but for 1 % the first."""
+    sizes = np.abs(row)
+    return int(np.argmax(sizes >= _TIE * sizes.max()))
 
 
 def align(basis: Array) -> Array:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp._linear import align, norm, spanning_rows
+from mbocp._linear import align, largest_entry, norm, spanning_rows
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-100, 1.0, 1e150, 1e200, 1e300])
@@ -26,6 +26,11 @@ def test_of_rows_that_are_nearly_as_long_as_each_other_the_first_is_chosen() -> 
     rows = np.array([[0.995, 0.0], [1.0, 0.0], [0.0, 0.5]])
     assert spanning_rows(rows, 1e-9) == [0, 2]
     assert spanning_rows(rows[[1, 0, 2]] * [[1.0], [0.98], [1.0]], 1e-9) == [0, 2]
+
+
+def test_of_entries_that_are_nearly_as_large_as_each_other_the_first_is_chosen() -> None:
+    assert largest_entry(np.array([0.1, -0.995, 1.0])) == 1
+    assert largest_entry(np.array([0.1, -0.98, 1.0])) == 2
 
 
 @pytest.mark.parametrize(("size", "dimension"), [(6, 3), (18, 12), (5, 5), (7, 1), (4, 0)])

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
-from mbocp._linear import null_space, spanning_rows
+from mbocp._linear import largest_entry, null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistent_states import tangent_space
@@ -60,9 +60,7 @@ class EndRows:
     def words(self, robot: Robot, goal: Goal) -> tuple[str, ...]:
         """What each row is mostly about."""
         pairs = [("", self.D_q), ("rate of ", self.D_rate)]
-        joints = (
-            prefix + robot.v_labels[int(np.argmax(np.abs(row)))].name for prefix, D in pairs for row in D
-        )
+        joints = (prefix + robot.v_labels[largest_entry(row)].name for prefix, D in pairs for row in D)
         return (*joints, *self.frames.labels(goal.conditions))
 
 

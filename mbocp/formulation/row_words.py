@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from mbocp._dataclass import dataclass
+from mbocp._linear import largest_entry
 from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.goal import acceleration_rows
@@ -96,7 +97,7 @@ def _row_words(pieces: Pieces, bounds: StateBounds) -> _RowWords:
     for term in problem.terms:
         of_end += (term.name,) * (term.trace(robot).rows if term.role == "end" else 0)
     for row in acceleration_rows(problem) if problem.sets_acceleration.any() else ():
-        of_end += (f"acceleration of {robot.v_labels[int(np.argmax(np.abs(row)))].name}",)
+        of_end += (f"acceleration of {robot.v_labels[largest_entry(row)].name}",)
     of_end += _start_words(problem, pieces.space)
     is_free = bool(problem.timeline.num_lengths or problem.timeline.impacts)
     return _RowWords(
@@ -118,7 +119,7 @@ def _start_words(problem: Problem, space: Space) -> tuple[str, ...]:
     for term in start_ends(problem, space) if isinstance(space, ConfigurationSpace) else ():
         if isinstance(term, PeriodicEnd):
             for prefix, D in (("cycle of ", term.D_q), ("cycle of the rate of ", term.D_v)):
-                found += [prefix + names[int(np.argmax(np.abs(row)))].name for row in D]
+                found += [prefix + names[largest_entry(row)].name for row in D]
             continue
         own, held = problem.robot.constraint_labels, held_labels(term.held)
         for prefix, kept in (("", term.places), ("rate of ", term.rates)):

@@ -28,6 +28,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
+from mbocp._linear import largest_entry
 from mbocp.exceptions import ProblemError
 from mbocp.robot import Robot
 from mbocp.robot.poses.target import normals_to
@@ -182,9 +183,7 @@ class FrameProjections:
         poses = [label for goal in goals for label in goal.pose_labels]
         rates = [label for goal in goals for label in goal.rate_labels]
         return tuple(
-            names[int(np.argmax(np.abs(row)))]
-            for D, names in ((self.pose, poses), (self.rate, rates))
-            for row in D
+            names[largest_entry(row)] for D, names in ((self.pose, poses), (self.rate, rates)) for row in D
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._dataclass import dataclass
-from mbocp._linear import independent_rows
+from mbocp._linear import independent_rows, largest_entry
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
@@ -200,7 +200,7 @@ class ViaConstraint(BoundedTerm):
         rates = [Label(f"rate of {x.name}", x.unit) for x in speeds] * bool(goal.rate_active.any())
         rates += [Label(name, "m/s, rad/s") for frame in goal.frames for name in frame.rate_labels]
         for D, names in zip(self._projections, (poses, rates), strict=True):
-            yield from (names[int(np.argmax(np.abs(row)))] for row in D)
+            yield from (names[largest_entry(row)] for row in D)
 
     def _labels_of_bounds(self) -> Iterator[Label]:
         """Coordinates in boxes, sides of attitudes, and angles in cones."""
