@@ -51,8 +51,8 @@ def along(robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array
     step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     lengths = np.diff(t)[:, None]
     shares = (times - t[step]) / lengths[step, 0]
-    ways = None if vs is None else steps_between(robot, qs)
-    if vs is None or ways is None or (np.abs(ways - lengths * vs[1:]) < _ROUND_OFF).all():
+    ways = steps_between(robot, qs)
+    if vs is None or are_chords(ways, t, vs):
         return between(robot, qs[step], qs[step + 1], shares)
     rates, s = vs[1:], shares[:, None]
     if not _is_plain(robot):  # the exponential takes rates of tangent vectors to velocities of bodies
@@ -60,6 +60,11 @@ def along(robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array
         rates = _rows([pin.dDifference(robot.model, a, b, pin.ARG1) @ v for a, b, v in pairs], robot.nv)
     begins, ends = (lengths * vs[:-1] - ways)[step], (lengths * rates - ways)[step]
     return move(robot, qs[step], s * ways[step] + s * (1.0 - s) * ((1.0 - s) * begins - s * ends))
+
+
+def are_chords(ways: Array, t: Array, vs: Array) -> bool:
+    """Whether velocities, shape (N + 1, nv), are those of the whole steps before, as of SE1."""
+    return bool((np.abs(ways - np.diff(t)[:, None] * vs[1:]) < _ROUND_OFF).all())
 
 
 def move(robot: RobotModel, qs: Array, steps: Array) -> Array:

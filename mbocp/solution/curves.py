@@ -38,10 +38,10 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
+from mbocp.robot.nodes import are_chords
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
-_ROUND_OFF = 1e-9  # [rad, m], of the way of a step
 _AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
 _STEPS_TO_MIDDLES = 10  # in which a motion that begins with a velocity comes to the middles of its steps
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
@@ -79,8 +79,7 @@ class Curves:
     @property
     def has_chords(self) -> bool:
         """Whether velocities are those of the whole steps before, as of SE1."""
-        ways = np.diff(self.q, axis=0) - np.diff(self.nodes)[:, None] * self.v[1:]
-        return bool((np.abs(ways) < _ROUND_OFF).all())
+        return are_chords(np.diff(self.q, axis=0), self.nodes, self.v)
 
     @property
     def begins_at_rest(self) -> bool:
