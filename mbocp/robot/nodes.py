@@ -51,8 +51,7 @@ def along(robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array
     step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     lengths = np.diff(t)[:, None]
     shares = (times - t[step]) / lengths[step, 0]
-    ways = steps_between(robot, qs)
-    if vs is None or are_chords(ways, t, vs):
+    if vs is None or are_chords(ways := steps_between(robot, qs), t, vs):
         return between(robot, qs[step], qs[step + 1], shares)
     rates, s = vs[1:], shares[:, None]
     if not _is_plain(robot):  # the exponential takes rates of tangent vectors to velocities of bodies

@@ -36,6 +36,7 @@ from mbocp.sensitivity.parameter import Parameter
 from mbocp.symbolic import ModelNumber
 
 _OF_PAYLOAD = "payload."
+_growth: dict[tuple[Hashable, ...], tuple[tuple[ModelNumber, ...], ca.Function]] = {}  # by shapes of robots
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
 
@@ -243,14 +244,12 @@ def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[A
     """`robot.varying_values` after numbers of some words have grown, and derivatives of these in that."""
     payloads = tuple((payload.name, payload.position is None) for payload in robot.payloads)
     key = (robot.shape_fingerprint, robot.varying, payloads, words)
-    given = numbers_behind(robot, words) if key not in _growth else _growth[key][0]
     if key not in _growth:
+        given = numbers_behind(robot, words)
         _growth[key] = given, _grow(robot, words, given)
-    values, slopes = _growth[key][1](robot.values_of(given), robot.varying_values, moved)
+    given, grow = _growth[key]
+    values, slopes = grow(robot.values_of(given), robot.varying_values, moved)
     return np.asarray(values).ravel(), np.asarray(slopes)
-
-
-_growth: dict[tuple[Hashable, ...], tuple[tuple[ModelNumber, ...], ca.Function]] = {}  # by shapes of robots
 
 
 def _grow(robot: Robot, words: tuple[str, ...], given: tuple[ModelNumber, ...]) -> ca.Function:
