@@ -259,6 +259,43 @@ def test_a_file_may_include_its_only_model(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.frame_placement("base", robot.q0).translation, [0.5, 0.0, 0.0])
 
 
+ROTOR = """<link name="r{n}"><pose>{at} 0.05 0 0 0</pose><inertial><mass>0.02</mass>
+  <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
+<joint name="j{n}" type="revolute"><parent>body</parent><child>r{n}</child>
+  <axis><xyz>0 0 1</xyz></axis></joint>
+<plugin filename="gz-sim-multicopter-motor-model-system" name="m"><jointName>j{n}</jointName>
+  <linkName>r{n}</linkName><turningDirection>{turn}</turningDirection><motorConstant>1e-5</motorConstant>
+  <momentConstant>0.02</momentConstant><maxRotVelocity>1000</maxRotVelocity></plugin>"""
+COPTER = """<link name="body"><inertial><mass>1.5</mass>
+  <inertia><ixx>0.02</ixx><iyy>0.02</iyy><izz>0.03</izz></inertia></inertial></link>""" + "".join(
+    ROTOR.format(n=n, at=at, turn=turn)
+    for n, (at, turn) in enumerate(
+        [("0.2 0.2", "ccw"), ("-0.2 -0.2", "ccw"), ("0.2 -0.2", "cw"), ("-0.2 0.2", "cw")]
+    )
+)
+
+
+@pytest.mark.parametrize("of", ["", "c::"])
+def test_rotors_of_multicopters_are_thrusters(tmp_path: Path, of: str) -> None:
+    """They lift it, and turn it against those that turn faster."""
+    inside = f'<model name="c">{COPTER}</model>' if of else COPTER
+    robot = load(tmp_path, f'<sdf version="1.9"><model name="copter">{inside}</model></sdf>')
+    assert robot.joint_names == ("root_joint",)
+    np.testing.assert_allclose(robot.limits.effort, 10.0)
+    np.testing.assert_allclose(robot.limits.effort_lower, 0.0)
+    pushes = robot.actuation_matrix(robot.q0)  # force and moment on the body, in its axes
+    np.testing.assert_allclose(pushes @ np.ones(4), [0.0, 0.0, 4.0, 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(pushes @ [1.0, 1.0, -1.0, -1.0], [0.0] * 5 + [-4 * 0.02], atol=1e-12)
+
+
+def test_forces_of_other_plugins_are_told(tmp_path: Path) -> None:
+    text = ARM.replace(
+        '<frame name="mark">', '<plugin filename="gz-sim-lift-drag-system"/><frame name="mark">'
+    )
+    with pytest.warns(NotModelledWarning, match="forces of plugins 'gz-sim-lift-drag-system'"):
+        load(tmp_path, text)
+
+
 def test_prefixes_need_no_declaration(tmp_path: Path) -> None:
     text = ARM.replace("<collision", '<drake:proximity a:b="1"/><collision')
     assert load(tmp_path, text).fingerprint == load(tmp_path / "..", ARM).fingerprint
@@ -281,6 +318,11 @@ BROKEN = {
     r"<include> 'model://hand': model://hand/model.sdf: no package folder 'hand' found": (
         "<frame",
         "<include><uri>model://hand</uri></include><frame",
+    ),
+    r"rotor 'j': its joint, its link 'upper' or its turning direction 'cw' is unknown": (
+        "<frame",
+        '<plugin filename="gz-sim-multicopter-motor-model-system"><jointName>j</jointName>'
+        "<linkName>upper</linkName></plugin><frame",
     ),
     r"<include> 'https://a.org/hand' is in the network; download it": (
         "<frame",

@@ -19,6 +19,7 @@ from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers.sdf_joints import read_joints
+from mbocp.robot.loading.readers.sdf_plugins import read_rotors
 from mbocp.robot.loading.readers.sdf_xml import Sdf, parse_sdf
 from mbocp.robot.loading.readers.tree import (
     ELLIPSOIDS,
@@ -63,7 +64,9 @@ class SdfReader:
         links = read_links(sdf, how.folders, left_out)
         found = read_joints(sdf, links, left_out)
         couplings = [] if how.mimic is False else found.couplings
-        table: dict[str, Any] = {"constraint": [*found.loops, *couplings]}
+        joints = (joint for body in found.bodies for joint in body.joints)
+        rotors = read_rotors(sdf, joints, left_out)
+        table: dict[str, Any] = {"constraint": [*found.loops, *couplings], "actuator": rotors}
         if sdf.gravity is not None:
             table["gravity"] = sdf.gravity.tolist()
         return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, how)

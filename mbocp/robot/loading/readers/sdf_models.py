@@ -26,6 +26,7 @@ YES = ("true", "1")
 _IN_MODEL_AXES = (1, 4)  # up to this version axes of joints are those of the model
 _SUBMODELS = ("model", "include")
 _NAMES = ("relative_to", "frame", "expressed_in", "attached_to")  # attributes that name a frame
+_ENDS = {"joint": ("parent", "child"), "plugin": ("linkName", "jointName")}  # whose texts are names
 _MAX_FILES = 100
 _ONLINE = ("http://", "https://")
 
@@ -148,25 +149,26 @@ class Submodels:
 def _parts(
     model: ElementTree.Element, name: str, pose: ElementTree.Element | None, *, is_merged: bool
 ) -> list[ElementTree.Element]:
-    """Links, joints and frames of a model as parts of the one around it, and the frame that stands for it."""
+    """What a model has as parts of the one around it, and the frame that stands for it."""
     inside, prefix = (f"_merged__{name}__model__", "") if is_merged else (name, f"{name}::")
 
     def called(word: str) -> str:
         return inside if word == MODEL else word if word in ("", WORLD) else f"{prefix}{word}"
 
-    parts = [each for each in model if each.tag in PLACED]
+    parts = [each for each in model if each.tag in (*PLACED, "plugin")]
     first = next((each.get("name", "") for each in parts if each.tag == "link"), "")
     carrier = called(model.get("canonical_link", first))
     for part in parts:
         if part.tag == "link" or (part.tag == "frame" and not part.get("attached_to")):
             _place_in_model(part)
-        part.set("name", called(part.get("name", "")))
+        if part.tag in PLACED:
+            part.set("name", called(part.get("name", "")))
         for element in part.iter():
             names = ("joint",) if element.tag == "mimic" else _NAMES
             element.attrib.update(
                 {key: called(element.attrib[key]) for key in names if key in element.attrib}
             )
-        for end in (each for each in part if part.tag == "joint" and each.tag in ("parent", "child")):
+        for end in (each for each in part if each.tag in _ENDS.get(part.tag, ())):
             end.text = called((end.text or "").strip())
     frame = ElementTree.Element("frame", {"name": inside, **({"attached_to": carrier} if carrier else {})})
     if pose is not None:
