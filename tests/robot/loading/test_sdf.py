@@ -244,6 +244,21 @@ def test_models_within_a_model_are_parts_of_it(tmp_path: Path, words: str, versi
     assert load_stored(gather(robot.spec)).fingerprint == robot.fingerprint
 
 
+def test_included_models_are_found_where_gazebo_finds_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = '<sdf version="1.9"><include><uri>model://hand</uri></include></sdf>'
+    monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "models"))
+    (tmp_path / "models/hand").mkdir(parents=True)
+    hand = HAND.replace("lower.obj", "model://hand/lower.obj")
+    (tmp_path / "models/hand/model.sdf").write_text(
+        f'<sdf version="1.9"><model name="h">{hand}</model></sdf>'
+    )
+    (tmp_path / "models/hand/lower.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "other").mkdir()
+    assert load(tmp_path / "other", text, free_flyer=False).joint_names == ("grip",)
+
+
 def test_a_file_may_include_its_only_model(tmp_path: Path) -> None:
     load(tmp_path, ARM.replace('<model name="floor"><static>true</static><link name="floor"/></model>', ""))
     path = tmp_path / "other" / "robot.sdf"
