@@ -24,7 +24,7 @@ from pathlib import Path
 import mbocp
 from benchmarks.machine import header
 from benchmarks.tables import Table, show
-from mbocp.exceptions import MbocpError, UnsupportedRobot
+from mbocp.exceptions import MbocpError
 from mbocp.problem.file.first import first_file
 from mbocp.robot import Robot, list_robots, load_robot
 from mbocp.robot.loading.robot_formats import format_of
@@ -117,10 +117,10 @@ def _rows(robot: str, *, solve: bool) -> Iterator[tuple[str, ...]]:
 
 
 def _held(robot: Path | str, arguments: dict[str, str] | None) -> Robot:
-    """The robot on a base that stands still, unless code of example-robot-data builds it as it is."""
+    """The robot on a base that stands still, unless it is built as it is, or rotors push the base."""
     try:
         return load_robot(robot, arguments=arguments, free_flyer=False)
-    except UnsupportedRobot:
+    except MbocpError:
         return load_robot(robot, arguments=arguments)
 
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path, PurePosixPath
 
 ROOT = Path(__file__).parents[1]
@@ -62,6 +63,7 @@ LONGEST = _LONGEST.split()
 LEVELS = {level: places.split() for level, places in _PLACES.items()}
 
 
+@cache  # asked for each test of a file
 def level_of(file: Path) -> str:
     """Return the level of a file of tests."""
     path = PurePosixPath(name_of(file))

@@ -32,6 +32,7 @@ _PEAK_SPEED = 1.5  # of the mean speed, in a motion with a cubic in time
 _SAMPLES = 9  # poses at which efforts are looked at
 _RESTING = 1e-6  # relative residual below which controls hold a pose
 _MAX_NAMES = 6  # of joints that a note lists
+_PLACE = 3  # first directions of a base that floats
 _TRIES = 6  # of closing loops with shorter ways
 
 
@@ -80,7 +81,10 @@ def first_motion(robot: Robot) -> FirstMotion:
         motors = _with_motors(robot)
         movable = motors if motors.any() else movable
     movable &= ~_undriven_speeds(robot)
-    goal = _goal(robot, start, movable)
+    moved = movable
+    if not rests and _hovers(robot, start):
+        rests, movable, moved = True, np.ones(robot.nv, dtype=np.bool_), np.arange(robot.nv) < _PLACE
+    goal = _goal(robot, start, moved)
     away = np.abs(robot.difference(start, goal))
     motion = FirstMotion(start, goal, movable, rests, _by_speed(robot, away), {}, notes)
     return _within_limits(robot, motion)
@@ -90,6 +94,12 @@ def can_rest(robot: Robot, q: Array) -> bool:
     """Whether controls can push the robot in every direction that its constraints leave."""
     forces = forces_at(robot, q)
     return int(np.linalg.matrix_rank(forces, tol=_RESTING)) == robot.nv if not robot.drives else False
+
+
+def _hovers(robot: Robot, q: Array) -> bool:
+    """Whether controls hold a base that floats where it is, and so at every place."""
+    floats = joint_kind(robot.model, 1).word == "floating"
+    return floats and not robot.nc and not robot.drives and holding_controls(robot, q) is not None
 
 
 def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) -> Array | None:

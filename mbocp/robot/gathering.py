@@ -167,12 +167,15 @@ def _of_model(
     _add_package(found, path)
     for address in reader.addresses(path):
         try:
-            mesh = resolve(address, path.parent, dirs)
+            file = resolve(address, path.parent, dirs)
         except FileNotFoundError:  # whoever loads the robot warns of it
             continue
-        if mesh.suffix.lower() in _MESHES:
-            found.addresses.append((address, path.parent, mesh))
-            _of_mesh(found, mesh, path)
+        if file.suffix.lower() in _MESHES:
+            found.addresses.append((address, path.parent, file))
+            _of_mesh(found, file, path)
+        elif format_of(file) is format_of(path):  # a robot within it
+            found.addresses.append((address, path.parent, file))
+            found.add(file)
     return kept
 
 

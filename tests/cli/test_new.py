@@ -12,6 +12,7 @@ import mbocp
 from mbocp.cli.keys import SCHEMA_FILE
 from mbocp.problem.first_motion import holding_controls
 from tests.mechanics.mimics import PAIR
+from tests.robot.loading.test_sdf import COPTER
 from tests.robot.urdfs import chain, joint, link, robot, write
 
 pytestmark = pytest.mark.filterwarnings("ignore::mbocp.robot.warnings.NotModelledWarning")
@@ -51,6 +52,19 @@ def test_limits_of_arms_hold_with_something_to_spare(run, here, name):
         assert (np.abs(u) < problem.limits.u_upper).all()
     mean = np.abs(problem.robot.difference(problem.q_start, problem.goal.q)) / problem.duration
     assert (1.5 * mean < problem.limits.v_upper).all()
+
+
+def test_a_multicopter_flies_a_little_way(run, here):
+    (here / "copter.sdf").write_text(f'<sdf version="1.9"><model name="copter">{COPTER}</model></sdf>')
+    done = run("new", "copter.sdf")
+    assert done.exit_code == 0, done.stderr
+    problem = mbocp.load_problem(here / "copter.toml")
+    assert problem.goal.q_active.all()
+    assert problem.goal.rate_active.all()
+    np.testing.assert_allclose(problem.goal.q - problem.q_start, [0.2, 0, 0.2, 0, 0, 0, 0])
+    solution = mbocp.solve(problem)
+    assert solution.converged
+    assert (solution.us > 0.0).all()
 
 
 @pytest.mark.parametrize("name", ["rigid_pendulum", "four_bar", "hector"])

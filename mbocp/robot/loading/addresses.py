@@ -31,8 +31,9 @@ LIST = "mbocp-robot.json"
 def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     """Find the file that an address means: package://, model://, file://, absolute, or relative to `base`.
 
-    A package is looked for in `package_dirs`, in ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and in the folders
-    above the file. What was unpacked with a stored robot is where its list says.
+    A package is looked for in `package_dirs`, in the folders of ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and
+    GZ_SIM_RESOURCE_PATH, and in those above the file. What was unpacked with a stored robot is where its
+    list says.
 
     Raises
     ------
@@ -101,7 +102,8 @@ def _environment_packages() -> list[Path]:
     ros = [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     inner = [folder for path in ros if path.is_dir() for folder in sorted(path.iterdir()) if folder.is_dir()]
     ament = [Path(p) / "share" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    return [*ros, *inner, *ament]
+    models = [Path(p) for p in os.environ.get("GZ_SIM_RESOURCE_PATH", "").split(os.pathsep) if p]
+    return [*ros, *inner, *ament, *models]
 
 
 def absolute(path: str | Path, base: Path | None) -> Path:

@@ -29,7 +29,7 @@ class Reader(Protocol):
         """Find files beside this one that belong to it."""
 
     def addresses(self, path: Path) -> tuple[str, ...]:
-        """Find the addresses of meshes, relative to the file's folder."""
+        """Find the addresses of meshes and of robots within it, relative to the file's folder."""
 
     def oddities(self, path: Path) -> Iterable[Oddity]:
         """Find what is allowed, and probably not meant."""
@@ -47,7 +47,7 @@ class Format(NamedTuple):
     endings : tuple of str
         Of its files, the usual one first.
     reader : callable
-        Imports its module.
+        Imports its module, for folders that hold packages.
     file : str
         Name of the file in a folder of the robot's name; empty if any will do.
     about : str
@@ -61,15 +61,21 @@ class Format(NamedTuple):
     kind: str
     name: str
     endings: tuple[str, ...]
-    reader: Callable[[], Reader]
+    reader: Callable[..., Reader]
     file: str = ""
     about: str = ""
     expander: Callable[..., Reader] | None = None
     root: str = ""
 
 
-def _reader(module: str) -> Callable[[], Reader]:
-    return lambda: import_module(f"mbocp.robot.loading.readers.{module}")
+def _reader(module: str) -> Callable[..., Reader]:
+    return lambda _folders: import_module(f"mbocp.robot.loading.readers.{module}")
+
+
+def _sdf(folders: Sequence[Path]) -> Reader:
+    from mbocp.robot.loading.readers.sdf import SdfReader
+
+    return SdfReader(folders)
 
 
 def _expander(*how: Any) -> Reader:
@@ -83,7 +89,7 @@ _XACRO = Format("xacro", "xacro", (".xacro",), _expander, expander=_expander)
 _robot_yaml = _reader("robot_yaml")  # YAML only for robots that have such a file
 _YAML = Format("yaml", "robot.yaml", (".yaml",), _robot_yaml, "robot.yaml", "closed loops of robot.yaml")
 _MJCF = Format("mjcf", "MJCF", (".mjcf",), _reader("mjcf"), root="mujoco")
-_SDF = Format("sdf", "SDF", (".sdf", ".world"), _reader("sdf"), root="sdf")
+_SDF = Format("sdf", "SDF", (".sdf", ".world"), _sdf, root="sdf")
 FORMATS = {each.kind: each for each in (_YAML, _URDF, _XACRO, _MJCF, _SDF)}
 OTHER_KINDS = ("toml", "chain", "example")  # of sources, see `mbocp.robot.loading.robot_sources`
 
@@ -117,4 +123,4 @@ def reader_of(path: Path, folders: Sequence[Path] = (), arguments: Mapping[str, 
     if arguments and unpacked_root(path.parent) is None:
         words = f"got {show(dict(arguments))}, but only xacro files take arguments"
         raise RobotFileError(path, words, "arguments")
-    return found.reader()
+    return found.reader(folders)

@@ -61,7 +61,7 @@ class Toy:
 
 @pytest.fixture
 def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setitem(FORMATS, "toy", Format("toy", "toy", (".toy",), Toy))
+    monkeypatch.setitem(FORMATS, "toy", Format("toy", "toy", (".toy",), lambda _folders: Toy()))
     path = tmp_path / "bob.toy"
     path.write_text(FILE)
     path.with_suffix(".notes").write_text("none")

@@ -55,6 +55,34 @@ def test_one_that_mimics_a_mimic_joint_follows_the_leader_of_both(tmp_path: Path
     np.testing.assert_allclose(data[0].oMi[3].homogeneous, data[1].oMi[3].homogeneous, atol=1e-13)
 
 
+def test_leaders_may_come_later_by_name(tmp_path: Path) -> None:
+    """A left finger and its tip follow the right ones, whose names come later."""
+
+    def text(*names: str) -> str:
+        leader, tip, left, left_tip = names
+        return urdfs.robot(
+            link("base"),
+            *(link(name) for name in ("palm", "l", "lt", "r", "rt")),
+            joint("z", "revolute", "base", "palm"),
+            joint(left, "revolute", "palm", "l", axis="1 0 0", extra=mimic(leader, -1.0, 0.1)),
+            joint(left_tip, "revolute", "l", "lt", axis="0 1 0", extra=mimic(tip, 0.5, 0.0)),
+            joint(leader, "revolute", "palm", "r", axis="1 0 0"),
+            joint(tip, "revolute", "r", "rt", axis="0 1 0"),
+        )
+
+    late = load_robot(urdfs.write(tmp_path / "late", text("r", "r_tip", "l", "l_tip")), free_flyer=True)
+    first = load_robot(urdfs.write(tmp_path / "first", text("a", "a_tip", "b", "b_tip")), free_flyer=True)
+    assert late.joint_names == ("root_joint", "z", "r", "r_tip", "l", "l_tip")
+    assert (late.nv, late.nu) == (first.nv, first.nu) == (9, 3)
+    q = late.integrate(late.q0, np.linspace(-0.5, 0.5, 9))
+    v, a = np.random.default_rng(0).standard_normal((2, 9))
+    forces = [pin.rnea(each.model, each.model.createData(), q, v, a) for each in (late, first)]
+    np.testing.assert_allclose(*forces, rtol=1e-13)
+    for name in ("l", "lt", "rt"):
+        ours, theirs = late.frame_placement(name, q), first.frame_placement(name, q)
+        np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("multiplier", "offset", "expected"),
     [(2.0, 0.5, (-0.75, 0.25)), (-0.5, 0.0, (-2.0, 2.0)), (0.0, 0.4, (-3, 3))],

@@ -193,6 +193,131 @@ def test_shapes_that_are_not_modelled_are_told(tmp_path: Path) -> None:
         load(tmp_path, ARM.replace("</link>", cone, 1))
 
 
+LOWER = '<pose degrees="true" relative_to="upper">0.1 0 0.4 0 30 0</pose>'
+HAND = f"""
+  <link name="lower"><pose>0 0 0.1 0 0 0.2</pose>{INERTIAL.format(mass=1)}
+    <visual name="v"><geometry><mesh><uri>lower.obj</uri></mesh></geometry></visual></link>
+  <link name="finger"><pose>0 0.1 0.3 0 0 0</pose>{INERTIAL.format(mass=0.5)}</link>
+  <frame name="tool" attached_to="lower"><pose>0 0 0.2 0 0 0</pose></frame>
+  <joint name="grip" type="revolute"><parent>lower</parent><child>finger</child>
+    <axis><xyz expressed_in="__model__">0 1 1</xyz></axis></joint>"""
+
+
+def _in_parts(tmp_path: Path, hand: str, inner: str, words: str = "", *, of: str = "") -> Robot:
+    """The arm with a hand in a file of its own, in place of its lower link and the frame on it."""
+    head, _, rest = ARM.partition('<link name="lower">')
+    tail = rest[rest.index('<frame name="mark">') :].replace("<child>tool", f"<child>{of}tool")
+    for name, text in (("robot.sdf", f"{head}{inner}{tail}"), ("models/hand/model.sdf", hand)):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text.replace("WORDS", words))
+    (tmp_path / "models/hand/lower.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    return load_robot(tmp_path / "robot.sdf", package_dirs=[tmp_path / "models"])
+
+
+@pytest.mark.parametrize("version", ["1.9", "1.4"])
+@pytest.mark.parametrize("words", ['merge="true"', ""])
+def test_models_within_a_model_are_parts_of_it(tmp_path: Path, words: str, version: str) -> None:
+    inside = f'<frame name="hand">{LOWER}</frame>{HAND}'.replace("<pose>0 0", '<pose relative_to="hand">0 0')
+    inside = inside.replace("<pose>0 0.1", '<pose relative_to="hand">0 0.1').replace("__model__", "hand")
+    inside = inside.replace('<pose relative_to="hand">0 0 0.2 ', "<pose>0 0 0.2 ").replace(
+        "lower.obj", "models/hand/lower.obj"
+    )
+    inside = inside.replace(
+        INERTIAL.format(mass=1), INERTIAL.format(mass=1).replace(' relative_to="hand"', "")
+    )
+    whole = _in_parts(tmp_path / "whole", "", inside)
+    hand = f'<sdf version="{version}"><model name="hand"><pose>9 9 9 0 0 0</pose>{HAND}</model></sdf>'
+    hand = hand.replace(' expressed_in="__model__"', "") if version == "1.4" else hand
+    include = f"<include WORDS><uri>hand</uri>{LOWER}</include>"
+    of = "" if words else "hand::"
+    robot = _in_parts(tmp_path / "parts", hand, include, words, of=of)
+    assert robot.joint_names == ("shoulder", "slide", f"{of}grip")
+    q, v = np.array([0.4, 0.1, 0.7]), np.array([1.0, -0.5, 0.3])
+    np.testing.assert_allclose(_mass(robot.model, q), _mass(whole.model, q), rtol=1e-12, atol=1e-14)
+    data = [each.model.createData() for each in (robot, whole)]
+    forces = [pin.rnea(each.model, d, q, v, v) for each, d in zip((robot, whole), data, strict=True)]
+    np.testing.assert_allclose(*forces, rtol=1e-12, atol=1e-13)
+    for frame in ("tool", "finger"):
+        ours, theirs = robot.frame_placement(f"{of}{frame}", q), whole.frame_placement(frame, q)
+        np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-13)
+    assert len(robot.visual_model.geometryObjects) == 2
+    assert load_stored(gather(robot.spec)).fingerprint == robot.fingerprint
+
+
+def test_included_models_are_found_where_gazebo_finds_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = '<sdf version="1.9"><include><uri>model://hand</uri></include></sdf>'
+    monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", str(tmp_path / "models"))
+    (tmp_path / "models/hand").mkdir(parents=True)
+    hand = HAND.replace("lower.obj", "model://hand/lower.obj")
+    (tmp_path / "models/hand/model.sdf").write_text(
+        f'<sdf version="1.9"><model name="h">{hand}</model></sdf>'
+    )
+    (tmp_path / "models/hand/lower.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "other").mkdir()
+    assert load(tmp_path / "other", text, free_flyer=False).joint_names == ("grip",)
+
+
+def test_a_file_may_include_its_only_model(tmp_path: Path) -> None:
+    load(tmp_path, ARM.replace('<model name="floor"><static>true</static><link name="floor"/></model>', ""))
+    path = tmp_path / "other" / "robot.sdf"
+    path.parent.mkdir()
+    path.write_text('<sdf version="1.9"><include><uri>../robot.sdf</uri></include></sdf>')
+    with pytest.raises(RobotFileError, match=r"there is no <model> in .*robot.sdf"):
+        load_robot(path)  # that one has a world
+    (tmp_path / "robot.sdf").write_text(
+        f'<sdf version="1.9">{ARM[ARM.rindex("<model") : ARM.index("</world")]}</sdf>'
+    )
+    robot = load_robot(path)
+    assert robot.joint_names == ("shoulder", "slide")
+    np.testing.assert_allclose(robot.frame_placement("base", robot.q0).translation, [0.5, 0.0, 0.0])
+
+
+ROTOR = """<link name="r{n}"><pose>{at} 0.05 0 0 0</pose><inertial><mass>0.02</mass>
+  <inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>2e-5</izz></inertia></inertial></link>
+<joint name="j{n}" type="revolute"><parent>body</parent><child>r{n}</child>
+  <axis><xyz>0 0 1</xyz></axis></joint>
+<plugin filename="gz-sim-multicopter-motor-model-system" name="m"><jointName>j{n}</jointName>
+  <linkName>r{n}</linkName><turningDirection>{turn}</turningDirection><motorConstant>1e-5</motorConstant>
+  <momentConstant>0.02</momentConstant><maxRotVelocity>1000</maxRotVelocity></plugin>"""
+COPTER = """<link name="body"><inertial><mass>1.5</mass>
+  <inertia><ixx>0.02</ixx><iyy>0.02</iyy><izz>0.03</izz></inertia></inertial></link>""" + "".join(
+    ROTOR.format(n=n, at=at, turn=turn)
+    for n, (at, turn) in enumerate(
+        [("0.2 0.2", "ccw"), ("-0.2 -0.2", "ccw"), ("0.2 -0.2", "cw"), ("-0.2 0.2", "cw")]
+    )
+)
+
+
+@pytest.mark.parametrize("of", ["", "c::"])
+def test_rotors_of_multicopters_are_thrusters(tmp_path: Path, of: str) -> None:
+    """They lift it, and turn it against those that turn faster."""
+    inside = f'<model name="c">{COPTER}</model>' if of else COPTER
+    robot = load(tmp_path, f'<sdf version="1.9"><model name="copter">{inside}</model></sdf>')
+    assert robot.joint_names == ("root_joint",)
+    np.testing.assert_allclose(robot.limits.effort, 10.0)
+    np.testing.assert_allclose(robot.limits.effort_lower, 0.0)
+    pushes = robot.actuation_matrix(robot.q0)  # force and moment on the body, in its axes
+    np.testing.assert_allclose(pushes @ np.ones(4), [0.0, 0.0, 4.0, 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(pushes @ [1.0, 1.0, -1.0, -1.0], [0.0] * 5 + [-4 * 0.02], atol=1e-12)
+
+
+def test_forces_of_other_plugins_are_told(tmp_path: Path) -> None:
+    text = ARM.replace(
+        '<frame name="mark">', '<plugin filename="gz-sim-lift-drag-system"/><frame name="mark">'
+    )
+    with pytest.warns(NotModelledWarning, match="forces of plugins 'gz-sim-lift-drag-system'"):
+        load(tmp_path, text)
+
+
+def test_prefixes_need_no_declaration(tmp_path: Path) -> None:
+    text = ARM.replace("<collision", '<drake:proximity a:b="1"/><collision')
+    assert load(tmp_path, text).fingerprint == load(tmp_path / "..", ARM).fingerprint
+    with pytest.raises(RobotFileError, match="malformed XML: mismatched tag"):
+        load(tmp_path, text.replace("</world>", "</word>"))
+
+
 BROKEN = {
     r"joint 'slide' is of type 'screw'; supported: revolute": ('type="prismatic"', 'type="screw"'),
     r"there is no link or frame 'tol': did you mean 'tool'": ("<child>tool", "<child>tol"),
@@ -205,10 +330,24 @@ BROKEN = {
         "<pose>0 0 0.3",
         '<pose relative_to="shoulder">0 0 0.3',
     ),
-    r"<include> 'model://hand' within a model is not": (
+    r"<include> 'model://hand': model://hand/model.sdf: no package folder 'hand' found": (
         "<frame",
         "<include><uri>model://hand</uri></include><frame",
     ),
+    r"rotor 'j': its joint, its link 'upper' or its turning direction 'cw' is unknown": (
+        "<frame",
+        '<plugin filename="gz-sim-multicopter-motor-model-system"><jointName>j</jointName>'
+        "<linkName>upper</linkName></plugin><frame",
+    ),
+    r"<include> 'https://a.org/hand' is in the network; download it": (
+        "<frame",
+        "<include><uri>https://a.org/hand</uri></include><frame",
+    ),
+    r"model 'hand' is within a model and has a placement_frame": (
+        "<frame",
+        '<model name="hand" placement_frame="a"><link name="a"/></model><frame',
+    ),
+    r"<include> 'robot.sdf' includes itself": ("<frame", "<include><uri>robot.sdf</uri></include><frame"),
     r"expected one model that is not static, got 'floor', 'arm'": ("<static>true</static>", ""),
     r"model 'arm': its pose is relative to 'table'": ("<pose>0.5", '<pose relative_to="table">0.5'),
     r"its version is 'new'": ('version="1.9"', 'version="new"'),

@@ -84,10 +84,17 @@ BROKEN = {
     r"joint 'j2' mimics 'nobody', which is not defined": robot(
         link("a"), link("b"), joint("j2", "revolute", "a", "b", extra=urdfs.mimic("nobody"))
     ),
-    r"joint 'j1' mimics 'j2', which comes after it in the model .*exchange.*or load .* mimic = false": robot(
+    r"joint 'j1' mimics 'j2', which moves with it: exchange.*or load .* mimic = false": robot(
         *(link(n) for n in "abc"),
         joint("j1", "revolute", "a", "b", extra=urdfs.mimic("j2")),
         joint("j2", "revolute", "b", "c"),
+    ),
+    r"joints beyond 'j\d' and 'j\d' mimic each other's: make one the leader of all": robot(
+        *(link(n) for n in "abcde"),
+        joint("j1", "revolute", "a", "b"),
+        joint("j2", "revolute", "b", "c", extra=urdfs.mimic("j3")),
+        joint("j3", "revolute", "a", "d"),
+        joint("j4", "revolute", "d", "e", extra=urdfs.mimic("j1")),
     ),
     r"Pinocchio cannot read this URDF: .*j": robot(
         link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")

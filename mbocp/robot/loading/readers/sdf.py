@@ -12,12 +12,14 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers.sdf_joints import read_joints
+from mbocp.robot.loading.readers.sdf_plugins import read_rotors
 from mbocp.robot.loading.readers.sdf_xml import Sdf, parse_sdf
 from mbocp.robot.loading.readers.tree import (
     ELLIPSOIDS,
@@ -44,38 +46,50 @@ _SHAPES: Mapping[str, tuple[Any, Mapping[str, int]]] = {
 }
 
 
-def read(path: Path, name: str, how: Reading) -> Description:
-    """Read a robot from an SDF; joints that mimic others are coupled to them unless `mimic` is False."""
-    sdf, left_out = parse_sdf(path), LeftOut()
-    links = read_links(sdf, how.folders, left_out)
-    found = read_joints(sdf, links, left_out)
-    couplings = [] if how.mimic is False else found.couplings
-    table: dict[str, Any] = {"constraint": [*found.loops, *couplings]}
-    if sdf.gravity is not None:
-        table["gravity"] = sdf.gravity.tolist()
-    return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, how)
+@dataclass(frozen=True)
+class SdfReader:
+    """The reader of SDF files; see `mbocp.robot.loading.robot_formats.Reader`.
 
+    Parameters
+    ----------
+    folders : sequence of Path
+        That hold models which a file includes.
+    """
 
-def companions(path: Path) -> tuple[Path, ...]:
-    """None: a model within it is not supported."""
-    return ()
+    folders: Sequence[Path] = ()
 
+    def read(self, path: Path, name: str, how: Reading) -> Description:
+        """Read a robot; joints that mimic others are coupled to them unless `mimic` is False."""
+        sdf, left_out = parse_sdf(path, self.folders), LeftOut()
+        links = read_links(sdf, how.folders, left_out)
+        found = read_joints(sdf, links, left_out)
+        couplings = [] if how.mimic is False else found.couplings
+        joints = (joint for body in found.bodies for joint in body.joints)
+        rotors = read_rotors(sdf, joints, left_out)
+        table: dict[str, Any] = {"constraint": [*found.loops, *couplings], "actuator": rotors}
+        if sdf.gravity is not None:
+            table["gravity"] = sdf.gravity.tolist()
+        return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, how)
 
-def addresses(path: Path) -> tuple[str, ...]:
-    """Addresses of its meshes, each once."""
-    uris = (mesh.findtext("uri") or "" for mesh in parse_sdf(path).element.iter("mesh"))
-    return tuple(dict.fromkeys(uri.strip() for uri in uris))
+    def companions(self, path: Path) -> tuple[Path, ...]:
+        """None: files of models that it includes have addresses."""
+        return ()
 
+    def addresses(self, path: Path) -> tuple[str, ...]:
+        """Addresses of the models that it includes, and of all meshes, each once."""
+        sdf = parse_sdf(path, self.folders)
+        uris = (mesh.findtext("uri") or "" for mesh in sdf.element.iter("mesh"))
+        return tuple(dict.fromkeys((*sdf.includes, *(uri.strip() for uri in uris))))
 
-def oddities(path: Path) -> Iterator[Oddity]:
-    """Joints that cannot move, and links with the mass that Gazebo gives those that say none."""
-    sdf, left_out = parse_sdf(path), LeftOut()
-    for link in sdf.element.iterfind("link"):
-        if link.find("inertial") is None:
-            words = "no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
-            yield Oddity(words, link=link.get("name", ""))
-    links = read_links(sdf, (), left_out)
-    yield from oddities_of(read_joints(sdf, links, left_out).bodies)
+    def oddities(self, path: Path) -> Iterator[Oddity]:
+        """Joints that cannot move, and links with the mass that Gazebo gives those that say none."""
+        sdf, left_out = parse_sdf(path, self.folders), LeftOut()
+        for link in sdf.element.iterfind("link"):
+            if link.find("inertial") is None:
+                words = "no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
+                yield Oddity(words, link=link.get("name", ""))
+        links = read_links(sdf, (), left_out)
+        yield from oddities_of(read_joints(sdf, links, left_out).bodies)
 
 
 def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> dict[str, TreeBody]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
@@ -15,16 +16,12 @@ from mbocp._dataclass import dataclass
 from mbocp._text import list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot, suggest
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.readers.urdf_xml import finite_numbers, read_xml
+from mbocp.robot.loading.readers.sdf_models import MODEL, PLACED, YES, Submodels, read_sdf
+from mbocp.robot.loading.readers.urdf_xml import finite_numbers
 
-MODEL = "__model__"  # the frame of the model itself
 _MAX_NAMES = 5
 _MAX_ROW = 400  # frames that are placed in one another; Python's stack has 1000 levels
-_YES = ("true", "1")
-_IN_MODEL_AXES = (1, 4)  # up to this version axes of joints are those of the model
 _NO_LIMIT = 1e16
-_PLACED = ("link", "joint", "frame")
-_SUBMODELS = ("model", "include")
 
 
 @dataclass(frozen=True)
@@ -36,15 +33,16 @@ class Sdf:
     path : Path
     element : Element
         <model>.
-    version : (int, int)
     gravity : ndarray, shape (3,), or None
         Of the world that the model is in.
+    includes : tuple of str
+        Addresses of the files of models within the model, which are parts of it here.
     """
 
     path: Path
     element: ElementTree.Element
-    version: tuple[int, int]
     gravity: Array | None
+    includes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -90,14 +88,14 @@ class Sdf:
                 )
             return pin.SE3(pin.Quaternion(values[3:] / np.linalg.norm(values[3:])).matrix(), values[:3])
         values = finite_numbers(self.path, f"{where}: pose", found.text, (0.0,) * 6)
-        angles = np.radians(values[3:]) if found.get("degrees") in _YES else values[3:]
+        angles = np.radians(values[3:]) if found.get("degrees") in YES else values[3:]
         return pin.SE3(pin.rpy.rpyToMatrix(angles), values[:3])
 
     @cached_property
     def elements(self) -> dict[str, ElementTree.Element]:
         """Links, joints and frames by name."""
         found: dict[str, ElementTree.Element] = {}
-        for element in (e for tag in _PLACED for e in self.element.iterfind(tag)):
+        for element in (e for tag in PLACED for e in self.element.iterfind(tag)):
             name = element.get("name", "")
             if name in found or not name:
                 raise RobotFileError(
@@ -174,40 +172,41 @@ class Sdf:
         if norm == 0.0:
             raise RobotFileError(self.path, f"{where}: {tag} xyz is zero, expected a direction")
         frame = "" if xyz is None else xyz.get("expressed_in", "")
-        in_model = element is not None and element.findtext("use_parent_model_frame", "").strip() in _YES
-        if not frame and (self.version <= _IN_MODEL_AXES or in_model):
-            frame = MODEL
         if frame:
             turn = self.place(joint.get("name", "")).rotation.T @ self.place(frame).rotation
             axis = turn @ axis
         return axis / norm
 
 
-def parse_sdf(path: Path) -> Sdf:
+def parse_sdf(path: Path, folders: Sequence[Path] = ()) -> Sdf:
     """Read the model of an SDF: its only one, or the only one of its world that is not static.
+
+    Parameters
+    ----------
+    path : Path
+    folders : sequence of Path
+        That hold models which the file includes.
 
     Raises
     ------
     RobotFileError, UnsupportedRobot
         For a file that is missing, malformed or something else, and for no model or several.
     """
-    _, root = read_xml(path)
-    if root.tag != "sdf":
-        words = f"it is XML with the root element <{root.tag}>, expected <sdf>"
-        raise RobotFileError(path, f"not an SDF: {words}")
+    root = read_sdf(path)
     world = root.find("world")
     inside = root if world is None else world
-    models = inside.findall("model")
+    models, includes = inside.findall("model"), inside.findall("include")
+    if not models and len(includes) == 1:
+        models = [ElementTree.Element("model", {"name": path.parent.name})]
+        includes[0].set("merge", "true")
+        models[0].append(includes[0])
     if len(models) > 1:
         models = [model for model in models if not is_static(model)]
     if len(models) != 1:
         names = list_names([model.get("name", "") for model in models], _MAX_NAMES) or "none"
         raise RobotFileError(path, f"expected one model that is not static, got {names}")
-    for tag in _SUBMODELS:
-        inner = models[0].find(tag)
-        if inner is not None:
-            what = inner.get("name") or inner.findtext("uri", "").strip()
-            raise UnsupportedRobot(f"{path}: <{tag}> {show(what)} within a model is not supported; put it in")
+    submodels = Submodels(path, folders)
+    submodels.put_in(models[0])
     frame = _frame_of_pose(models[0])
     if frame not in ("", WORLD):
         words = f"model {show(models[0].get('name', ''))}: its pose is relative to {show(frame)}"
@@ -215,22 +214,15 @@ def parse_sdf(path: Path) -> Sdf:
     gravity = None
     if world is not None and world.find("gravity") is not None:
         gravity = finite_numbers(path, "gravity", world.findtext("gravity"), (0.0, 0.0, -9.8))
-    return Sdf(path, models[0], _version(path, root.get("version", "1.7")), gravity)
+    return Sdf(path, models[0], gravity, tuple(submodels.addresses))
 
 
 def is_static(model: ElementTree.Element) -> bool:
     """Whether a model does not move."""
-    return model.findtext("static", "").strip() in _YES
+    return model.findtext("static", "").strip() in YES
 
 
 def _frame_of_pose(element: ElementTree.Element) -> str:
     """The frame that the <pose> of an element names; empty if it names none."""
     pose = element.find("pose")
     return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
-
-
-def _version(path: Path, text: str) -> tuple[int, int]:
-    parts = text.split(".")[:2]
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts):
-        raise RobotFileError(path, f"its version is {show(text)}, expected two numbers: 1.7")
-    return int(parts[0]), int(parts[1])

@@ -23,6 +23,7 @@ from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, fi
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_extensions import read_loops, tell_omissions
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
+from mbocp.robot.loading.readers.urdf_order import give_back, sorted_names, with_names
 from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
 from mbocp.robot.loading.readers.urdf_xml import Urdf, find_srdf, finite_numbers, parse_urdf
 from mbocp.robot.loading.robot_toml import RobotTable, tables_from
@@ -117,36 +118,24 @@ def build_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
 
 
 def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
-    text = urdf.text
+    text, names = urdf.text, dict[str, str]()
     if mimic:
         found = followers(urdf.path, urdf.root)
         text = with_first_leaders(text, urdf.root, found)
-        if found:
-            _refuse_late_leaders(urdf, found, free_flyer)
+        names = sorted_names(urdf.path, urdf.root, found)
+        text = with_names(ElementTree.fromstring(text), names) if names else text
     noise: list[str] = []
     try:
         with captured_stderr(noise):
-            if free_flyer:
-                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer(), ROOT_JOINT, mimic)
-            return pin.buildModelFromXML(text, mimic)
+            root = (pin.JointModelFreeFlyer(), ROOT_JOINT) if free_flyer else ()
+            model = pin.buildModelFromXML(text, *root, mimic)
     except Exception as error:  # any exception of Pinocchio or urdfdom
         lines = [*"".join(noise).split("\n"), str(error).rpartition("message:")[2]]
         said = " ".join(" ".join(dict.fromkeys(lines)).split())
         hint = "; mimic = false makes them joints of their own" if mimic and "imic" in said else ""
         raise RobotFileError(urdf.path, f"Pinocchio cannot read this URDF: {said}{hint}") from error
-
-
-def _refuse_late_leaders(urdf: Urdf, found: Sequence[Follower], free_flyer: bool) -> None:
-    """Refuse by name a leader that comes after its follower, which Pinocchio cannot build."""
-    names = list(_pinocchio_model(urdf, free_flyer=free_flyer, mimic=False).names)
-    for follower in found:
-        if names.index(follower.leader) > names.index(follower.name):
-            raise RobotFileError(
-                urdf.path,
-                f"joint {follower.name!r} mimics {follower.leader!r}, which comes after it in the model "
-                "(depth first, and by name where a link has several joints): exchange leader and follower, "
-                "or their names, or load the robot with mimic = false",
-            )
+    give_back(model, names)
+    return model
 
 
 @contextlib.contextmanager

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -20,6 +22,8 @@ LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 _FOREIGN_ROOTS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a Collada mesh"}
 
+_UNBOUND_PREFIX = 27  # of expat
+_RESERVED = {"xml", "xmlns"}
 _MAX_LEVELS = 100  # of elements within each other; a URDF needs six
 _MAX_BYTES = 4 * MEGABYTE
 
@@ -75,9 +79,33 @@ def parse_xml(path: Path, text: str) -> tuple[str, ElementTree.Element]:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise RobotFileError(path, f"malformed XML: {error}") from error
+        if getattr(error, "code", None) != _UNBOUND_PREFIX:
+            raise RobotFileError(path, f"malformed XML: {error}") from error
+        text = _declare_prefixes(path, text)
+        root = ElementTree.fromstring(text)
     _check_depth(path, root)
     return text, root
+
+
+def _declare_prefixes(path: Path, text: str) -> str:
+    """Declare the prefixes of tags and attributes, as in `drake:mass`, which tools of robots read without."""
+    prefixes, seen = set[str](), dict[str, int]()
+
+    def start(tag: str, attributes: Mapping[str, str]) -> None:
+        seen.setdefault(tag, parser.CurrentByteIndex)
+        prefixes.update(word.split(":")[0] for word in (tag, *attributes) if ":" in word)
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = start
+    content = text.encode()
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise RobotFileError(path, f"malformed XML: {error}") from error
+    root, place = next(iter(seen.items()))
+    end = place + 1 + len(root.encode())
+    said = "".join(f' xmlns:{p}="{p}"' for p in sorted(prefixes - _RESERVED) if f"xmlns:{p}=" not in text)
+    return (content[:end] + said.encode() + content[end:]).decode()
 
 
 def has_macros(root: ElementTree.Element) -> bool:
