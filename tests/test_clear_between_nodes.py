@@ -19,7 +19,8 @@ from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
 from mbocp.job import Job
 from mbocp.problem import Problem
-from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs
+from mbocp.problem.obstacles.approach import depths_along
+from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs, with_pairs, with_rows_and_room
 from mbocp.solution import Status
 from mbocp.solution.later import retold
 from mbocp.strategies import BestInTime
@@ -131,6 +132,22 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     assert not asked[-1]
     assert solution.clearance >= 0.0
     assert solution.cost <= 1.01 * expected.cost  # they jump over the post at different nodes
+
+
+def test_what_has_had_no_row_has_room_for_the_corners_alone(around_a_post):
+    """It is 3 cm in the post at the nodes, too, where its row will keep it out: 7 mm are between them."""
+    problem = around_a_post(30).with_(obstacle=[{**POST, "position": [1.515, 0.575, 0.0]}])
+    t, q1 = np.linspace(0.0, 1.0, 31), np.asarray(problem.goal.q)
+    qs = problem.q_start + t[:, None] * (q1 - problem.q_start)
+    vs = np.tile(q1 - problem.q_start, (31, 1))
+    depths = depths_along(problem.clearance, t, qs, vs)
+    assert max(depths.values()) > 0.025
+    larger, has_more_rows = with_rows_and_room(with_pairs(problem, []), t, qs, vs, depths)
+    assert has_more_rows
+    assert 1e-3 < largest_reserve(larger) < 0.012
+    has_all, has_more_rows = with_rows_and_room(problem, t, qs, vs, depths)  # rows have not kept them out
+    assert not has_more_rows
+    assert largest_reserve(has_all) > max(depths.values())
 
 
 def test_rough_motions_say_how_much_room_there_has_to_be(around_a_post, monkeypatch):

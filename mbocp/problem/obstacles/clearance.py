@@ -268,8 +268,9 @@ class Clearance(BoundedTerm):
         What is larger than `near`, which takes most of the time, may be any number between `near` and it.
         """
         is_all = pairs is None or len(pairs) == self.num_pairs
-        found = self._pair_clearances if is_all or pairs is None else self._pair_clearances.of_pairs(pairs)
-        return found.values(self.scene_configurations(qs, ts), near)
+        return self._pair_clearances.values(
+            self.scene_configurations(qs, ts), near, None if is_all else pairs
+        )
 
     def pairs_near(self, qs: Array, near: float, ts: Array | None = None) -> IntArray:
         """All pairs that come nearer than `near` [m] at some configurations, and some others."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,9 +12,8 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import NativeMismatch
-from mbocp.robot import joints
+from mbocp.problem.obstacles.joint_table import joint_table, placement_numbers
 from mbocp.robot.joints import joint_kind
-from mbocp.robot.large import working_data
 from mbocp.terms.clearance_term import ClearanceRow
 from mbocp.terms.distances import CORE, HullCore
 
@@ -22,19 +21,7 @@ if TYPE_CHECKING:
     from mbocp._native._room import Room
 
 
-_SCREW, _CIRCLE = 0, 1
-_KINDS = {
-    "revolute": _SCREW,
-    "prismatic": _SCREW,
-    "helical": _SCREW,
-    "continuous": _CIRCLE,
-    "planar": 2,
-    "floating": 3,
-    "spherical": 4,
-    "translation": 5,
-}
 _LOOKED_AT = 200  # configurations at which centres of spheres are in a tree
-_MOVED = 0.5  # [rad, m] of the joint whose twist is looked at: exact, for it is constant
 
 
 @dataclass(frozen=True)
@@ -107,56 +94,68 @@ class PairClearances:
         """Of rows."""
         return cls(model, frames, tuple(rows), radii)
 
-    def values(self, qs: Array, near: float = np.inf) -> Array:
-        """Clearances, shape (n, P) [m]; larger ones than `near` may be any number between `near` and them."""
-        return np.asarray(self._room.values(_flat(qs), near)).reshape(len(qs), len(self.rows))
+    def values(self, qs: Array, near: float = np.inf, pairs: IntArray | None = None) -> Array:
+        """Clearances of pairs, by default of all, shape (n, pairs) [m].
+
+        Larger ones than `near` may be any number between `near` and them.
+        """
+        room = self._room if pairs is None else self._room_of_pairs(pairs)
+        width = len(self.rows if pairs is None else pairs)
+        return np.asarray(room.values(_flat(qs), near)).reshape(len(qs), width)
 
     def near(self, qs: Array, near: float) -> IntArray:
         """Pairs that may be nearer than `near` [m] at some of n configurations, and all that move both.
 
-        A tree of the centres of spheres tells how far each shape is from the nearest of them.
+        A tree of the spheres' centres tells how far each shape is from the nearest of them.
         """
         from scipy.spatial import cKDTree  # slow to import, and wanted only where there are many pairs
 
-        found = self._shapes
-        joints, spheres = self.joint_placements(qs), self._spheres
+        found, count = self._shapes, len(qs)
+        joints = self.joint_placements(qs)
         centers = np.concatenate(
-            [joints[:, j, :, :3] @ center + joints[:, j, :, 3] for j, center in spheres]
-        ).reshape(len(spheres), len(qs), 3)
-        stride = -(-len(qs) // _LOOKED_AT)
-        looked_at = np.minimum(np.arange(len(qs)) // stride * stride + stride // 2, len(qs) - 1)
-        moved = float(np.linalg.norm(centers - centers[:, looked_at], axis=2).max())
-        tree = cKDTree(centers[:, np.unique(looked_at)].reshape(-1, 3))
+            [(joints[:, j].reshape(-1, 4) @ at).reshape(count, 3, -1) for j, at in self._spheres.items()],
+            axis=2,
+        )
+        stride = -(-count // _LOOKED_AT)
+        looked_at = np.minimum(np.arange(count) // stride * stride + stride // 2, count - 1)
+        ways = centers - centers[looked_at]
+        moved = float(np.einsum("nkj,nkj->nj", ways, ways).max()) ** 0.5
+        points = centers[np.unique(looked_at)].transpose(0, 2, 1).reshape(-1, 3)
+        tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # it is asked a few times alone
         away = tree.query(found.middles)[0] - moved
         return np.flatnonzero((found.moves | (found.slopes * away - found.around < near))[found.of_pairs])
 
     @cached_property
-    def _spheres(self) -> list[tuple[int, Array]]:
-        """Joint that carries a sphere, and where on it its centre is [m], of all spheres."""
-        centers = {(row.place, row.center.tobytes()): row for row in self.rows}.values()
+    def _of_spheres(self) -> tuple[list[ClearanceRow], IntArray]:
+        """A row for each sphere, and the sphere of each pair."""
+        return _distinct(self.rows, lambda row: (row.place, row.center.tobytes()))
+
+    @cached_property
+    def _of_shapes(self) -> tuple[list[ClearanceRow], IntArray]:
+        """A row for each shape, and the shape of each pair."""
+        return _distinct(
+            self.rows, lambda row: (row.other, row.at.tobytes(), row.axes.tobytes(), id(row.core))
+        )
+
+    @cached_property
+    def _spheres(self) -> dict[int, Array]:
+        """Centres of the spheres on each joint that has some, shape (4, any) with ones in the end [m]."""
         frames = [None, *(self.model.frames[k] for k in self.frames)]
-        at = [(frames[row.place], row.center) for row in centers]
-        return [(f.parentJoint, f.placement.act(np.array(c))) if f else (0, c) for f, c in at]
+        found: dict[int, list[Array]] = {}
+        for row in self._of_spheres[0]:
+            frame = frames[row.place]
+            center = np.array(row.center) if frame is None else frame.placement.act(np.array(row.center))
+            found.setdefault(0 if frame is None else frame.parentJoint, []).append(np.append(center, 1.0))
+        return {joint: np.column_stack(centers) for joint, centers in found.items()}
 
     @cached_property
     def _shapes(self) -> _Shapes:
-        numbers: dict[tuple[int, bytes, int], int] = {}
-        rows, of_pairs = list[ClearanceRow](), np.zeros(len(self.rows), dtype=np.intp)
-        for k, row in enumerate(self.rows):
-            key = (row.other, row.at.tobytes(), id(row.core))
-            if key not in numbers:
-                numbers[key] = len(rows)
-                rows.append(row)
-            of_pairs[k] = numbers[key]
+        rows, of_pairs = self._of_shapes
         reach = np.array([_reach(row) for row in rows]).reshape(-1, 2)
         radii = np.full(len(rows), -np.inf)
         np.maximum.at(radii, of_pairs, self.radii)
         middles, moves = np.array([row.at for row in rows]), np.array([row.other > 0 for row in rows])
         return _Shapes(middles, reach[:, 0], reach[:, 1] + radii, moves, of_pairs)
-
-    def of_pairs(self, pairs: IntArray) -> PairClearances:
-        """The same of some of the pairs."""
-        return PairClearances(self.model, self.frames, tuple(self.rows[k] for k in pairs), self.radii[pairs])
 
     def joint_placements(self, qs: Array) -> Array:
         """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
@@ -217,24 +216,40 @@ class PairClearances:
 
     @cached_property
     def _room(self) -> Room:
+        return self._room_of_pairs(np.arange(len(self.rows)))
+
+    def _room_of_pairs(self, pairs: IntArray) -> Room:
+        """Some of the pairs, with the spheres and shapes that these have."""
+        places, spheres, shapes, planes = self._tables
+        kept_spheres, sphere = np.unique(self._of_spheres[1][pairs], return_inverse=True)
+        kept_shapes, shape = np.unique(self._of_shapes[1][pairs], return_inverse=True)
+        table = np.column_stack([sphere, shape, self.radii[pairs]])
+        return _room_of(self.model, places, spheres[kept_spheres], shapes[kept_shapes], planes, table)
+
+    @cached_property
+    def _tables(self) -> tuple[Array, Array, Array, Array]:
+        """Of places, spheres and shapes, a row each, and of planes."""
         places = [
             [self.model.frames[k].parentJoint, *placement_numbers(self.model.frames[k].placement)]
             for k in self.frames
         ]
-        of_spheres = [(row.place, *row.center.tolist()) for row in self.rows]
-        cores = {id(row.core): row.core for row in self.rows if isinstance(row.core, HullCore)}
+        rows = self._of_shapes[0]
+        cores = {id(row.core): row.core for row in rows if isinstance(row.core, HullCore)}
         ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])
         first = dict(zip(cores, ends[:-1].tolist(), strict=True))
-        of_shapes = [_shape(row, first) for row in self.rows]
-        spheres, shapes = (
-            {known: n for n, known in enumerate(dict.fromkeys(x))} for x in (of_spheres, of_shapes)
-        )
-        pairs = [
-            (spheres[sphere], shapes[shape], radius)
-            for sphere, shape, radius in zip(of_spheres, of_shapes, self.radii, strict=True)
-        ]
+        spheres = np.array([(row.place, *row.center) for row in self._of_spheres[0]]).reshape(-1, 4)
+        shapes = np.array([_shape(row, first) for row in rows]).reshape(len(rows), -1)
         planes = np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])
-        return _room_of(self.model, places, list(spheres), list(shapes), planes, pairs)
+        return np.array(places, dtype=np.float64), spheres, shapes, planes
+
+
+def _distinct(
+    rows: Sequence[ClearanceRow], key: Callable[[ClearanceRow], Hashable]
+) -> tuple[list[ClearanceRow], IntArray]:
+    """The first row of each key, and which of these each row is like."""
+    numbers: dict[Hashable, int] = {}
+    found = np.array([numbers.setdefault(key(row), len(numbers)) for row in rows], dtype=np.intp)
+    return [rows[k] for k in np.unique(found, return_index=True)[1]], found
 
 
 def _room_of(model: pin.Model, *tables: Array | Sequence[object]) -> Room:
@@ -280,51 +295,3 @@ def _reach(row: ClearanceRow) -> tuple[float, float]:
 
 def _flat(table: Array | Sequence[object]) -> Array:
     return np.ascontiguousarray(table, dtype=np.float64).ravel()
-
-
-def joint_table(model: pin.Model) -> Array:
-    """A row for each joint but the world: parent, kind, first number, placement at rest, twist of a unit.
-
-    Returns
-    -------
-    ndarray, shape (njoints - 1, 21)
-        The twist, linear before angular, is that of joints with one number, zero of others; joints that mimic
-        another have the numbers of that one.
-    """
-    mimicked = dict(zip(model.mimicking_joints, model.mimicked_joints, strict=True))
-    data = working_data(model)
-    at_rest, moved = _placements(model, data, 0.0), _placements(model, data, _MOVED)
-    rows = []
-    for joint in range(1, model.njoints):
-        owner = mimicked.get(joint, joint)
-        kind = _KINDS[joints.joint_kind(model, owner).word]
-        first = joints.configuration_slice(model, owner).start
-        placement, twist = model.jointPlacements[joint], np.zeros(6)
-        if kind in (_SCREW, _CIRCLE):
-            placement = at_rest[joint]
-            twist = _twist(placement.actInv(moved[joint]))
-        rows.append([model.parents[joint], kind, first, *placement_numbers(placement), *twist])
-    return np.array(rows, dtype=np.float64).reshape(-1, 21)
-
-
-def placement_numbers(placement: pin.SE3) -> Array:
-    """Axes by rows and origin, shape (12,)."""
-    return np.concatenate([np.ravel(placement.rotation), placement.translation])
-
-
-def _placements(model: pin.Model, data: pin.Data, amount: float) -> list[pin.SE3]:
-    """Of each joint in its parent, where those with one number are moved by as much."""
-    q = np.array(pin.neutral(model))
-    for joint in range(1, model.njoints):
-        kind = joints.joint_kind(model, joint)
-        if kind.word in _KINDS and _KINDS[kind.word] == _SCREW:
-            q[joints.configuration_slice(model, joint)] = amount
-        elif kind.word == "continuous":
-            q[joints.configuration_slice(model, joint)] = np.cos(amount), np.sin(amount)
-    pin.forwardKinematics(model, data, q)
-    return [pin.SE3(placement) for placement in data.liMi]
-
-
-def _twist(moved: pin.SE3) -> Array:
-    """Of a unit: linear and angular part, which are along each other or one of them is zero."""
-    return np.concatenate([moved.translation, pin.log3(moved.rotation)]) / _MOVED

@@ -121,17 +121,24 @@ def with_rows_and_room(
 
 
 def _lacking(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]) -> Array:
-    """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing."""
+    """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing.
+
+    A pair that has had no row is short of what the motion cuts off between nodes: its row keeps the rest.
+    """
     near = float(rows.margins.max(initial=0.0)) + _MOST
     times, sampled = poses_between(rows.robot, t, qs, vs)
     pairs, least = _least(rows, times, sampled, near)
     words, more = np.array([rows.links_of(k) for k in pairs]), np.zeros(rows.num_pairs)
+    has_row = np.ones(len(pairs), dtype=np.bool_) if rows.chosen is None else np.isin(pairs, rows.chosen)
+    at_nodes = rows.pair_values(qs, near, t, pairs).min(axis=0) - rows.margins[pairs]
+    cut = np.maximum(at_nodes - least, 0.0)
     for touching, depth in depths.items():
         meant = words == touching
         nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
-        more[pairs[nearest]] = depth + _SPARE
+        more[pairs[nearest]] = np.where(has_row, depth, cut)[nearest] + _SPARE
     if _is_exact(rows):
-        more[pairs] = np.maximum(more[pairs], np.where(least < 0.0, _RESERVE - least, 0.0))
+        lack = _RESERVE + np.where(has_row, -least, cut)
+        more[pairs] = np.maximum(more[pairs], np.where(least < 0.0, lack, 0.0))
     return more
 
 
