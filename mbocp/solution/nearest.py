@@ -32,7 +32,7 @@ from mbocp.solution.quadratic import minimise
 KINDS = ("position", "speed", "acceleration", "jerk")
 _PARTS = 4  # pieces to a step of the motion
 _LEAST_PIECE = 1e-3  # [s]: jerks have round-off by the cube of it
-_LEAST_PIECES = 8
+_LEAST_PIECES, _MANY_PIECES = 8, 400
 _SMOOTH = 10.0
 _ROUNDS = 8  # of rows for what is left within pieces
 _PLACES = np.linspace(0.0, 1.0, 9)[1:]  # in a piece, at which speeds are compared with positions
@@ -106,7 +106,8 @@ class Nearest:
     def _joint(self, k: int, factor: float) -> _Joint:
         motion, ends = self.motion, self.ends
         duration, steps = factor * float(motion.nodes[-1]), len(motion.nodes) - 1
-        pieces = max(min(_PARTS * steps, int(duration / _LEAST_PIECE)), _LEAST_PIECES)
+        pieces = min(_PARTS * steps, max(steps, _MANY_PIECES), int(duration / _LEAST_PIECE))
+        pieces = max(pieces, _LEAST_PIECES)
         shares = np.linspace(0.0, 1.0, pieces + 1)
         late = (duration - motion.nodes[-1]) * (3.0 - 2.0 * shares) * shares**2
         wanted = motion.at(duration * shares - late)[0][:, k]

@@ -14,12 +14,10 @@ import ruckig
 import mbocp
 from mbocp.integrators.controls import ControlKind
 from mbocp.problem import Problem
-from mbocp.solution.sent import motion_as_sent
 from mbocp.terms.over_speed import place_of
 from tests.sent.reader import (
     ends_of_points,
     limits_of,
-    samples_of,
     violation_of_points,
     violation_of_samples,
 )
@@ -83,40 +81,6 @@ def row_of(
         warnings.simplefilter("ignore")
         row |= violations(solution, Path(folder), name)
     return row
-
-
-def row_amid(name: str, seed: int, folder: Path, *, is_stop: bool) -> dict[str, Any]:
-    """A stop, or the rest of a motion solved again, from an instant of it as it is sent: written, read."""
-    problem, limits = problem_of(name, seed, with_torques=False), limits_of(PROFILES / f"{name}.toml")
-    if name == "ur5e":
-        problem = problem.with_(limits={**ROBOTS[name][1], "effort": False, "jerk": JERK})
-        limits |= {
-            kind: np.array([[-x] * 6, [x] * 6]) for kind, x in (("acceleration", 15.0), ("jerk", JERK))
-        }
-    plan, rng = mbocp.solve(problem, check=True), np.random.default_rng(seed)
-    sent = motion_as_sent(plan, 1000.0, fit=True).curves
-    at = rng.uniform(0.15, 0.85) * float(sent.nodes[-1])
-    q, v, a = (x[0] for x in sent.at(np.array([at]))[:3])
-    bounds = problem.limits
-    v, a = np.clip(v, bounds.v_lower, bounds.v_upper), np.clip(a, bounds.a_lower, bounds.a_upper)
-    if is_stop:
-        found = mbocp.stop(problem, q=q, v=v, a=a)
-    else:
-        duration = {"min": 0.05, "max": 5.0, "guess": float(sent.nodes[-1]) - at}
-        found = mbocp.solve(problem.with_(start={"q": q, "v": v, "a": a}, duration=duration))
-    row = {"robot": name, "seed": seed, "status": str(found.status), "iterations": found.iterations}
-    worst: dict[str, float] = {}
-    for rate in RATES:
-        file = found.export(folder / f"{rate}.csv", rate=float(rate))
-        before = sent.at(np.maximum(at - np.arange(3, 0, -1) / rate, 0.0))[0]
-        left = violation_of_samples(file, float(rate), limits, before)
-        worst |= {f"{kind} {rate}": value for kind, value in left.items()}
-    file = found.export(folder / "points.yaml")
-    worst |= {f"{kind} points": value for kind, value in violation_of_points(file, limits).items()}
-    t, samples = samples_of(folder / "1000.csv")
-    ends = [samples[0] - q, *([] if is_stop else [samples[-1] - problem.goal.q])]
-    longer = float(t[-1]) / found.duration - 1.0
-    return row | {"violations": worst, "away": float(np.abs(ends).max()), "longer": longer}
 
 
 def violations(solution: mbocp.Solution, folder: Path, name: str) -> dict[str, Any]:

@@ -10,7 +10,8 @@ import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sent.cases import ROBOTS, TOLERANCE, row_amid, row_of, time_to_brake
+from tests.sent import amid
+from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
 LIMITS = {"position": np.array([[-3.0], [3.0]]), "velocity": np.array([[-2.0], [2.0]])}
@@ -42,7 +43,7 @@ def test_controls_at_stages_are_as_fast_as_the_slowest_joint(name: str, seed: in
 @pytest.mark.parametrize("name", ROBOTS)
 def test_what_begins_moving_goes_on_from_what_was_sent(name: str, tmp_path: Path, *, is_stop: bool) -> None:
     """A stop, or a replan, from an instant of a motion as it is sent, with the samples before it."""
-    row = row_amid(name, 2, tmp_path, is_stop=is_stop)
+    row = amid.row_of(name, 2, tmp_path, is_stop=is_stop)
     assert row["status"] == "converged"
     assert max(row["violations"].values()) <= 1e-6
     assert row["away"] < 1e-9
