@@ -42,7 +42,7 @@ from mbocp.robot.nodes import are_chords
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
-_AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
+AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
 _STEPS_TO_MIDDLES = 10  # in which a motion that begins with a velocity comes to the middles of its steps
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 # By which nodes of a mean are apart, a part of its width at most: jerks have round-off by the cube of it.
@@ -84,12 +84,12 @@ class Curves:
     @property
     def begins_at_rest(self) -> bool:
         """Whether all joints do."""
-        return bool(np.abs(self.v[0]).max() < _AT_REST)
+        return bool(np.abs(self.v[0]).max() < AT_REST)
 
     @property
     def is_from_rest_to_rest(self) -> bool:
         """Whether all joints begin and end at rest."""
-        return bool(np.abs(self.v[[0, -1]]).max() < _AT_REST)
+        return bool(np.abs(self.v[[0, -1]]).max() < AT_REST)
 
     def at(self, times: Array) -> Derivatives:
         """Positions and their first three derivatives, shapes (k, joints)."""
@@ -136,7 +136,7 @@ class Curves:
         nodes = [middles[:1] - lengths[:1] / 2.0 - lag, middles, self.nodes[-1:]]
         positions = [self.q[:1], (self.q[:-1] + self.q[1:]) / 2.0, self.q[-1:]]
         velocities = [self.v[:1], self.v[1:], self.v[-1:]]
-        if np.abs(self.v[-1]).max() < _AT_REST:  # the last step leads nowhere
+        if np.abs(self.v[-1]).max() < AT_REST:  # the last step leads nowhere
             nodes, positions, velocities = nodes[:-1], positions[:-1], velocities[:-1]
         times = np.concatenate(nodes)
         found = Curves(times - times[0], np.concatenate(positions), np.concatenate(velocities))
@@ -234,9 +234,9 @@ def _smoothest(t: Array, q: Array, v: Array, has_jerk: BoolArray) -> Array:
     found = np.empty_like(v)
     for k in range(v.shape[1]):
         own, b = bands.copy(), right[:, k].copy()
-        if has_jerk[k] and abs(v[0, k]) < _AT_REST:
+        if has_jerk[k] and abs(v[0, k]) < AT_REST:
             own[1, 0], own[0, 1], b[0] = 1.0, 0.0, 0.0
-        if has_jerk[k] and abs(v[-1, k]) < _AT_REST:
+        if has_jerk[k] and abs(v[-1, k]) < AT_REST:
             own[1, -1], own[2, -2], b[-1] = 1.0, 0.0, 0.0
         found[:, k] = solve_banded((1, 1), own, b)
     return found

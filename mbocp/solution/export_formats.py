@@ -121,11 +121,8 @@ def export_motion(
 
 def what_helps(sent: Sent, excesses: Sequence[Excess]) -> str:
     """Say what may keep a motion within limits that it leaves as it is sent, the worst first."""
-    if excesses[0].kind == "jerk" and not sent.curves.is_from_rest_to_rest:
-        return (
-            "since only motions from rest to rest are fitted within jerks, take horizon.controls = "
-            '"linear", more steps and less of limits.jerk than there is'
-        )
+    if sent.is_nearest and excesses[0].kind in ("position", "speed", "acceleration"):
+        return "the state in which it begins leads there: begin slower, or with less acceleration"
     return "take more steps"
 
 

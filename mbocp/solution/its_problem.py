@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.obstacle_table import obstacles_from
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.read_tables import read_tables
+from mbocp.problem.goals.goal import Goal
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.problem import problem_from_tables
 from mbocp.problem.timeline.times import FreeTime
@@ -23,9 +24,18 @@ from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.solution.its_robot import held_files, warn_of_changes
-from mbocp.solution.problem_facts import Facts, ParameterValue, PathRow, PhasePlace, ViaPlace
+from mbocp.solution.problem_facts import (
+    BrakingPlace,
+    Facts,
+    ParameterValue,
+    PathRow,
+    PhasePlace,
+    ViaPlace,
+)
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms import OwnTerm
+from mbocp.terms.braking import Braking
+from mbocp.terms.over_speed import place_of
 from mbocp.terms.rates import RATE_TERMS
 
 
@@ -142,6 +152,8 @@ def facts_of(problem: Problem) -> Facts:
         a_start=_plain(problem.a_start),
         u_start=() if before is None else _plain(before),
         u_goal=() if after is None or isinstance(after, str) else _plain(after),
+        q_goal=_asked(problem.goal),
+        braking=tuple(_braking(problem)),
         ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
         parameters=tuple(
@@ -168,6 +180,20 @@ def _rows(problem: Problem, constraint: Any) -> list[PathRow]:
     total = int(np.count_nonzero(constraint.span.nodes(problem.num_steps, problem.dt)))
     sides = zip(constraint.labels, asked.lower, asked.upper, strict=True)
     return [PathRow(label.name, float(low), float(high), label.unit, total) for label, low, high in sides]
+
+
+def _asked(goal: Goal) -> tuple[bool, ...]:
+    """Which coordinates end where a goal says; empty where all do."""
+    says_all = goal.q_active.all() or goal.frames or goal.periodic is not None
+    return () if says_all else tuple(goal.q_active.tolist())
+
+
+def _braking(problem: Problem) -> Iterator[BrakingPlace]:
+    for path in problem.frame_constraints:
+        if path.kind == Braking.kind and path.span.nodes(problem.num_steps, problem.dt).all():
+            joint = problem.robot.v_labels[place_of(path.frame, problem.robot)].name
+            numbers = (float(path.number(key)[0]) for key in ("deceleration", "reserve"))
+            yield BrakingPlace(joint, max(path.lower), min(path.upper), *numbers)
 
 
 def _limits_along(problem: Problem) -> dict[str, Any]:

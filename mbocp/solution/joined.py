@@ -51,7 +51,7 @@ def join_motions(first: SolutionData, node: int, second: SolutionData) -> Soluti
     }
     facts, of_end = first.facts_kept, second.facts
     if facts is not None:
-        facts = replace(facts, u_goal=of_end.u_goal, ends_held=of_end.ends_held)
+        facts = replace(facts, u_goal=of_end.u_goal, q_goal=of_end.q_goal, ends_held=of_end.ends_held)
     return SolutionData(
         status=second.status,
         solver=second.solver,

@@ -116,6 +116,25 @@ class ParameterValue(NamedTuple):
     multiplier: float
 
 
+class BrakingPlace(NamedTuple):
+    """A joint whose speed falls towards the limits of its position, all along a motion.
+
+    Attributes
+    ----------
+    joint : str
+    lower, upper : float
+        Limits of its position; infinite where there is none.
+    deceleration, reserve : float
+        See `mbocp.terms.braking.Braking`.
+    """
+
+    joint: str
+    lower: float
+    upper: float
+    deceleration: float
+    reserve: float
+
+
 @dataclass(frozen=True)
 class Facts:
     """What a problem asks of a motion.
@@ -143,6 +162,9 @@ class Facts:
     u_start, u_goal : tuple of float
         Controls before the start and after the end, from and to which limits of rates lead; empty where these
         are free.
+    q_goal : tuple of bool
+        Of each velocity, whether the goal says where its coordinate ends; empty where all do.
+    braking : tuple of BrakingPlace
     ends_held : bool
         Whether limits of rates lead to the controls that hold the robot where it ends.
     effort_rms : tuple of float
@@ -164,6 +186,8 @@ class Facts:
     a_start: _Numbers = ()
     u_start: _Numbers = ()
     u_goal: _Numbers = ()
+    q_goal: tuple[bool, ...] = ()
+    braking: tuple[BrakingPlace, ...] = ()
     ends_held: bool = False
     effort_rms: _Numbers = ()
     parameters: tuple[ParameterValue, ...] = ()
@@ -195,6 +219,7 @@ class Facts:
             a_start=self.a_start if len(self.a_start) == sizes["v"] else (),
             u_start=self.u_start if len(self.u_start) == sizes["u"] else (),
             u_goal=self.u_goal if len(self.u_goal) == sizes["u"] else (),
+            q_goal=self.q_goal if len(self.q_goal) == sizes["v"] else (),
             effort_rms=self.effort_rms if len(self.effort_rms) == sizes["u"] else (),
         )
 

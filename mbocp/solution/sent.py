@@ -4,7 +4,8 @@ A motion within its limits at nodes, or all along its cubics, may leave them as 
 swing over, and by accelerations that leap, which no limit of jerk allows. Where it leads from rest to rest
 it is fitted: jerks by a moving mean, see `mbocp.solution.curves`, of its cubics or of the spline through its
 nodes; what is left by more time, which lowers all speeds, accelerations and jerks. Of all means that is taken
-which makes the motion longer by least. The way stays.
+which makes the motion longer by least. The way stays. Where it begins or ends moving it is the nearest motion
+that keeps the limits from its state, see `mbocp.solution.nearest`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.curves import Curves, differences
+from mbocp.solution.curves import AT_REST, Curves, differences
+from mbocp.solution.nearest import Ends, Nearest
+from mbocp.solution.problem_facts import BrakingPlace
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import RATE_TERMS
 
@@ -115,6 +118,8 @@ class Sent:
         Limits that it leaves all the same, the worst by its ratio first.
     is_of_spline : bool
         Whether the moving mean is that of the spline through the nodes, not of the cubics.
+    is_nearest : bool
+        Whether it is the nearest motion within limits from the state at its start.
     lag : float
         Time by which positions follow the controls of the solution before all that [s].
     """
@@ -128,6 +133,7 @@ class Sent:
     slower: float
     excesses: tuple[Excess, ...]
     is_of_spline: bool = False
+    is_nearest: bool = False
     lag: float = 0.0
 
     @property
@@ -140,8 +146,9 @@ class Sent:
     def words(self) -> str:
         """How it was fitted; "" if it was not."""
         mean = f"moving mean over {1e3 * self.mean:.3g} ms" if self.mean else ""
+        nearest = "nearest motion within limits" if self.is_nearest else ""
         slower = f"slower by {100.0 * (self.slower - 1.0):.2g} %" if self.slower > 1.0 else ""
-        return ", ".join(word for word in (mean, slower) if word)
+        return ", ".join(word for word in (mean, nearest, slower) if word)
 
     def times_of(self, t: Array) -> Array:
         """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
@@ -179,8 +186,8 @@ def motion_as_sent(
     is_joined : bool
         Whether the controller puts the same polynomials between samples.
     fit : bool
-        Whether the motion is fitted into the limits of its joints, if it leads from rest to rest: made longer
-        by up to a tenth. Without a rate only what is joined is, since nothing else says what is sent.
+        Whether the motion is fitted into the limits of its joints, made longer by up to a tenth. Without a
+        rate only what is joined is, since nothing else says what is sent.
     slower : float
         Least factor of the duration of a motion that is fitted, as efforts may ask for it.
     mean : float
@@ -201,7 +208,7 @@ def motion_as_sent(
     _check_rate(rate, cubics)
     fitting = _Fitting(joints, cubics, rate, interpolation)
     found = _Fit(fitting.follow_request())
-    can_fit = (rate is not None or is_joined) and cubics.is_from_rest_to_rest and not cubics.has_impacts
+    can_fit = (rate is not None or is_joined) and not cubics.has_impacts
     if like is not None:
         found = fitting.like(like)
     elif fit and can_fit:
@@ -213,7 +220,7 @@ def motion_as_sent(
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
         times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
-    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline, lag)
+    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline, found.is_nearest, lag)
     return Sent(solution, joints.names, units, curves, times, *fitted)
 
 
@@ -225,11 +232,12 @@ class _Fit:
     mean: float = 0.0
     slower: float = 1.0
     is_of_spline: bool = False
+    is_nearest: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class _Joints:
-    """Joints of one velocity: names, units of their velocities, limits, whether a controller joins samples.
+    """Joints of one velocity: names, units of their velocities, limits, ends, whether samples are joined.
 
     Limits are lower and upper ones by kind, shape (2, joints), infinite where there are none.
     """
@@ -237,7 +245,13 @@ class _Joints:
     names: tuple[str, ...]
     units: tuple[str, ...]
     bounds: Mapping[str, Array]
+    braking: tuple[tuple[BrakingPlace, ...], ...]
+    ends: Ends
     is_joined: bool
+
+    def rest(self, curves: Curves) -> bool:
+        """Whether all joints begin and end at rest, and with no acceleration."""
+        return curves.is_from_rest_to_rest and not np.nan_to_num(self.ends.accelerations).any()
 
     def unit(self, kind: str, k: int) -> str:
         """Of a joint's values of a kind."""
@@ -281,9 +295,13 @@ class _Joints:
             speeds = curves.at(times)[1]
             if rate is None and not self.is_joined:
                 accelerations, at_accelerations = differences(speeds, times)
-            if rate is not None and curves.is_from_rest_to_rest:  # a sample before, and one after
+            if rate is not None and len(times) > 2:  # a sample before, and one after
+                changes, rests = np.diff(speeds, axis=0), np.abs(speeds[-1]) < AT_REST
+                given = self.ends.accelerations / rate
+                before = speeds[0] - np.where(np.isfinite(given), given, changes[0])
+                after = np.where(rests, 0.0, speeds[-1] + changes[-1] / (times[-1] - times[-2]) / rate)
                 times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
-                speeds = np.vstack([np.zeros_like(speeds[:1]), speeds, np.zeros_like(speeds[:1])])
+                speeds = np.vstack([before, speeds, after])
             jerks, at_jerks = differences(*differences(speeds, times))
         return {
             "position": (positions, t),
@@ -330,6 +348,8 @@ class _Fitting:
     def fit(self, asked: _Fit, slower: float, mean: float = 0.0) -> _Fit:
         """Curves that keep the limits, slower by a factor or more; as asked at worst."""
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
+        if not self.joints.rest(self.cubics):
+            return asked if has_no_means else self._nearest(asked, slower)
         found = asked
         if self.has_jerk.any() and self.joints.excesses(asked.curves, self.rate) and not has_no_means:
             found = self._smoother()
@@ -345,6 +365,19 @@ class _Fitting:
             slower *= (1.0 + room) * factor
             room *= 2.0
         return asked
+
+    def _nearest(self, asked: _Fit, slower: float) -> _Fit:
+        """The nearest motion that keeps the limits from its state; as asked where that does, or none does."""
+        joints, duration = self.joints, float(self.cubics.nodes[-1])
+        rate = None if joints.is_joined else self.rate
+        keeps = joints.factor(asked.curves, self.rate) == 1.0 and not joints.excesses(asked.curves, self.rate)
+        is_limited = any(np.isfinite(joints.bounds.get(k, np.inf)).any() for k in ("acceleration", "jerk"))
+        if not is_limited or (keeps and _whole(slower, duration, rate) == 1.0):
+            return asked
+        nearest = Nearest(self.cubics, joints.bounds, joints.braking, joints.ends)
+        factor = nearest.least_factor(slower, 1.0 + MOST)
+        curves = None if factor is None else nearest.slow(factor := _whole(factor, duration, rate))
+        return asked if curves is None else _Fit(curves, slower=factor or 1.0, is_nearest=True)
 
     def _smoother(self) -> _Fit:
         """The moving mean of cubics or a spline that is shortest once it is slow enough."""
@@ -384,7 +417,16 @@ def _read(solution: SolutionData, *, is_joined: bool) -> tuple[_Joints, Curves, 
     lag = 0.0
     if curves.has_chords and not curves.has_impacts:
         curves, lag = curves.through_middles()
-    return _Joints(tuple(names), units, bounds, is_joined), curves, lag
+    has_jerk = (
+        np.isfinite(bounds["jerk"]).any(axis=0) if "jerk" in bounds else np.zeros(len(names), dtype=bool)
+    )
+    braking = tuple(tuple(one for one in solution.facts.braking if one.joint == name) for name in names)
+    accelerations = np.array(solution.facts.a_start or np.zeros(solution.nv))[at_v]
+    is_asked = np.array(solution.facts.q_goal or np.ones(solution.nv))[at_v].astype(bool)
+    ends = Ends(
+        np.where(has_jerk, accelerations, np.nan), is_asked, has_jerk & (np.abs(curves.v[-1]) < AT_REST)
+    )
+    return _Joints(tuple(names), units, bounds, braking, ends, is_joined), curves, lag
 
 
 def _columns(solution: SolutionData) -> Iterator[tuple[str, Array, int]]:

@@ -15,10 +15,16 @@ import mbocp
 from mbocp.integrators.controls import ControlKind
 from mbocp.problem import Problem
 from mbocp.terms.over_speed import place_of
-from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
+from tests.sent.reader import (
+    ends_of_points,
+    limits_of,
+    violation_of_points,
+    violation_of_samples,
+)
 
 PROFILES = Path(mbocp.__file__).parent / "profiles"
-RATES = (125, 500, 1000)  # samples a second
+RATES = (125, 250, 500, 1000)  # samples a second
+JERK = 150.0  # rad/s^3, of the UR5e, of which none is published
 TOLERANCE = 2e-4  # of a limit, that differences of samples may leave it by
 STEPS = 40
 PANDA = {"name": "panda", "lock": {"panda_finger_joint1": 0, "panda_finger_joint2": 0}}

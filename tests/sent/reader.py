@@ -41,14 +41,19 @@ def samples_of(file: Path) -> tuple[np.ndarray, np.ndarray]:
     return table[:, 0], table[:, columns]
 
 
-def violation_of_samples(file: Path, rate: float, limits: dict[str, np.ndarray]) -> dict[str, float]:
-    """The largest excess of each limit, relative to its size, as differences of the sampled positions."""
+def violation_of_samples(
+    file: Path, rate: float, limits: dict[str, np.ndarray], before: np.ndarray | None = None
+) -> dict[str, float]:
+    """The largest excess of each limit, relative to its size, as differences of the sampled positions.
+
+    Of a motion that begins moving `before` are the three samples before it.
+    """
     t, q = samples_of(file)
     steps = np.diff(t)
     assert np.allclose(steps[:-1], 1.0 / rate, rtol=1e-6), f"{file}: samples are not {1e3 / rate:g} ms apart"
     still = np.repeat(q[:1], 3, axis=0), np.repeat(q[-1:], 3, axis=0)  # at rest before and after
     values = {"position": q}
-    moved = np.vstack([still[0], q, still[1]])
+    moved = np.vstack([still[0] if before is None else before, q, still[1]])
     for order, kind in enumerate(("velocity", "acceleration", "jerk"), start=1):
         values[kind] = np.diff(moved, order, axis=0) * rate**order
     found = {kind: _excess(values[kind], limits[kind]) for kind in limits if kind in _KINDS}

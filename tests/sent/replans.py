@@ -11,12 +11,11 @@ import numpy as np
 
 import mbocp
 from mbocp.problem import Problem
-from tests.sent.cases import PROFILES, ROBOTS, problem_of
+from tests.sent.cases import JERK, PROFILES, ROBOTS, problem_of
 from tests.sent.reader import limits_of
 
 _ROOM = 0.99  # of the limits of jerk: the plan's
 _A_PLAN = 7  # replans
-_JERK = 150.0  # rad/s^3, of the UR5e, of which none is published
 _LONGER = 1.3  # than the least time: motions of least effort
 _BESIDE = 1e-4, 1e-3  # standard deviations [rad, rad/s]
 _WHERE = "nodes", "between", "beside"
@@ -25,7 +24,7 @@ _WHERE = "nodes", "between", "beside"
 def plan_of(name: str, seed: int, *, has_given_time: bool) -> tuple[mbocp.Solution, Problem]:
     """A plan within a part of its limits of jerk, and the problem with all of them."""
     problem = problem_of(name, seed, with_torques=False)
-    jerk = np.full(problem.robot.nv, _JERK)
+    jerk = np.full(problem.robot.nv, JERK)
     if name == "fr3":
         jerk = limits_of(PROFILES / "fr3.toml")["jerk"][1]
     own = {**ROBOTS[name][1], "effort": False, **({"effort_rate": False} if name == "fr3" else {})}

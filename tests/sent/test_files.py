@@ -10,6 +10,7 @@ import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.sent import amid
 from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
@@ -36,6 +37,17 @@ def test_controls_at_stages_are_as_fast_as_the_slowest_joint(name: str, seed: in
     assert row["status"] == "converged"
     assert 1.0 <= row["sent"] / row["least"] < 1.005
     assert row["iterations"] < 100
+
+
+@pytest.mark.parametrize("is_stop", [True, False])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_begins_moving_goes_on_from_what_was_sent(name: str, tmp_path: Path, *, is_stop: bool) -> None:
+    """A stop, or a replan, from an instant of a motion as it is sent, with the samples before it."""
+    row = amid.row_of(name, 2, tmp_path, is_stop=is_stop)
+    assert row["status"] == "converged"
+    assert max(row["violations"].values()) <= 1e-6
+    assert row["away"] < 1e-9
+    assert row["longer"] < 0.05
 
 
 @settings(max_examples=30)

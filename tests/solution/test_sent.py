@@ -12,6 +12,7 @@ from scipy.integrate import quad
 
 from mbocp.solution import Column, Solution
 from mbocp.solution.curves import Curves
+from mbocp.solution.export_formats import what_helps
 from mbocp.solution.problem_facts import Facts
 from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
@@ -114,13 +115,38 @@ def test_a_motion_that_is_fitted_keeps_its_limits_to_what_solvers_are_exact_by(o
 
 
 def test_what_is_too_much_is_left_and_told() -> None:
-    """Longer by a tenth at most; a motion that does not begin and end at rest stays as it is."""
+    """Longer by a tenth at most."""
     far = motion_as_sent(swing(jerk=None, most=2.0), 125.0, fit=True)
     assert (far.mean, far.slower) == (0.0, 1.0)
     assert far.excesses[0].ratio == pytest.approx(1.0, rel=1e-3)
-    solution = swing(jerk=None, most=3.5)
-    moving = replace(solution, vs=solution.vs + 1e-3)
-    assert motion_as_sent(moving, 125.0, fit=True).words == ""
+
+
+def test_a_start_that_leads_beyond_a_limit_is_told() -> None:
+    """Its speed grows by a^2 / 2j whatever follows; all else is kept, and the samples are whole."""
+    v, a, jerk, most = 2.0, 3.0, 20.0, 2.1
+    t = np.linspace(0.0, 1.2, 21)
+    one = swing(jerk=jerk, most=8.0)
+    rows = replace(one.facts, a_start=(a,), q_goal=(False,))
+    moving = replace(
+        one,
+        t=t,
+        qs=(v * (t - t**2 / 2.4))[:, None],
+        vs=(v * (1.0 - t / 1.2))[:, None],
+        limits_v=np.array([[-most], [most]]),
+        facts_kept=rows,
+    )
+    sent = motion_as_sent(moving, 125.0, fit=True)
+    assert sent.is_nearest
+    assert sent.words.startswith("nearest motion within limits")
+    (excess,) = sent.excesses
+    assert (excess.kind, excess.bound) == ("speed", most)
+    assert excess.value == pytest.approx(v + a**2 / (2.0 * jerk), rel=1e-3)
+    assert "the state in which it begins" in what_helps(sent, sent.excesses)
+    np.testing.assert_allclose(np.diff(sent.times), 1.0 / 125.0)
+    within = motion_as_sent(replace(moving, limits_v=2.0 * moving.limits_v), is_joined=True, fit=True)
+    assert (within.excesses, within.curves.interpolation) == ((), "quintic")
+    assert within.curves.accelerations is not None
+    assert within.curves.accelerations[[0, -1], 0] == pytest.approx([a, 0.0], abs=1e-9)
 
 
 def test_controllers_that_join_samples_get_the_nodes() -> None:

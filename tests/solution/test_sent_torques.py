@@ -49,23 +49,6 @@ def test_what_takes_too_much_is_told() -> None:
     assert worst.words.startswith("effort ")
 
 
-def test_a_motion_that_begins_fast_says_what_helps_within_jerks(tmp_path: Path) -> None:
-    start, goal = {"q": [0.3, -0.2], "v": [0.1, 0.4]}, {"q": [0.9, 0.4], "v": 0}
-    problem = mbocp.Problem.create(
-        "double_pendulum", 0.8, 32, start=start, goal=goal, limits={"acceleration": 20.0, "jerk": 200.0}
-    )
-    solution, target = mbocp.solve(problem, check=True), tmp_path / "a.csv"
-    with pytest.raises(
-        LimitsExceeded, match=r"jerk .*; since only motions from rest .*controls = .linear"
-    ) as caught:
-        solution.export(target, rate=1000.0)
-    linear = {"controls": "linear", "steps": 128, "limits": {"acceleration": 20.0, "jerk": 190.0}}
-    finer = mbocp.solve(problem.with_(**linear), check=True)
-    _, left = sent_within("csv", finer, 1000.0, None, fit=True, load_robot=finer.load_robot)
-    assert caught.value.excesses[0].ratio > 1.0
-    assert max((excess.ratio for excess in left if excess.kind == "jerk"), default=0.0) < 0.15
-
-
 def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     """Quintics swing over the torques of a motion that is at a limit."""
     limits = {"effort": {"shoulder_lift_joint": 45.0}}
