@@ -282,6 +282,16 @@ def test_numbers_are_those_of_a_problem_formulated_anew():
             )
 
 
+@pytest.mark.parametrize("path", ["four_bar", "stewart"])
+def test_end_conditions_turn_with_the_goal_as_those_formulated_anew(path):
+    solution = solved(mbocp.load_problem(EXAMPLES / f"loops/{path}.toml"))
+    (goal,) = mbocp.sensitivities(solution, ["goal.q"]).parameters
+    assert goal._turns_of_rows()
+    found, expected = goal.change(), goal._formulate_anew(goal.value)
+    assert np.abs(expected.rho_terminal).max() > 0.1
+    assert np.allclose(found.rho_terminal, expected.rho_terminal, atol=1e-10)
+
+
 def test_end_conditions_that_are_left_out_shift_no_other_number():
     path = EXAMPLES / "so3/unicycle_pendulum.toml"
     problem = mbocp.load_problem(path, {"limits.velocity": {"pendulum": 9.0}})
