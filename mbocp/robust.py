@@ -29,8 +29,8 @@ from mbocp.problem import Problem
 from mbocp.problem.between_nodes import can_hold_within
 from mbocp.problem.uncertainty import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
+from mbocp.programme.evaluation import call
 from mbocp.sensitivity.derivative_functions import load_stage_functions
-from mbocp.sensitivity.kkt import call
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import formulate_as_solved
 from mbocp.sensitivity.parameters import PARAMETERS, parameters_of

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray
@@ -124,7 +126,7 @@ class Pieces:
     speed_bounds: tuple[Array, Array]
     labels: RowLabels
 
-    @property
+    @cached_property
     def parameters(self) -> ParameterLayout:
         """Pieces of the programme's parameters."""
         space, joints, robot = self.space, self.joints, self.problem.robot

@@ -158,6 +158,7 @@ _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size h
 _MOSTLY = 0.9  # of a cost: what makes it one of time
 _LIGHT = 1e-3  # of the largest inertia; that of a UR5 is 3e-3 at least, of a Panda 2e-3
 _TAKES_PART = 0.3  # of a direction of length 1
+_IDLE = 1e-12  # of the largest multiplier: where nothing depends on a number, its own are zero
 _SENSITIVE = 5.0  # times as large as the change of all limits of controls: 0.5 is usual, as for a mass
 
 
@@ -223,3 +224,17 @@ def describe_sensitive_time(
         f"{times:.2g} times as much (0.5 is usual), and steps may make it longer by one of them, "
         f"{motion.dts.max():.2g} s: compare with more steps"
     )
+
+
+def describe_idle_parameters(formulation: Formulation, iterate: Iterate) -> str | None:
+    """Name the parameters on which nothing after the first step depends; None if there are none.
+
+    Their values are then those in the middle of their bounds, or those that cost least.
+    """
+    problem = formulation.problem
+    if not problem.parameter:
+        return None
+    pulls = np.abs(iterate.ms[:, formulation.layout.rows["found"]]).max(axis=0)
+    is_idle = pulls < _IDLE * np.abs(iterate.ms).max()
+    names = [one.name for one, idle in zip(problem.parameter, is_idle, strict=True) if idle]
+    return f"the motion does not depend on {', '.join(names)}: take [[parameter]] out" if names else None

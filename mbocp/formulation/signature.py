@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -109,7 +109,7 @@ class FunctionSignature:
         controls = tuple(item for feature in self.features for item in feature.controls(nu).items())
         return StateLayout(nz, nv, ns, self.is_flat, blocks, controls)
 
-    @property
+    @cached_property
     def stage_text(self) -> str:
         """Canonical text of what the functions of a stage depend on, the material of their cache key."""
         return _text(
@@ -123,7 +123,7 @@ class FunctionSignature:
             }
         )
 
-    @property
+    @cached_property
     def end_text(self) -> str:
         """Canonical text of what the functions of the end depend on."""
         return _text(

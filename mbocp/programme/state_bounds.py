@@ -50,22 +50,22 @@ class StateBounds:
         sides = (self.x_lower, self.x_upper, self.u_lower, self.u_upper, self.path_lower, self.path_upper)
         return not any(np.isfinite(_own_rows(side)).any() for side in sides)
 
-    @property
+    @cached_property
     def has_limit(self) -> BoolArray:
         """Which entries of states, controls and path functions are bounded, shape (N, nx + nu + nh)."""
         return np.isfinite(self.lower) | np.isfinite(self.upper)
 
-    @property
+    @cached_property
     def lower(self) -> Array:
         """Lower bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
         return np.hstack([self.x_lower, self.u_lower, self.path_lower])
 
-    @property
+    @cached_property
     def upper(self) -> Array:
         """Upper bounds of states, controls and path functions, shape (N, nx + nu + nh)."""
         return np.hstack([self.x_upper, self.u_upper, self.path_upper])
 
-    @property
+    @cached_property
     def are_equations(self) -> BoolArray:
         """Which entries have the same bound on both sides, shape (N, nx + nu + nh)."""
         return np.equal(self.lower, self.upper)

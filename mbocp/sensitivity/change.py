@@ -17,7 +17,7 @@ from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.state_bounds import state_bounds
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
-from mbocp.sensitivity.kkt import call
+from mbocp.programme.evaluation import call
 
 # Differences of fourth order: of numbers that depend on the move linearly or smoothly, right to 1e-11.
 _STEP = 2.0**-9
@@ -74,7 +74,13 @@ class Change:
 
     def along(self, weights: Array) -> Change:
         """Those along moves of all parameters, shape (number, k)."""
-        return type(self)(*(np.tensordot(weights, getattr(self, f.name), 1) for f in fields(self)))
+        return type(self)(*(_combine(weights, getattr(self, f.name)) for f in fields(self)))
+
+
+def _combine(weights: Array, part: Array) -> Array:
+    if part.size and not any(part.strides):  # zeros in the memory of one stay such
+        return np.broadcast_to(0.0, (len(weights), *part.shape[1:]))
+    return np.tensordot(weights, part, 1)
 
 
 def _concatenate(parts: list[Array]) -> Array:
@@ -116,9 +122,10 @@ def says_all(formulation: Formulation, change: Change, steps: Array, moved: Prob
         lower=_finite(bounds.lower)[None],
         upper=_finite(bounds.upper)[None],
     )
+    by = change.along(steps[None])
     after = _numbers(pieces_of(moved, _rows_left_out(formulation)), formulation)
-    trio = [[getattr(n, f.name) for n in (before, change.along(steps[None]), after)] for f in fields(Change)]
-    return all(np.allclose(was + by, now, rtol=_SAME, atol=_SAME) for was, by, now in trio)
+    trio = [[getattr(numbers, f.name) for numbers in (before, by, after)] for f in fields(Change)]
+    return all((np.abs(was + by - now) <= _SAME * (1.0 + np.abs(now))).all() for was, by, now in trio)
 
 
 def _rows_left_out(formulation: Formulation) -> tuple[int, ...]:

@@ -10,9 +10,10 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation
 from mbocp.programme.compilation import CompiledFunctions
+from mbocp.programme.evaluation import call
 from mbocp.sensitivity.change import Change
 from mbocp.sensitivity.derivative_functions import load_end_functions, load_stage_functions
-from mbocp.sensitivity.kkt import Kkt, Optimum, Parts, call
+from mbocp.sensitivity.kkt import Kkt, Optimum, Parts
 
 
 @dataclass(frozen=True, eq=False)

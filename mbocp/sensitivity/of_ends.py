@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.formulation.gains import tangents
 from mbocp.formulation.layout import places
@@ -20,10 +21,8 @@ from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
-from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.change import POINTS, Change, change_along
 from mbocp.sensitivity.parameter import Parameter
-from mbocp.terms.frame_end import FrameEnd
-from mbocp.terms.frame_goal import FrameGoal
 
 _SAME = 1e-9  # [rad, m]
 
@@ -166,19 +165,51 @@ class GoalOfJoints(OfState):
 
     def change(self) -> Change:
         """Of numbers of the end."""
-        formulation, problem = self.formulation, self.problem
-        has_ties = problem.robot.nc or problem.timeline.switches is not None
-        makes_projections = self.is_configuration and has_ties
-        if makes_projections or not _is_plain(problem):
-            return self._formulate_anew(problem.goal.q)
-        found, space = self._none, formulation.pieces.joints
+        formulation, problem, q = self.formulation, self.problem, self.problem.goal.q
+        turns = self._turns_of_rows() if self.is_configuration else {}
+        if turns is None or not _is_plain(problem):
+            return self._formulate_anew(q)
+        found, space, moves = self._none, formulation.pieces.joints, self._moves(q)
         at = places(formulation.pieces.parameters.terminal)
         if self.is_configuration:
-            z = space.coordinates(np.asarray(problem.goal.q)[None])[0]
-            found.rho_terminal[:, at["q"]] = space.tangents(z[None])[0].T
+            z = space.coordinates(np.asarray(q)[None])[0]
+            found.rho_terminal[:, at["q"]] = moves @ space.tangents(z[None])[0].T
         else:
-            found.rho_terminal[:, at["rate"]] = self._moves(problem.goal.q)
+            found.rho_terminal[:, at["rate"]] = moves
+        for name, turn in turns.items():
+            found.rho_terminal[:, at[name]] = turn
         return found
+
+    def _turns_of_rows(self) -> dict[str, Array] | None:
+        r"""Derivatives of the rows of the end condition in a configuration, where they are known.
+
+        Rows of single joints stay. Those of all joints, D, are a basis of what the loops allow, whose
+        Jacobian is J: along moves that these allow :math:`(D^T)' = -J^+ J' D^T`.
+        """
+        problem, pieces = self.problem, self.formulation.pieces
+        goal, robot, loose = problem.goal, problem.robot, problem.timeline.switches is not None
+        if not (robot.nc or loose):
+            return {}
+        basis, turning = self._basis(goal.q), dict[str, Array]()
+        is_held = problem.u_after is not None and goal.u.rule == "rest"
+        is_known = not (loose or is_held or pieces.signature.ends)
+        pairs = (("D_q", pieces.end.D_q, goal.q_active), ("D_rate", pieces.end.D_rate, goal.rate_active))
+        for name, D, active in pairs:
+            if len(D) and active.all():
+                turning[name] = D.T
+                is_known &= len(D) == basis.shape[1]
+            else:
+                is_known &= np.array_equal(D, np.eye(robot.nv)[active])
+        if not (is_known and turning):
+            return turning if is_known else None
+        points = [robot.integrate(goal.q, at * move) for at, _ in POINTS for move in basis.T]
+        jacobians = robot.closure_along([goal.q, *points])[1][:, list(robot.kept_rows)]
+        moved = jacobians[1:].reshape(len(POINTS), -1, *jacobians.shape[1:])
+        slopes = np.tensordot([weight for _, weight in POINTS], moved, 1)
+        inverse = np.linalg.pinv(jacobians[0], rcond=RANK_TOLERANCE)
+        along = {name: -inverse @ slopes @ allowed for name, allowed in turning.items()}
+        # The transposed of D by rows is D by columns.
+        return {name: basis @ turn.reshape(len(turn), -1) for name, turn in along.items()}
 
     @property
     def value(self) -> Array:
@@ -201,93 +232,3 @@ def _tracks_goal(problem: Problem) -> bool:
     if cost.tracking == 0.0 or not weighed.any() or cost.target_q.ndim == 2:
         return False
     return bool(np.abs(robot.difference(cost.target_q, goal.q))[weighed].max() < _SAME)
-
-
-@dataclass(frozen=True, eq=False)
-class GoalOfFrame(Parameter):
-    """Position or orientation of a frame at the end; orientations turn about the axes that are asked for."""
-
-    @classmethod
-    def words(cls, formulation: Formulation) -> Iterator[str]:
-        """Those that the goal asks for, without tolerances."""
-        for goal in {goal.name: goal for end in _frame_ends(formulation) for goal in end.goals}.values():
-            if goal.target.coordinates.size:
-                yield f"goal.frame.{goal.name}.position"
-            if goal.target.orientation is not None:
-                yield f"goal.frame.{goal.name}.orientation"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Axes."""
-        if self._is_position:
-            return tuple("xyz"[i] for i in self._goal.target.coordinates)
-        return ("x", "y", "z")
-
-    @property
-    def _is_position(self) -> bool:
-        return self.word.endswith(".position")
-
-    @property
-    def _frame(self) -> str:
-        return self.word.split(".", 2)[2].rpartition(".")[0]
-
-    @property
-    def _goal(self) -> FrameGoal:
-        ends = _frame_ends(self.formulation)
-        return next(goal for end in ends for goal in end.goals if goal.name == self._frame)
-
-    def change(self) -> Change:
-        """Of numbers of the end, which are linear in those of a pose."""
-        found, goal = self._none, self._goal
-        at = places(self.formulation.pieces.parameters.terminal)
-        for end in _frame_ends(self.formulation):
-            for k, move in enumerate(self._moves(goal)):
-                for key, numbers in end.numbers_at(goal.name, move).items():
-                    if numbers.any():  # of a position alone the rotation of zeros says nothing
-                        found.rho_terminal[k, at[key]] = numbers
-        return found
-
-    def _moves(self, goal: FrameGoal) -> Iterator[Array]:
-        """Derivatives of the pose's matrix."""
-        if self._is_position:
-            for i in goal.target.coordinates:
-                yield np.eye(3)[i]
-            return
-        for axis in np.eye(3):
-            move = np.zeros((4, 4))
-            move[:3, :3] = goal.target.rotation @ np.cross(np.eye(3), axis)
-            yield move
-
-    @property
-    def value(self) -> Array:
-        """Coordinates that are asked for, or a quaternion xyzw."""
-        target = self._goal.target
-        if self._is_position:
-            return np.array(target.position)[target.coordinates]
-        return np.array(target.orientation)
-
-    @property
-    def tangent(self) -> Array:
-        """Derivatives of the quaternion along turns about the axes, shape (4, 3)."""
-        if self._is_position:
-            return np.eye(len(self.names))
-        *vector, w = self.value
-        return 0.5 * np.vstack([w * np.eye(3) + pin.skew(np.array(vector)), -np.array(vector)])
-
-    def put(self, problem: Problem, value: Array) -> Problem:
-        """With another position, or the orientation nearest to a quaternion."""
-
-        def move(goal: FrameGoal) -> FrameGoal:
-            if goal.name != self._frame:
-                return goal
-            if not self._is_position:
-                return replace(goal, target=replace(goal.target, orientation=value / np.linalg.norm(value)))
-            position = np.array(goal.target.position)
-            position[goal.target.coordinates] = value
-            return replace(goal, target=replace(goal.target, position=position))
-
-        return replace(problem, goal=replace(problem.goal, frames=tuple(map(move, problem.goal.frames))))
-
-
-def _frame_ends(formulation: Formulation) -> list[FrameEnd]:
-    return [end for end in formulation.pieces.signature.ends if isinstance(end, FrameEnd)]

@@ -233,11 +233,12 @@ class NumberByWord(OfRobot):
 def opened_for_words(problem: Problem, wrt: Sequence[str]) -> Problem:
     """A problem whose functions take the robot's numbers of some words, as far as the robot has these."""
     asked = [word.removeprefix(OF_ROBOT) for word in wrt if word.startswith(OF_ROBOT)]
-    known = named_numbers(problem.robot) if asked else {}
-    words = [word for word in asked if word in known and not word.startswith(_OF_PAYLOAD)]
-    if not words or problem.parameter:
+    asked = [word for word in asked if not word.startswith(_OF_PAYLOAD)]
+    if not asked or problem.parameter:
         return problem
-    return replace(problem, robot=opened_for(problem.robot, words))
+    known = named_numbers(problem.robot)
+    words = [word for word in asked if word in known]
+    return replace(problem, robot=opened_for(problem.robot, words)) if words else problem
 
 
 def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[Array, Array]:

@@ -17,11 +17,11 @@ from mbocp.formulation.formulate import formulate_with_independent_ends, formula
 from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.sensitivity.kkt import Kkt, Optimum, call
+from mbocp.sensitivity.kkt import Kkt, Optimum
 from mbocp.sensitivity.of_robot import opened_for_words
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held_limits import active_limits
-from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _STIFFNESSES = (1.0, 1e3, 1e6)  # at which limits count as active
@@ -168,7 +168,12 @@ def _degenerate(optimum: Optimum) -> tuple[str, ...]:
 def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
     """Lower and upper bounds, which are equations, and the values that they bound."""
     bounds = optimum.programme.bounds
-    return bounds.lower, bounds.upper, bounds.are_equations, _values(optimum)
+    return (
+        bounds.lower,
+        bounds.upper,
+        bounds.are_equations,
+        bounded_values(optimum.programme, optimum.iterate),
+    )
 
 
 def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0) -> Optimum:
@@ -177,14 +182,3 @@ def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffnes
         programme = replace(programme, kind=replace(programme.kind, groups=()))
     ws, held, sides = active_limits(programme, iterate, stiffness)
     return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))
-
-
-def _values(optimum: Optimum) -> Array:
-    """States, controls and path functions, shape (N, nx + nu + nh)."""
-    programme, at = optimum.programme, optimum.iterate
-    nh, N = programme.bounds.nh, programme.num_steps
-    path = np.zeros((N, 0))
-    if nh:
-        given = [at.xs[1:], at.us, programme.theta]
-        path = call(programme.functions, "path_values", N, given)[0].dense(nh)
-    return np.hstack([at.xs[1:], at.us, path])

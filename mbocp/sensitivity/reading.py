@@ -17,9 +17,10 @@ from mbocp.formulation.features.switches import repeat_steps
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.motion import NodeSlopes
 from mbocp.programme import BoundMultipliers, Iterate
+from mbocp.programme.evaluation import call
 from mbocp.robot.kinematics import momenta_of
 from mbocp.sensitivity.change import POINTS
-from mbocp.sensitivity.kkt import Optimum, Parts, call
+from mbocp.sensitivity.kkt import Optimum, Parts
 
 _NUMBERS = ("theta", "rho", "rho_terminal")
 

@@ -24,6 +24,7 @@ from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import carried_of, with_robot_of
 from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
+    describe_idle_parameters,
     describe_light_joints,
     describe_sensitive_time,
     measures_of,
@@ -106,6 +107,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         told = attempt.left_out + _suffix(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
+            told += _suffix(describe_idle_parameters(formulation, result.iterate))
         judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))

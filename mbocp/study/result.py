@@ -124,7 +124,7 @@ class StudyResult:
         return summarise(self.rows, by, reach)
 
     def to_csv(self, path: str | Path) -> Path:
-        """Write all rows as a table; a list becomes columns ``name[0]``, ``name[1]``, a longer nest JSON.
+        """Write all rows as a table; lists and names become columns ``name[0]``, ``name[word]``, nests JSON.
 
         Raises
         ------
@@ -141,10 +141,15 @@ class StudyResult:
     def _flat(self, name: str) -> Iterator[tuple[str, list[Any]]]:
         """Columns of a table that a column of the result becomes, with their names."""
         entries = self._entries(name)
+        words = dict.fromkeys(word for entry in entries if isinstance(entry, dict) for word in entry)
+        for word in words:
+            yield f"{name}[{word}]", [_plain(entry.get(word)) if entry else None for entry in entries]
+        if words:
+            return
         lists = [entry for entry in entries if _is_plain_list(entry)]
         width = max(map(len, lists), default=0)
         if not width or len(lists) + entries.count(None) < len(entries):
-            yield name, [json.dumps(e) if isinstance(e, (list, dict)) else e for e in entries]
+            yield name, [_plain(entry) for entry in entries]
             return
         for i in range(width):
             yield f"{name}[{i}]", [e[i] if e and i < len(e) else None for e in entries]
@@ -166,6 +171,11 @@ class StudyResult:
         if name in self._list("record"):
             return [row.get("record", {}).get(name) for row in self.rows]
         raise StudyError(f"there is no column {name!r}: {suggest(name, self.columns)}")
+
+
+def _plain(entry: Any) -> Any:
+    """Return what a cell of a table holds."""
+    return json.dumps(entry) if isinstance(entry, (list, dict)) else entry
 
 
 def _is_plain_list(entry: Any) -> bool:

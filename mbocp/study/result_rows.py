@@ -34,7 +34,8 @@ FIELDS: tuple[str, ...] = (
 
 NO_SOLVER = ("compile", "guess", "diagnostics")  # phases of a solve in which no solver works
 _LETTERS = {"q": "qs", "v": "vs", "p": "ps", "u": "us", "lam": "lams", "mu": "mus", "zeta": "zetas"}
-_DERIVED = ("q_final", "p_final", "u_first", "u_last", "num_steps", "control_hamiltonian")
+_OF_MOTION = ("q_final", "p_final", "u_first", "u_last", "num_steps", "control_hamiltonian")
+_DERIVED = (*_OF_MOTION, "duration", "parameters", "via_times")
 _BULKY = ("phases", "history", "labels", "options", "versions", "robot_spec", "problem_text")
 _MAX_MESSAGE = 2000  # letters of a message
 

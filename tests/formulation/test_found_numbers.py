@@ -306,6 +306,20 @@ def test_springs(key: str) -> None:
     assert solution.cost == pytest.approx(best.fun, rel=1e-5)
 
 
+def test_a_number_on_which_nothing_depends_is_told() -> None:
+    """Where the base stands says nothing of a motion between given angles."""
+    parameters = [
+        {"of": "robot.base.x", "min": -1.0, "max": 3.0},
+        {"of": "robot.joint.elbow_joint.mass", "min": 1.0, "max": 4.0},
+    ]
+    changes = {"horizon.steps": 12, "parameter": parameters}
+    advice = mbocp.solve(
+        mbocp.load_problem(EXAMPLES.parent / "arms/ur5_reach.toml", changes), check=True
+    ).advice
+    assert "the motion does not depend on robot.base.x: take [[parameter]] out" in advice
+    assert "elbow" not in advice
+
+
 def test_work_grows_with_the_steps_alone() -> None:
     sizes = [
         formulate(Problem.create(**{**ARM, "steps": n}, parameter=OF_ARM)).programme for n in (5, 10, 20)

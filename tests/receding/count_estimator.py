@@ -1,4 +1,4 @@
-"""Heap allocations of the kernel in a hundred samples of an estimator."""
+"""Heap allocations of the kernel in a thousand samples of an estimator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 import mbocp
 
-SAMPLES = 100
+SAMPLES = 1000
 
 
 def main() -> None:

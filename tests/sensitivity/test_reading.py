@@ -11,7 +11,8 @@ import pytest
 import mbocp
 from mbocp.formulation import formulate
 from mbocp.programme import zero_multipliers
-from mbocp.sensitivity.kkt import Optimum, Parts, call
+from mbocp.programme.evaluation import call
+from mbocp.sensitivity.kkt import Optimum, Parts
 from mbocp.sensitivity.reading import OF_MOTION, Move, Reader
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -113,6 +113,14 @@ def arm_that_follows_the_time():
     return example("arms/ur5_reach.toml", steps=20).with_(terms=[running_cost(away, weight=50.0)])
 
 
+def arm_along_a_path():
+    """It stays where it is while links grow."""
+    path = {"kind": "follow", "frame": "tool0", "relative": True, "points": [[0, 0, 0], [0.05, 0.05, 0]]}
+    changes = {"horizon.duration": 2.0, "horizon.steps": 12, "cost": {"effort": 1.0, "velocity": 1.0}}
+    changes |= {"limits": {}, "path": [path], "solver": {"tolerance": 1e-12}}
+    return mbocp.load_problem(EXAMPLES / "arms/follow_path.toml", changes)
+
+
 def arm_with_a_cool_wrist():
     """Its limit is small, and numbers go with its square."""
     return example("arms/ur5_reach.toml", steps=20, limits={"effort_rms": {"wrist_3_joint": 0.03}})
@@ -120,6 +128,7 @@ def arm_with_a_cool_wrist():
 
 CASES = [
     (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
+    (arm_along_a_path, "robot.joint.elbow_joint.length", 0, 1e-5),
     (upright_cup, "start.q", 1, 1e-3),
     (arm_with_a_cool_wrist, "limits.effort_rms.upper", 5, 1e-4),
     (arm_with_smooth_end, "horizon.duration", 0, 2e-5),
@@ -280,6 +289,16 @@ def test_numbers_are_those_of_a_problem_formulated_anew():
                 parameter.word,
                 name,
             )
+
+
+@pytest.mark.parametrize("path", ["four_bar", "stewart"])
+def test_end_conditions_turn_with_the_goal_as_those_formulated_anew(path):
+    solution = solved(mbocp.load_problem(EXAMPLES / f"loops/{path}.toml"))
+    (goal,) = mbocp.sensitivities(solution, ["goal.q"]).parameters
+    assert goal._turns_of_rows()
+    found, expected = goal.change(), goal._formulate_anew(goal.value)
+    assert np.abs(expected.rho_terminal).max() > 0.1
+    assert np.allclose(found.rho_terminal, expected.rho_terminal, atol=1e-10)
 
 
 def test_end_conditions_that_are_left_out_shift_no_other_number():

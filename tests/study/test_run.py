@@ -17,7 +17,7 @@ import mbocp
 from mbocp.exceptions import ProblemError, ResultFileError, StudyError, UnknownJoint
 from mbocp.study import Study, StudyResult, StudyWarning, run_study
 from mbocp.study import run_task as task_module
-from mbocp.study.result_rows import FIELDS
+from mbocp.study.result_rows import FIELDS, check_record, solution_row
 from mbocp.study.run_task import make_problem
 
 from . import callables
@@ -69,6 +69,15 @@ def test_rows_say_what_the_solutions_say(small: Study, tmp_path: Path) -> None:
         assert row["record"]["v_final"] == solution.vs[-1].tolist()
         assert row["record"]["u"] == solution.us.tolist()
         assert row["record"]["eta"] == solution.eta.tolist()
+
+
+def test_rows_have_what_was_found() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "design/counterweight.toml", {"horizon.steps": 12})
+    solution, names = mbocp.solve(problem), ["duration", "parameters", "via_times"]
+    check_record(names)
+    row = solution_row(problem, solution, 0.0, names)["record"]
+    assert row == {"duration": solution.duration, "parameters": solution.parameters, "via_times": {}}
+    assert len(row["parameters"]) == 2
 
 
 def test_all_executors_make_the_same_table(small: Study, tmp_path: Path) -> None:

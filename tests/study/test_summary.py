@@ -26,7 +26,7 @@ HEADER: dict[str, Any] = {
     "varied": ["how", "horizon.steps", "goal.q"],
     "by": ["how"],
     "goal_distance": None,
-    "record": ["q_final", "us", "guess_used"],
+    "record": ["q_final", "us", "guess_used", "parameters"],
     "tables": {},
 }
 
@@ -45,7 +45,12 @@ def row(index: int, how: str, steps: int, **fields: Any) -> dict[str, Any]:
         "limit_violation": 0.0,
         "goal_distance": 1e-9 * index,
         "message": "",
-        "record": {"q_final": [1.0, float(index)], "us": [[1.0, 2.0]], "guess_used": "a line"},
+        "record": {
+            "q_final": [1.0, float(index)],
+            "us": [[1.0, 2.0]],
+            "guess_used": "a line",
+            "parameters": {"a": float(index)},
+        },
     }
     values = {"how": how, "horizon.steps": steps, "goal.q": [0.0, 1.0]}
     return {"index": index, "values": values, **good, **fields}
@@ -137,6 +142,7 @@ def test_csv(result: StudyResult, tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert [int(r["index"]) for r in rows] == [0, 1, 2, 3, 4, 5, 7]
     assert [r["q_final[1]"] for r in rows] == ["0.0", "1.0", "2.0", "3.0", "4.0", "", "7.0"]
+    assert [r["parameters[a]"] for r in rows] == ["0.0", "1.0", "2.0", "3.0", "4.0", "", "7.0"]
     assert json.loads(rows[0]["us"]) == [[1.0, 2.0]]
     assert rows[5]["cost"] == ""
     assert rows[3]["message"] == "no way"

@@ -17,6 +17,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.programme import StagewiseProgramme
+from mbocp.programme.evaluation import call
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.solvers.newton_method.newton import first_augmentation
@@ -237,16 +238,12 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
 
 
 def bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
-    """States, controls and path functions of an iterate that are bounded, within bounds; else zeros.
-
-    The shape is (N, nx + nu + nh).
-    """
-    native, limited = kernel_programme(programme, has_limits=True), programme.bounds.has_limit
-    iterate.load_into(native)
-    native.start_limits(_ANY, 0.0)
-    values = np.zeros(limited.shape)
-    values[limited] = native.slack[: np.count_nonzero(limited)]
-    return values
+    """States, controls and path functions of an iterate, shape (N, nx + nu + nh)."""
+    parts, nh = [iterate.xs[1:], iterate.us], programme.bounds.nh
+    if nh:
+        given = [*parts, programme.theta]
+        parts.append(call(programme.functions, "path_values", programme.num_steps, given)[0].dense(nh))
+    return np.hstack(parts)
 
 
 def multipliers_in_rows(bounds: BoundMultipliers, programme: StagewiseProgramme) -> Array:

@@ -29,7 +29,6 @@ from mbocp.solvers.strategies.registry import make_solver
 # Iterations without progress: many motions within limits go on after forty, and IPOPT takes as long for ten.
 _PATIENCE = 80
 _WITHOUT, _WIDER = " without limits", " with wider limits"  # behind the names of phases
-_FAR = 1e100  # a side that no value gets near, but a number: the row is evaluated
 _MOST_RUNS, _MOST_FAILURES = 8, 2
 
 Solve = Callable[[StagewiseProgramme, Iterate], SolverResult | None]
@@ -149,10 +148,8 @@ def without_limits(programme: StagewiseProgramme) -> StagewiseProgramme:
 def measure_excess(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Array, Array]:
     """Return how far an iterate goes beyond its limits at most, by row: below and above, (nx + nu + nh,)."""
     bounds = programme.bounds
-    limited, lower, upper = bounds.has_limit, bounds.lower, bounds.upper
-    far = bounds.with_sides(np.where(limited, -_FAR, -np.inf), np.where(limited, _FAR, np.inf))
-    values = bounded_values(replace(programme, bounds=far), iterate)
-    is_limit = limited & ~bounds.are_equations
+    lower, upper = bounds.lower, bounds.upper
+    values, is_limit = bounded_values(programme, iterate), ~bounds.are_equations
     below = np.where(is_limit & np.isfinite(lower), lower - values, 0.0)
     above = np.where(is_limit & np.isfinite(upper), values - upper, 0.0)
     return below.max(axis=0, initial=0.0), above.max(axis=0, initial=0.0)

@@ -1,0 +1,109 @@
+"""Parameters of poses that frames have at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from mbocp._arrays import Array
+from mbocp._dataclass import dataclass
+from mbocp.formulation import Formulation
+from mbocp.formulation.layout import places
+from mbocp.problem import Problem
+from mbocp.sensitivity.change import Change
+from mbocp.sensitivity.parameter import Parameter
+from mbocp.terms.frame_end import FrameEnd
+from mbocp.terms.frame_goal import FrameGoal
+
+
+@dataclass(frozen=True, eq=False)
+class GoalOfFrame(Parameter):
+    """Position or orientation of a frame at the end; orientations turn about the axes that are asked for."""
+
+    @classmethod
+    def words(cls, formulation: Formulation) -> Iterator[str]:
+        """Those that the goal asks for, without tolerances."""
+        for goal in {goal.name: goal for end in _frame_ends(formulation) for goal in end.goals}.values():
+            if goal.target.coordinates.size:
+                yield f"goal.frame.{goal.name}.position"
+            if goal.target.orientation is not None:
+                yield f"goal.frame.{goal.name}.orientation"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Axes."""
+        if self._is_position:
+            return tuple("xyz"[i] for i in self._goal.target.coordinates)
+        return ("x", "y", "z")
+
+    @property
+    def _is_position(self) -> bool:
+        return self.word.endswith(".position")
+
+    @property
+    def _frame(self) -> str:
+        return self.word.split(".", 2)[2].rpartition(".")[0]
+
+    @property
+    def _goal(self) -> FrameGoal:
+        ends = _frame_ends(self.formulation)
+        return next(goal for end in ends for goal in end.goals if goal.name == self._frame)
+
+    def change(self) -> Change:
+        """Of numbers of the end, which are linear in those of a pose."""
+        found, goal = self._none, self._goal
+        at = places(self.formulation.pieces.parameters.terminal)
+        for end in _frame_ends(self.formulation):
+            for k, move in enumerate(self._moves(goal)):
+                for key, numbers in end.numbers_at(goal.name, move).items():
+                    if numbers.any():  # of a position alone the rotation of zeros says nothing
+                        found.rho_terminal[k, at[key]] = numbers
+        return found
+
+    def _moves(self, goal: FrameGoal) -> Iterator[Array]:
+        """Derivatives of the pose's matrix."""
+        if self._is_position:
+            for i in goal.target.coordinates:
+                yield np.eye(3)[i]
+            return
+        for axis in np.eye(3):
+            move = np.zeros((4, 4))
+            move[:3, :3] = goal.target.rotation @ np.cross(np.eye(3), axis)
+            yield move
+
+    @property
+    def value(self) -> Array:
+        """Coordinates that are asked for, or a quaternion xyzw."""
+        target = self._goal.target
+        if self._is_position:
+            return np.array(target.position)[target.coordinates]
+        return np.array(target.orientation)
+
+    @property
+    def tangent(self) -> Array:
+        """Derivatives of the quaternion along turns about the axes, shape (4, 3)."""
+        if self._is_position:
+            return np.eye(len(self.names))
+        *vector, w = self.value
+        return 0.5 * np.vstack([w * np.eye(3) + pin.skew(np.array(vector)), -np.array(vector)])
+
+    def put(self, problem: Problem, value: Array) -> Problem:
+        """With another position, or the orientation nearest to a quaternion."""
+
+        def move(goal: FrameGoal) -> FrameGoal:
+            if goal.name != self._frame:
+                return goal
+            if not self._is_position:
+                return replace(goal, target=replace(goal.target, orientation=value / np.linalg.norm(value)))
+            position = np.array(goal.target.position)
+            position[goal.target.coordinates] = value
+            return replace(goal, target=replace(goal.target, position=position))
+
+        return replace(problem, goal=replace(problem.goal, frames=tuple(map(move, problem.goal.frames))))
+
+
+def _frame_ends(formulation: Formulation) -> list[FrameEnd]:
+    return [end for end in formulation.pieces.signature.ends if isinstance(end, FrameEnd)]
