@@ -66,7 +66,9 @@ def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mappi
         found = {key: row for key, row in at_home.items() if key.endswith(ends)}
         found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
     if not found:
-        raise InvalidValue("NAME", show(name), f"a key of problem files; {suggest(asked, known)}")
+        near = suggest(asked, known)
+        hint = near if near.startswith("did") else "`mbocp keys` lists them, docs/wishes.md has examples"
+        raise InvalidValue("NAME", show(name), f"a key of problem files; {hint}")
     return found
 
 

@@ -41,7 +41,8 @@ def robots(
         entries = list_robots()
         facts: Any = [asdict(entry) for entry in entries]
     else:
-        facts = describe(RobotOptions(package_dir, free_flyer, dynamics, lock).load(name))
+        options = RobotOptions(package_dir, free_flyer, dynamics, lock)
+        facts = describe(options.load_as_it_can_move(name)[1])
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
     elif name is None:
