@@ -85,10 +85,11 @@ def schema(
     Editors complete, check and explain their keys by it.
     """
     from mbocp.problem.file.schema import problem_schema
+    from mbocp.solution.atomic import replace_text
 
     text = json.dumps(problem_schema(), indent=1)
     if output is None:
         typer.echo(text)
     else:
         check_output(output, "-o", (".json",))
-        output.write_text(f"{text}\n", encoding="utf-8")
+        replace_text(output, f"{text}\n")

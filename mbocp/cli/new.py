@@ -36,6 +36,7 @@ def new(
     It names the joints and their limits, and asks for a motion that solves at once.
     """
     from mbocp.problem.file.first import first_file
+    from mbocp.solution.atomic import replace_text
 
     options, robot = RobotOptions(package_dir, free_flyer, dynamics, lock).load_as_it_can_move(name)
     path = output if output is not None else Path(f"{Path(name).stem or robot.name}.toml")
@@ -53,7 +54,7 @@ def new(
 
         table["actuated"] = [_ROOT]
         robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
-    path.write_text(_schema_line(path) + first_file(robot, table, path), encoding="utf-8")
+    replace_text(path, _schema_line(path) + first_file(robot, table, path))
     if _only_rotors(robot) and options.free_flyer is None:
         locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
         typer.echo(
