@@ -63,7 +63,8 @@ def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mappi
     if not found:
         word = re.compile(rf"\b{re.escape(asked)}", re.IGNORECASE)
         ends = tuple(f".{end}" for end in (asked, *OTHER_WORDS.get(asked, ())[:1]))
-        found = {key: row for key, row in at_home.items() if key.endswith(ends)}
+        within = f".{asked}."
+        found = {key: row for key, row in at_home.items() if key.endswith(ends) or within in f".{key}."}
         found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
     if not found:
         near = suggest(asked, known)

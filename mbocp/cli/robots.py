@@ -183,10 +183,8 @@ def spheres(
     """Show the spheres that stand for links where a robot may collide."""
     if replay is not None:
         check_output(replay, "--replay", PAGES)
-    from mbocp.robot import robot_from_spec
-
     signals.leave_in_order()
-    robot = robot_from_spec(RobotOptions(package_dir, free_flyer, dynamics, lock).table(name))
+    _, robot = RobotOptions(package_dir, free_flyer, dynamics, lock).load_as_it_can_move(name)
     found = robot.collision_spheres
     if not found:
         raise UnsupportedRobot(

@@ -66,6 +66,7 @@ def test_words_are_found(run: Run, word: str, found: set[str]) -> None:
 
 def test_keys_of_what_a_robot_carries_are_told(run: Run) -> None:
     assert facts(run, "robot.payload")["robot.payload.mass"]["unit"] == "kg"
+    assert {"robot.payload.com", "robot.part.payload.com"} <= set(facts(run, "payload"))
     assert "robot.payload.com" in facts(run, "centre of mass")
 
 
