@@ -11,6 +11,7 @@ import re
 import stat
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ _KINDS = (
 )
 # tomllib takes time quadratic in the number of parts of a dotted key.
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_SAID_TWICE = re.compile(
+    r"Cannot (?:overwrite|declare|mutate).*\((?P<at>.*line (?P<line>\d+), column \d+)\)", re.DOTALL
+)
 _LONG_KEY = re.compile(rf"(?m)^[ \t\[]*(?:{_PART}\.[ \t]*){{{MAX_LEVELS}}}")
 
 
@@ -149,7 +153,8 @@ def parse_toml(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         lines = text.splitlines() or [""]
         end = f"at the end, line {len(lines)}, column {len(lines[-1]) + 1}"
-        raise Unreadable(f"malformed TOML: {str(error).replace('at end of document', end)}") from error
+        reason = str(error).replace("at end of document", end)
+        raise Unreadable(f"malformed TOML: {_SAID_TWICE.sub(partial(_said_twice, lines), reason)}") from error
     except RecursionError as error:
         raise Unreadable(f"malformed TOML: {_TOO_DEEP}") from error
     except ValueError as error:  # Python refuses to convert more than 4300 digits
@@ -163,6 +168,14 @@ def parse_toml(text: str) -> dict[str, Any]:
                 "bits; write a large number as a float, 1e20"
             )
     return document
+
+
+def _said_twice(lines: list[str], found: re.Match[str]) -> str:
+    """Words for a line that names what stands above it, in place of those of Python's parser."""
+    line = lines[int(found["line"]) - 1].strip()
+    name, dot, _ = line.lstrip("[ ").partition("=")[0].strip("] ").partition(".")
+    more = f", and {name} as the table [{name}], not as {name} = ..." if dot or line.startswith("[") else ""
+    return f"{shorten(line)} gives again what lines above it give (at {found['at']}); give each once{more}"
 
 
 def _join(path: tuple[str, ...]) -> str:

@@ -90,18 +90,6 @@ def known() -> dict[str, bool]:
     return {name: bool(tables_in(info.annotation)) for name, info in all_keys()}
 
 
-@pytest.fixture(scope="module")
-def explained() -> set[str]:
-    """Dotted keys that a page explains: as declared, or of payloads and parts in lists of `robots.md`."""
-    page = (DOCS / "robots.md").read_text("utf-8")
-    found = set(rows())
-    for under, heading in {"payload": "Payloads", "part": "Several robots in one world"}.items():
-        section = page.partition(f"\n## {heading}\n")[2]
-        lines = re.findall(r"^- (`[\w`, ]+`)(?: \(|:)", section.partition("\n#")[0], re.MULTILINE)
-        found |= {f"robot.{under}.{name}" for line in lines for name in re.findall(r"`(\w+)`", line)}
-    return found
-
-
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the code of a page runs: with the examples, and with the files that it is about."""
@@ -147,8 +135,6 @@ WISHES = [tomllib.loads(block) for block in blocks("wishes.md", "toml")]
 def test_wishes_are_granted(wish: dict[str, Any]) -> None:
     """Each is a part of a problem that is well posed, together with the file above them."""
     tables = deepcopy(WISHES[0])
-    if "robot" in wish and isinstance(wish["robot"], dict):
-        tables["robot"] = {"name": tables["robot"]}
     ends_elsewhere = "goal" in wish or any(path.get("kind") == "follow" for path in wish.get("path", []))
     if wish is not WISHES[0] and ends_elsewhere:
         del tables["goal"]["q"]
@@ -195,15 +181,9 @@ def test_settings_name_keys(page: str, known: dict[str, bool]) -> None:
         assert leaf in known or (page == "problem_files.md" and name in refused), name
 
 
-def test_every_key_is_explained(explained: set[str], known: dict[str, bool]) -> None:
-    """Those of parts as those of payloads, those of weights with them."""
-    for name in known:
-        of_body = re.sub(r"^robot\.part\.(?:payload\.)?", "robot.payload.", name)
-        assert {name, of_body, re.sub(r"(_weights)\.\w+$", r"\1", name)} & explained, name
-
-
-def test_every_row_is_of_a_key(explained: set[str], known: dict[str, bool]) -> None:
-    assert explained <= set(known)
+def test_every_key_is_explained(known: dict[str, bool]) -> None:
+    """Those of weights with them."""
+    assert {re.sub(r"(_weights)\.qp$", r"\1", name) for name in known} == set(rows())
 
 
 def test_keys_of_every_day_exist(known: dict[str, bool]) -> None:

@@ -82,6 +82,13 @@ def test_what_is_no_utf8_is_refused(tmp_path):
     ("text", "reason"),
     [
         ("x = [", "malformed TOML: .*line 1, column 6"),
+        (
+            'robot = "ur5"\n\n[[robot.payload]]\n',
+            r"\[\[robot\.payload\]\] gives again .*line 3, column 16\); .* robot as the table \[robot\], not",
+        ),
+        ("[a]\nb = 1\n[a]\n", r"\[a\] gives again .*line 3"),
+        ("a = 1\na = 2", r"TOML: a = 2 gives again .*line 2, column 6\); give each once$"),
+        ("a = {b = 1}\na.c = 2\nd = 1", r"a\.c = 2 gives again .*line 2.* a as the table \[a\]"),
         ("x = " + "[" * 5000 + "]" * 5000, f"nested more than {MAX_LEVELS} deep"),
         (
             "x = " + "[" * (MAX_LEVELS + 1) + "]" * (MAX_LEVELS + 1),

@@ -63,10 +63,13 @@ def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mappi
     if not found:
         word = re.compile(rf"\b{re.escape(asked)}", re.IGNORECASE)
         ends = tuple(f".{end}" for end in (asked, *OTHER_WORDS.get(asked, ())[:1]))
-        found = {key: row for key, row in at_home.items() if key.endswith(ends)}
+        within = f".{asked}."
+        found = {key: row for key, row in at_home.items() if key.endswith(ends) or within in f".{key}."}
         found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
     if not found:
-        raise InvalidValue("NAME", show(name), f"a key of problem files; {suggest(asked, known)}")
+        near = suggest(asked, known)
+        hint = near if near.startswith("did") else "`mbocp keys` lists them, docs/wishes.md has examples"
+        raise InvalidValue("NAME", show(name), f"a key of problem files; {hint}")
     return found
 
 
@@ -83,10 +86,11 @@ def schema(
     Editors complete, check and explain their keys by it.
     """
     from mbocp.problem.file.schema import problem_schema
+    from mbocp.solution.atomic import replace_text
 
     text = json.dumps(problem_schema(), indent=1)
     if output is None:
         typer.echo(text)
     else:
         check_output(output, "-o", (".json",))
-        output.write_text(f"{text}\n", encoding="utf-8")
+        replace_text(output, f"{text}\n")

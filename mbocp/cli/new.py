@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ from mbocp.cli.app import Dynamics, FreeFlyer, Locks, PackageDirs, Quiet, Robot,
 from mbocp.cli.keys import SCHEMA_FILE
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import check_output
-from mbocp.exceptions import MbocpError, ResultFileError, UnsupportedRobot
+from mbocp.exceptions import ResultFileError, UnsupportedRobot
 
 _SUFFIXES = (".toml",)
 _ROOT = "root_joint"
@@ -37,8 +36,9 @@ def new(
     It names the joints and their limits, and asks for a motion that solves at once.
     """
     from mbocp.problem.file.first import first_file
+    from mbocp.solution.atomic import replace_text
 
-    options, robot = _load(name, RobotOptions(package_dir, free_flyer, dynamics, lock))
+    options, robot = RobotOptions(package_dir, free_flyer, dynamics, lock).load_as_it_can_move(name)
     path = output if output is not None else Path(f"{Path(name).stem or robot.name}.toml")
     check_output(path, "-o", _SUFFIXES)
     if path.exists() and not force:
@@ -54,13 +54,7 @@ def new(
 
         table["actuated"] = [_ROOT]
         robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
-    path.write_text(_schema_line(path) + first_file(robot, table, path), encoding="utf-8")
-    if options.dynamics is False:
-        typer.echo(
-            f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is "
-            "known of its torques; robot.inertias in place of robot.dynamics estimates its masses",
-            err=True,
-        )
+    replace_text(path, _schema_line(path) + first_file(robot, table, path))
     if _only_rotors(robot) and options.free_flyer is None:
         locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
         typer.echo(
@@ -89,25 +83,6 @@ def _only_rotors(robot: Any) -> bool:
         and not robot.nc
         and endless
     )
-
-
-def _load(name: str, options: RobotOptions) -> tuple[RobotOptions, Any]:
-    """The robot; one of which nothing moves is taken to float, one without inertias to have no dynamics."""
-    from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
-
-    try:
-        return options, options.load(name)
-    except UnsupportedRobot as error:
-        if options.free_flyer is None and "no joint that moves" in str(error):
-            other = replace(options, free_flyer=True)
-        elif options.dynamics is None and isinstance(error, SingularMassMatrix) and error.are_all:
-            other = replace(options, dynamics=False)
-        else:
-            raise
-        try:
-            return other, other.load(name)
-        except MbocpError:
-            raise error from None
 
 
 def _seen_from(name: str, path: Path) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from mbocp._dataclass import dataclass
-from mbocp.exceptions import RobotError
+from mbocp.exceptions import MbocpError, RobotError, UnsupportedRobot
 
 if TYPE_CHECKING:
     from mbocp.robot import Robot
@@ -57,6 +60,48 @@ class RobotOptions:
         from mbocp.robot import robot_from_spec
 
         return robot_from_spec(self.table(name))
+
+    def load_as_it_can_move(self, name: str) -> tuple[RobotOptions, Robot]:
+        """Load a robot, and tell if it has no dynamics: one without inertias is taken to have none.
+
+        One of which no joint moves is taken to float.
+
+        Returns
+        -------
+        options : RobotOptions
+            With which it was loaded.
+        robot : Robot
+
+        Raises
+        ------
+        RobotError
+            As of `load`.
+        """
+        options, robot = self._that_load(name)
+        if options.dynamics is False:
+            typer.echo(
+                f"note: {robot.name} moves without dynamics: its controls are accelerations, and nothing is "
+                "known of its torques; robot.inertias in place of robot.dynamics estimates its masses",
+                err=True,
+            )
+        return options, robot
+
+    def _that_load(self, name: str) -> tuple[RobotOptions, Robot]:
+        from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
+
+        try:
+            return self, self.load(name)
+        except UnsupportedRobot as error:
+            if self.free_flyer is None and "no joint that moves" in str(error):
+                other = replace(self, free_flyer=True)
+            elif self.dynamics is None and isinstance(error, SingularMassMatrix) and error.are_all:
+                other = replace(self, dynamics=False)
+            else:
+                raise
+            try:
+                return other, other.load(name)
+            except MbocpError:
+                raise error from None
 
 
 def _lock(locks: Sequence[str]) -> list[str] | dict[str, float]:

@@ -41,7 +41,8 @@ def robots(
         entries = list_robots()
         facts: Any = [asdict(entry) for entry in entries]
     else:
-        facts = describe(RobotOptions(package_dir, free_flyer, dynamics, lock).load(name))
+        options = RobotOptions(package_dir, free_flyer, dynamics, lock)
+        facts = describe(options.load_as_it_can_move(name)[1])
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
     elif name is None:
@@ -182,10 +183,8 @@ def spheres(
     """Show the spheres that stand for links where a robot may collide."""
     if replay is not None:
         check_output(replay, "--replay", PAGES)
-    from mbocp.robot import robot_from_spec
-
     signals.leave_in_order()
-    robot = robot_from_spec(RobotOptions(package_dir, free_flyer, dynamics, lock).table(name))
+    _, robot = RobotOptions(package_dir, free_flyer, dynamics, lock).load_as_it_can_move(name)
     found = robot.collision_spheres
     if not found:
         raise UnsupportedRobot(

@@ -153,7 +153,7 @@ class Menu(Sequence[Solution]):
 
         first, *others = self[:_SHOWN]
         names = self.names[1:_SHOWN]
-        return replay_solution(first, path, robot=self.problem.robot, others=others, names=names)
+        return replay_solution(first, path, others=others, names=names)
 
 
 def menu(

@@ -37,6 +37,7 @@ from mbocp.symbolic import ModelNumber
 
 _OF_PAYLOAD = "payload."
 _growth: dict[tuple[Hashable, ...], tuple[tuple[ModelNumber, ...], ca.Function]] = {}  # by shapes of robots
+_KEPT = 64  # of these
 _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
 
@@ -245,10 +246,13 @@ def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[A
     """`robot.varying_values` after numbers of some words have grown, and derivatives of these in that."""
     payloads = tuple((payload.name, payload.position is None) for payload in robot.payloads)
     key = (robot.shape_fingerprint, robot.varying, payloads, words)
-    if key not in _growth:
+    found = _growth.get(key)
+    if found is None:
         given = numbers_behind(robot, words)
-        _growth[key] = given, _grow(robot, words, given)
-    given, grow = _growth[key]
+        found = _growth[key] = given, _grow(robot, words, given)
+        for oldest in list(_growth)[:-_KEPT]:
+            _growth.pop(oldest, None)  # another thread may have been here
+    given, grow = found
     values, slopes = grow(robot.values_of(given), robot.varying_values, moved)
     return np.asarray(values).ravel(), np.asarray(slopes)
 

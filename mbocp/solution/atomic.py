@@ -39,6 +39,11 @@ def replace_file(path: str | Path, content: bytes) -> Path:
     return Path(path)
 
 
+def replace_text(path: str | Path, text: str) -> Path:
+    """Write a text as `replace_file` does; what is no text becomes question marks."""
+    return replace_file(path, text.encode("utf-8", errors="replace"))
+
+
 @contextlib.contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Give a temporary file in the folder of `path` that replaces `path` when the block ends well.

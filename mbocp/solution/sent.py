@@ -156,7 +156,7 @@ class Sent:
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
-        middle = self.solution.t[0] + times / self.slower - self.mean / 2.0
+        middle = self.solution.t[0] + (times + _SAME) / self.slower - self.mean / 2.0  # rounded nodes, too
         offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
         return np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
 

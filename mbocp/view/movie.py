@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mbocp._dataclass import dataclass
-from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.exceptions import ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.browser import browse
 
@@ -132,6 +132,8 @@ def write_frames(pictures: Sequence[bytes], folder: str | Path) -> Path:
     ------
     ReplayError
         If the folder cannot be made, or has such pictures of another film.
+    ResultFileError
+        If a picture cannot be written.
     """
     place = Path(folder)
     try:
@@ -140,8 +142,8 @@ def write_frames(pictures: Sequence[bytes], folder: str | Path) -> Path:
             raise ReplayError(f"{place}: has pictures of a film; give another folder, or remove them")
         for k, picture in enumerate(pictures):
             replace_file(place / f"{k:05d}.png", picture)
-    except (OSError, MbocpError) as error:
-        raise error if isinstance(error, ReplayError) else ReplayError(f"{place}: {error}") from error
+    except OSError as error:
+        raise ReplayError(f"{place}: {error}") from error
     return place
 
 
@@ -151,16 +153,15 @@ def write_movie(pictures: Sequence[bytes], path: str | Path, frames_per_second: 
     Raises
     ------
     ReplayError
-        If the suffix is neither, there is no ffmpeg, or the file cannot be written.
+        If the suffix is neither, or there is no ffmpeg.
+    ResultFileError
+        If the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in MOVIES:
         raise ReplayError(f"{path}: a film ends in {' or '.join(MOVIES)}, got {suffix or 'no suffix'}")
     content = _gif(pictures, frames_per_second) if suffix == ".gif" else _mp4(pictures, frames_per_second)
-    try:
-        return replace_file(path, content)
-    except MbocpError as error:
-        raise ReplayError(f"film {error}") from error
+    return replace_file(path, content)
 
 
 def _gif(pictures: Sequence[bytes], frames_per_second: float) -> bytes:

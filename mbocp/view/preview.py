@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.solution.atomic import replace_text
 from mbocp.view.marks import marks_of
-from mbocp.view.meshcat.page import render_page, write_page
+from mbocp.view.meshcat.page import render_page
 from mbocp.view.meshcat.scene import build_scene
 from mbocp.view.motion_samples import sample_motion
 
@@ -30,7 +31,7 @@ def write_preview(problem: Problem, path: str | Path) -> Path:
 
     Raises
     ------
-    ReplayError
+    ResultFileError
         If the file cannot be written.
     """
     robot = problem.robot
@@ -46,7 +47,7 @@ def write_preview(problem: Problem, path: str | Path) -> Path:
     )
     subtitle = f"{robot.name} · start, and the goal as a ghost" if ghosts else f"{robot.name} · start"
     page = render_page(scene, title=problem.name, subtitle=subtitle, speed=1.0)
-    return write_page(page, path, "page")
+    return replace_text(path, page)
 
 
 def _ghost_poses(problem: Problem) -> list[Array]:

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from mbocp._dataclass import dataclass
 from mbocp._processes import signal_handler
 from mbocp.exceptions import MbocpError, ReplayError
+from mbocp.solution.atomic import replace_text
 from mbocp.view.live_robot import LiveReplay
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
-from mbocp.view.meshcat.page import Below, render_page, write_page
+from mbocp.view.meshcat.page import Below, render_page
 from mbocp.view.meshcat.scene import Scene, build_scene
 from mbocp.view.motion_samples import Motion, pose_at, sample_motion
 
@@ -121,11 +122,13 @@ def write_replay(robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **
     Raises
     ------
     ReplayError
-        If the motion does not fit the robot, or the file cannot be written.
+        If the motion does not fit the robot.
+    ResultFileError
+        If the file cannot be written.
     UnknownFrame
         If a traced frame does not exist.
     """
-    return write_page(replay_page(robot, t, qs, **drawn), path, "replay")
+    return replace_text(path, replay_page(robot, t, qs, **drawn))
 
 
 def replay_page(

@@ -15,7 +15,8 @@ from mbocp._text import show
 from mbocp.exceptions import Unreadable
 from mbocp.robot import Robot
 from mbocp.solution import ActiveLimit, Load, Solution, loads_of
-from mbocp.view.meshcat.page import Below, write_page
+from mbocp.solution.atomic import replace_text
+from mbocp.view.meshcat.page import Below
 from mbocp.view.of_solution import drawn_of
 from mbocp.view.replay import OtherMotion, replay_page
 from mbocp.view.reports.page_plots import (
@@ -99,7 +100,9 @@ def write_report(
     Raises
     ------
     ReplayError
-        If the motion does not fit the robot, or the file cannot be written.
+        If the motion does not fit the robot.
+    ResultFileError
+        If the file cannot be written.
     InvalidValue, RobotError
         As `Solution.load_robot`.
     """
@@ -111,7 +114,7 @@ def write_report(
         below=_below(_content(solution, shown, facts or _facts(solution))),
         **drawn_of(solution, shown),
     )
-    return write_page(page, path, "report")
+    return replace_text(path, page)
 
 
 def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
@@ -127,7 +130,9 @@ def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
     Raises
     ------
     ReplayError
-        If they are too many, a motion does not fit its robot, or the file cannot be written.
+        If they are too many, or a motion does not fit its robot.
+    ResultFileError
+        If the file cannot be written.
     InvalidValue, RobotError
         As `Solution.load_robot`.
     """
@@ -147,7 +152,7 @@ def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
     page = replay_page(
         robot, first.t, first.qs, below=_below(_join(sections) + _fold(plots, opened=3)), **drawn
     )
-    return write_page(page, path, "report")
+    return replace_text(path, page)
 
 
 def _below(content: str) -> Below:

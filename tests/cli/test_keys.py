@@ -64,6 +64,18 @@ def test_words_are_found(run: Run, word: str, found: set[str]) -> None:
     assert len(facts(run, word)) < len(rows()) / 10
 
 
+def test_keys_of_what_a_robot_carries_are_told(run: Run) -> None:
+    assert facts(run, "robot.payload")["robot.payload.mass"]["unit"] == "kg"
+    assert {"robot.payload.com", "robot.part.payload.com"} <= set(facts(run, "payload"))
+    assert "robot.payload.com" in facts(run, "centre of mass")
+
+
+def test_a_word_that_no_key_has_names_no_others(run: Run) -> None:
+    done = run("keys", "marmalade")
+    assert done.exit_code == 2
+    assert done.stderr.endswith("`mbocp keys` lists them, docs/wishes.md has examples\n")
+
+
 def test_a_name_that_is_none_is_refused(run: Run) -> None:
     done = run("keys", "horizon.stepps")
     assert done.exit_code == 2

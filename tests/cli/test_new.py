@@ -92,7 +92,7 @@ def test_a_urdf_with_mimic_joints_beside_the_file(run, here):
     path = write(here, PAIR)
     assert re.search(r"^jb +mimic +no *$", run("robots", str(path)).stdout, re.MULTILINE)  # without a unit
     assert run("new", str(path)).exit_code == 0
-    assert 'robot = "robot.urdf"' in (here / "robot.toml").read_text()
+    assert '[robot]\nname = "robot.urdf"' in (here / "robot.toml").read_text()
     assert "follows another joint" in (here / "robot.toml").read_text()
     assert mbocp.load_problem(here / "robot.toml").goal.is_exact
 
@@ -106,6 +106,14 @@ def test_motors_too_weak_for_their_own_weight_are_told(run, here):
     text = (here / "weak.toml").read_text()
     assert "holding its own weight takes more than the 0.5 N m that its file gives j1" in text
     assert "effort = true" not in text
+
+
+def test_robots_says_what_one_without_inertias_has(run, here):
+    urdf = robot(link("base", None), link("l1", None), joint("j1", "revolute", "base", "l1"))
+    done = run("robots", str(write(here, urdf)))
+    assert done.exit_code == 0
+    assert "note: test moves without dynamics" in done.stderr
+    assert re.search(r"^j1 +revolute +yes", done.stdout, re.MULTILINE)
 
 
 def test_a_single_body_floats(run, here):

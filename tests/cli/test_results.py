@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
+import os
 import re
 from pathlib import Path
 
@@ -16,7 +18,6 @@ import mbocp.view.report
 from mbocp.cli.solution_summary import print_rows
 from mbocp.solution import Solution
 from tests.solution.fabricated import humanoid, limited, pendulum
-from tests.solution.test_atomic import full_disk
 
 from .conftest import Run
 
@@ -89,16 +90,27 @@ def test_a_robot_that_is_gone(folder: Path, run: Run, command: str) -> None:
     assert " ".join(done.stderr.split()).startswith("error: lonely.h5: its robot cannot be loaded: ")
 
 
-def test_a_full_disk(folder: Path, run: Run, result: Path) -> None:
-    for command, name in (("plot", result.with_suffix(".png")), ("replay", result.with_suffix(".html"))):
-        name.write_text("old")
-        with full_disk(1000):
-            done = run(command, str(result))
-        assert (done.exit_code, done.stdout) == (2, "")
-        assert "File too large" in " ".join(done.stderr.split())
-        assert done.stderr.count("error: ") == 1
-        assert name.read_text() == "old"
-        name.unlink()
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        ("plot arm.h5", "arm.png"),
+        ("replay arm.h5", "arm.html"),
+        ("report arm.h5 -o page.html", "page.html"),
+        ("new rigid_pendulum --force -o first.toml", "first.toml"),
+        ("schema -o keys.json", "keys.json"),
+    ],
+)
+@pytest.mark.usefixtures("result")
+def test_a_full_disk(folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch, words: str, name: str) -> None:
+    def refuse(_: Path) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    old = folder / name
+    old.write_text("old")
+    monkeypatch.setattr("mbocp.solution.atomic._flush", refuse)
+    done = run(*words.split())
+    assert (done.exit_code, done.stdout, old.read_text()) == (2, "", "old")
+    assert re.match(f"error: (.*/)?{name}: cannot be written: No space left on device", done.stderr)
 
 
 def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:

@@ -12,6 +12,7 @@ import pytest
 import mbocp
 from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InvalidValue, ProblemFileError
+from mbocp.menus.menu import Choice
 from mbocp.menus.names import _directions
 from mbocp.solvers import Status
 
@@ -229,6 +230,11 @@ def test_results_are_saved_and_shown(ur5_menu, tmp_path):
     assert mbocp.Solution.load(files[1]).equals(ur5_menu[1])
     page = ur5_menu.replay(tmp_path / "menu.html").read_text()
     assert ur5_menu.names[1] in page
+    longer = {**ur5_menu[0].robot_spec, "numbers": {"joint.elbow_joint.length": 0.6}}
+    found = Choice("longer", replace(ur5_menu[0], robot_spec=longer), 1)  # as with a parameter
+    shown = replace(ur5_menu, choices=(found,)).replay(tmp_path / "found.html").read_text()
+    assert shown == mbocp.replay_solution(found.solution, tmp_path / "alone.html").read_text()
+    assert shown != mbocp.replay_solution(ur5_menu[0], tmp_path / "short.html").read_text()
     (tmp_path / "file").write_text("")
     with pytest.raises(mbocp.MbocpError, match="file"):
         ur5_menu.save(tmp_path / "file")

@@ -74,6 +74,14 @@ def test_quintics_have_continuous_accelerations_and_jerks(seed):
     assert np.abs(values[3][0, 0]).max() < 1e-6 * np.abs(values[3]).max()
 
 
+def test_efforts_at_nodes_are_those_of_the_steps_that_begin_there():
+    """Where times are rounded to nanoseconds, too, as messages have them."""
+    solution = arm(t=np.cumsum([0.0, *np.sqrt(np.arange(2.0, 22.0))]))
+    messages = sample_sent(motion_as_sent(solution, None, "cubic", is_joined=True))
+    assert (messages.t[:-1] < solution.t[:-1]).any()
+    np.testing.assert_array_equal(messages.efforts[:-1], solution.us)
+
+
 def test_quintics_are_of_order_four_and_more():
     """Between the nodes of a sine; cubics are of order four."""
     errors = {"cubic": [], "quintic": []}

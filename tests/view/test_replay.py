@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.exceptions import ReplayError, UnknownFrame
+from mbocp.exceptions import ReplayError, ResultFileError, UnknownFrame
 from mbocp.robot import FrameTarget, MissingMeshWarning, load_robot
 from mbocp.view.replay import write_replay
 from tests.view.pages import OBJ, Page, angles, read_page, stl, write_arm
@@ -270,14 +270,14 @@ def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch):
     arm = load_robot(write_arm(tmp_path, upper=BOX))
     target = tmp_path / "replay.html"
     target.write_text("old")
-    with pytest.raises(ReplayError, match="does not exist"):
+    with pytest.raises(ResultFileError, match="does not exist"):
         write_replay(arm, [0.0], [angles(0, 0)], tmp_path / "nowhere" / "replay.html")
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.replace", full)
-    with pytest.raises(ReplayError, match="No space left on device"):
+    with pytest.raises(ResultFileError, match="No space left on device"):
         write_replay(arm, [0.0], [angles(0, 0)], target)
     assert target.read_text() == "old"
     assert {p.name for p in tmp_path.iterdir()} == {"arm.urdf", "replay.html"}

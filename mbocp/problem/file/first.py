@@ -173,8 +173,6 @@ def _size(value: float, unit: str) -> str:
 
 
 def _robot(table: Mapping[str, Any]) -> list[str]:
-    if set(table) == {"name"}:
-        return [f"robot = {json.dumps(table['name'], ensure_ascii=False)}"]
     return ["[robot]", *(f"{toml_key(key)} = {_value(value)}" for key, value in table.items())]
 
 
@@ -238,12 +236,12 @@ def _limits(motion: FirstMotion) -> list[str]:
 def _hints(robot: Robot) -> list[str]:
     """What to try next; the frame is the last body of the robot."""
     bodies = [frame.name for frame in robot.model.frames if str(frame.type) == "BODY"]
-    frame = bodies[-1] if bodies else "tool"
+    name = json.dumps(bodies[-1] if bodies else "tool", ensure_ascii=False)
     return [
         "# What else one may ask of it, see docs/problem_files.md:",
         "#",
         "#     [goal.frame]                     # a pose for a frame, in place of q; the angles follow",
-        f"#     name = {json.dumps(frame, ensure_ascii=False)}",
+        f"#     name = {name}",
         "#     position = [0.4, 0.2, 0.3]",
         "#",
         "#     [horizon]                        # the least time within the limits:",
@@ -251,6 +249,10 @@ def _hints(robot: Robot) -> list[str]:
         "#     [cost]",
         "#     effort = 1e-4",
         "#     time = 1.0",
+        "#",
+        "#     [[robot.payload]]                # a tool or a load",
+        f"#     frame = {name}",
+        "#     mass = 1.2",
     ]
 
 

@@ -103,12 +103,14 @@ _LETTERS = {
 def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
     kind, loc, got = item["type"], item["loc"], item["input"]
     if kind == "extra_forbidden":
-        return _unknown_key(model, loc)
+        return _unknown_key(model, loc, got)
     if kind == "missing":
         return "this key is missing"
     if kind == "value_error":
         return str(item["ctx"]["error"])
     expected = _EXPECTED.get(kind, _INPUT.sub("a number ", item["msg"]))
+    if kind == "list_type" and isinstance(got, Mapping):
+        expected = f"tables, each [[{'.'.join(part for part in loc if isinstance(part, str))}]]"
     if kind == NO_KIND:
         expected = f"a {item['msg']}"
     if kind in ("too_short", "too_long"):
@@ -130,7 +132,7 @@ _EXPECTED = {
 }
 
 
-def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
+def _unknown_key(model: type[BaseModel], loc: Sequence[str | int], got: Any) -> str:
     """Say where a stray key belongs: near misses in its table, then the same word in another table."""
     *above, name = (str(part) for part in loc if not isinstance(part, int))  # path.0.x is in [[path]]
     tables = dict(_tables(model))
@@ -147,6 +149,8 @@ def _unknown_key(model: type[BaseModel], loc: Sequence[str | int]) -> str:
     near = [repr(word) for word in difflib.get_close_matches(name, valid, n=1)]
     if likely := same or elsewhere[:_MOST_PLACES] or near:
         return f"unknown key, did you mean {' or '.join(likely)}? ({listed})"
+    if isinstance(got, Mapping) and "name" in valid:
+        return f"unknown key; if it is a name, write name = {show(name)} among its keys ({listed})"
     return f"unknown key ({listed})"
 
 

@@ -12,8 +12,8 @@ from mbocp._files import parse_toml
 from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, Unreadable
 
-# A word that is no TOML value is taken as a string: quotes inside a shell's quotes are no fun.
-_BARE_WORD = re.compile(r"[A-Za-z_./~][\w./~+-]*")
+# A word that is no TOML value, and a number with a unit, are strings: quotes inside a shell's are no fun.
+_BARE_WORDS = re.compile(r"[A-Za-z_./~][\w./~+-]*|[+-]?[\d.]+(?:e[+-]?\d+)? [A-Za-z][\w/()^* ]*")
 
 SHORT = {"robot": "name", "solver": "method"}  # `robot = "ur5"` is short for `[robot] name = "ur5"`
 
@@ -74,7 +74,7 @@ def _parse_value(value: str, text: str) -> Any:
     try:
         parsed = parse_toml(f"value = {value}")
     except Unreadable as error:
-        if _BARE_WORD.fullmatch(value):
+        if _BARE_WORDS.fullmatch(value):
             return value
         if type(error.__cause__).__name__ != "TOMLDecodeError":  # it is TOML, but too long or too deep
             raise _error(text, error.reason) from error

@@ -136,11 +136,18 @@ class ReadingKeys(Declared):
 class PartTable(ReadingKeys, ShapeTable):
     """A robot or a simple body, and the frame that its base is fixed to."""
 
-    robot: str | None = None
-    name: Annotated[str, BeforeValidator(_name)]
-    parent: str = WORLD
-    position: Position = (0.0, 0.0, 0.0)
-    orientation: Orientation = (0.0, 0.0, 0.0, 1.0)
+    robot: Annotated[str | None, Key("name or path, as `robot.name`", default="required, or `mass`")] = None
+    name: Annotated[str, BeforeValidator(_name), Key("of the part; without `/`")]
+    parent: Annotated[str, Key('frame that carries the base, as `"left/tool0"`')] = WORLD
+    position: Annotated[Position, Key("of the part's base in `parent`", "m", "0", "3 numbers")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    orientation: Annotated[
+        Orientation,
+        Key("of the base: roll, pitch, yaw, or a quaternion x, y, z, w", "rad", "none", "3 or 4 numbers"),
+    ] = (0.0, 0.0, 0.0, 1.0)
 
     @model_validator(mode="after")
     def _a_robot_or_an_object(self) -> PartTable:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, TypeAlias, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from mbocp._keys import Key, Kind
+from mbocp._keys import Declared, Key, Kind
 from mbocp._keys import Table as KeyTable
 from mbocp._measured import Measured
 from mbocp._numbers import finite_number
@@ -67,27 +67,59 @@ def check_body(**said: Any) -> None:
         raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
 
 
-class ShapeTable(BaseModel):
+class ShapeTable(Declared):
     """Mass and shape of a body."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
-    mass: Mass | None = None
-    com: Position = (0.0, 0.0, 0.0)
-    inertia: Inertia = (0.0,) * 6
-    box: Annotated[Any, vector_of("3 lengths x, y, z [m]", 3), Measured("m")] = None
-    sphere: Annotated[Any, Kind("number", finite_number, float), Measured("m")] = None
-    cylinder: Annotated[Any, vector_of("radius and length [m]", 2), Measured("m")] = None
+    mass: Annotated[
+        Mass | None, Key("of a [simple body](robots.md#objects)", "kg", "required, or `robot`", "number")
+    ] = None
+    com: Annotated[Position, Key("centre of mass", "m", "0", "3 numbers")] = (0.0, 0.0, 0.0)
+    inertia: Annotated[
+        Inertia,
+        Key(
+            "about it, in the frame's axes: ixx, iyy, izz, ixy, ixz, iyz",
+            "kg m^2",
+            "a point mass, of a part its filled shape",
+            "3 or 6 numbers, or a table",
+        ),
+    ] = (0.0,) * 6
+    box: Annotated[
+        Any,
+        vector_of("3 lengths x, y, z [m]", 3),
+        Key(
+            "about `com`; a cylinder along z",
+            "m",
+            takes="3 lengths; radius; radius and length",
+            beside=("sphere", "cylinder"),
+        ),
+    ] = None
+    sphere: Annotated[Any, Kind("number", finite_number, float)] = None
+    cylinder: Annotated[Any, vector_of("radius and length [m]", 2)] = None
 
 
 class PayloadTable(ShapeTable):
     """A body that the robot carries, rigidly attached to one of its frames, see `Payload`."""
 
-    name: Name | None = None
-    frame: Name
-    mass: Mass
-    position: Position | None = None
-    orientation: Orientation | None = None
+    name: Annotated[
+        Name | None, Key("of the body and its frame", default="`payload_0`, ...", takes="string")
+    ] = None
+    frame: Annotated[Name, Key("that carries it")]
+    mass: Annotated[Mass, Key("of a tool or a load", "kg")]
+    position: Annotated[
+        Position | None,
+        Key("of its tip, the origin of its frame", "m", "the centre of mass", "3 numbers"),
+    ] = None
+    orientation: Annotated[
+        Orientation | None,
+        Key(
+            "of its frame: roll, pitch, yaw, or a quaternion x, y, z, w",
+            "rad",
+            "those of `frame`",
+            "3 or 4 numbers",
+        ),
+    ] = None
 
     @model_validator(mode="after")
     def _is_a_body(self) -> PayloadTable:

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._dataclass import dataclass
-from mbocp.exceptions import MbocpError, ReplayError
-from mbocp.solution.atomic import replace_file
+from mbocp.exceptions import ReplayError
 from mbocp.view.meshcat.scene import FORCES, Scene
 from mbocp.view.meshcat.viewer import Ext, meshcat
 
@@ -126,14 +125,6 @@ def render_page(
     page = _resource("page.html")
     pieces = re.split("(@[A-Z]+@)", page)
     return "".join(parts.get(piece, piece) for piece in pieces)
-
-
-def write_page(page: str, path: str | Path, what: str) -> Path:
-    """Write a page as a file; errors say what it is."""
-    try:
-        return replace_file(path, page.encode("utf-8", errors="replace"))  # names of files may be no text
-    except MbocpError as error:
-        raise ReplayError(f"{what} {error}") from error
 
 
 def _resource(name: str) -> str:

@@ -76,6 +76,12 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("limits.acceleration=true", "limits.acceleration", "got true, but URDFs have no such limits; give"),
         ("limits.effort_rate=[[1, 2, 3]]", "limits.effort_rate", "."),
         ("limits.power={elbow=1}", "limits.power", "has no control 'elbow'"),
+        (
+            "goal.frame={tool0={x=1}}",
+            "goal.frame.0.tool0",
+            "if it is a name, write name = 'tool0' among its keys",
+        ),
+        ("via={a={time=1}}", "via", r"got {'a': {'time': 1}}, expected tables, each \[\[via\]\]"),
         ("zzz=3", "zzz", r"unknown key \(allowed here: robot, "),
         ("horizon.steps=0", "horizon.steps", "got 0, expected a whole number of at least 1"),
         ("horizon.steps=-3", "horizon.steps", "got -3, expected a whole number"),

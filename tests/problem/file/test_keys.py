@@ -43,12 +43,8 @@ def complaints(tables: dict[str, Any]) -> list[str]:
 
 
 def tables_with_keys() -> list[Any]:
-    """Tables of problem files but those that robots share with their own files."""
-    seen = {}
-    for name, info in all_keys():
-        for table in tables_in(info.annotation):
-            if not name.startswith(("robot.part", "robot.payload")):
-                seen[table] = name
+    """Tables of problem files."""
+    seen = {table: name for name, info in all_keys() for table in tables_in(info.annotation)}
     return [pytest.param(ProblemTable, id="ProblemTable"), *(pytest.param(t, id=n) for t, n in seen.items())]
 
 

@@ -22,6 +22,8 @@ Loader = Callable[..., Problem]
         ("goal.enforce='none'", ("goal", "enforce"), "none"),
         ("goal.enforce=none", ("goal", "enforce"), "none"),
         ("robot=robots/mine/robot.toml", ("robot",), "robots/mine/robot.toml"),
+        ("horizon.duration=1.5 s", ("horizon", "duration"), "1.5 s"),
+        ("limits.effort=-2e1 N m/s", ("limits", "effort"), "-2e1 N m/s"),
         ("robot.free_flyer=true", ("robot", "free_flyer"), True),
         ('start.q."joint a=b"=1.5', None, None),
         ('start.q."joint.a"=1.5', ("start", "q", "joint.a"), 1.5),

@@ -9,7 +9,6 @@ import pytest
 
 from mbocp.robot import load_robot
 from mbocp.robot.loading.readers.robot_yaml import RobotYaml, read_robot_yaml
-from mbocp.robot.loading.robot_keys import PartTable
 from mbocp.robot.loading.robot_sources import robot_folders
 from mbocp.robot.loading.robot_toml import TABLES, RobotTable
 from tests.robot import urdfs
@@ -42,14 +41,6 @@ def test_the_example_has_every_key(example: str) -> None:
         for name, field in table.model_fields.items():
             key = field.alias or name
             assert re.search(rf"^(# )?{key} = |^\[+{key}\]+", example, re.MULTILINE), key
-
-
-def test_every_key_of_a_part_is_told() -> None:
-    text = (ROOT / "docs" / "robots.md").read_text()
-    (section,) = re.findall(r"^## Several robots in one world\n(.*?)^## ", text, re.DOTALL | re.MULTILINE)
-    names = re.findall(r"^- (`[\w`, ]+`)(?: \(|:)", section, re.MULTILINE)
-    for key in PartTable.model_fields:
-        assert any(f"`{key}`" in line for line in names), key
 
 
 @pytest.mark.parametrize("name", sorted(p.parent.name for p in (ROOT / "robots").glob("*/robot.toml")))
