@@ -9,7 +9,7 @@ is where it was when its hold began, and frames that are to coincide do,
 so that the arm goes where the box is wanted that it holds. What nobody asks for stays where it was at the
 stop before. Then lines join the stops, and the nodes on them are put on the holds: by joints without motors
 first, so that a free body follows the frame that holds it, and by the shortest step of all joints in the norm
-of the mass matrix where these do not suffice, or where the body is one that legs carry.
+of the mass matrix where these do not suffice.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class _Ties:
         def what(_: object, at: Array) -> tuple[Array, Callable[[], Array]]:
             return self.residual(at, qs), lambda: self.jacobian(at)
 
-        follows, J = _follows(robot), self.jacobian(q)
+        follows, J = ~_has_motor(robot), self.jacobian(q)
         if np.linalg.matrix_rank(J[:, follows], RANK_TOLERANCE) == np.linalg.matrix_rank(J, RANK_TOLERANCE):
             q = reduce_rows(robot, q, follows, rows, what)
         return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
@@ -127,7 +127,7 @@ class _Ties:
         They are near there; on the line, a body may be half a turn away from the frame that holds it, where
         rows of a weld vanish, too.
         """
-        robot, follows = self.table.robot, _follows(self.table.robot)
+        robot, follows = self.table.robot, ~_has_motor(self.table.robot)
         open_ways = null_space(self.jacobian(before)[:, follows], RANK_TOLERANCE)
         decided = np.zeros(robot.nv, dtype=np.bool_)
         decided[follows] = np.abs(open_ways).max(axis=1, initial=0.0) < _DECIDED
@@ -317,11 +317,10 @@ def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
     return found
 
 
-def _follows(robot: Robot) -> BoolArray:
-    """Velocity components that no motor or drive moves, but for bodies on legs, shape (nv,)."""
-    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
-    has_motor[list(robot.driven)] = True
-    found: BoolArray = ~(has_motor | walking_bodies(robot))
+def _has_motor(robot: Robot) -> BoolArray:
+    """Velocity components that a motor or a drive moves, shape (nv,)."""
+    found: BoolArray = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
+    found[list(robot.driven)] = True
     return found
 
 
