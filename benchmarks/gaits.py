@@ -1,7 +1,8 @@
-"""Gaits of solo12 at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
+"""Gaits at random speeds and headings, from the default guess: `python -m benchmarks.gaits`.
 
 Four swings of 0.2 s and a stand, on a level ground with friction 0.7, from rest to rest, at
-up to 0.4 m/s in any direction, turned by up to half a radian, within the limits of `solo12_trot.toml`.
+up to 0.4 m/s in any direction, turned by up to half a radian, within limits of efforts and positions. Two
+hops, with stands of 0.2 s between. Cost of transport: the positive work of the motors, by weight and way.
 
 `--cycles`: gaits that go on and on, of robots with four legs, at 0.3 m/s.
 """
@@ -15,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header
@@ -26,9 +28,11 @@ __all__ = ["GAITS", "gait", "gait_table", "record_of"]
 
 _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
 _NUM_SWINGS = 4
+_FAR = 0.15  # [m] of motions whose work is compared
+_LIMITS = {"solo12": 2.7}  # [N m]; those of the other robots are in their files
 _IN_FLIGHT = 10.0  # times the weight of velocities, for hops: with less, legs spin in the air
 FEET = ["FL", "FR", "HL", "HR"]
-GAITS = {"trot": 2, "pace": 2, "walk": 1, "bound": 2}  # and how many cycles four swings are
+GAITS = {"bound": 2, "pace": 2, "trot": 2, "walk": 1, "hop": 2}  # and how many cycles
 SWINGS = {"trot": 2, "pace": 2, "walk": 4, "bound": 2, "hop": 1}  # of a cycle
 _OF_UNITREE = {name: f"{name}_foot" for name in ("FL", "FR", "RL", "RR")}
 ROBOTS: Mapping[str, tuple[Mapping[str, str], float]] = {  # feet, and the weight of the velocities
@@ -39,32 +43,34 @@ ROBOTS: Mapping[str, tuple[Mapping[str, str], float]] = {  # feet, and the weigh
 }
 
 
-def gait(name: str, number: int) -> Problem:
-    """One motion; it depends on nothing but the gait and its number."""
-    rng = np.random.default_rng([number, sorted(GAITS).index(name)])
+def gait(name: str, number: int, robot_name: str = "solo12") -> Problem:
+    """One motion; it depends on nothing but the gait, its number and the robot."""
+    rng = np.random.default_rng([number, [*GAITS].index(name)])
     speed, heading, turn = rng.uniform([0.0, -np.pi, -_TURN], [_FASTEST, np.pi, _TURN])
-    robot = load_robot("solo12")
-    legs = {label.name: angle for label, angle in zip(robot.q_labels[7:], robot.q0[7:], strict=True)}
-    way = speed * _SECONDS * _NUM_SWINGS
-    place = [way * np.cos(heading), way * np.sin(heading), 0.235]
+    robot, (feet, weight) = load_robot(robot_name), ROBOTS[robot_name]
+    way, is_hop, goal = speed * _SECONDS * _NUM_SWINGS, name == "hop", np.array(robot.q0)
+    goal[:2] += way * np.cos(heading), way * np.sin(heading)
+    goal[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.0, 0.0, turn)).coeffs()
+    stance = {"stance": _SECONDS} if is_hop else {}
     return Problem.create(
         robot,
-        gait={"swings": name, "cycles": GAITS[name], "duration": _SECONDS, "steps": _STEPS},
-        ground={"feet": {foot: f"{foot}_FOOT" for foot in FEET}, "friction": 0.7},
-        start={"q": {"root_joint": [0, 0, 0.235, 0, 0, 0, 1]}},
-        goal={"v": 0, "q": legs, "frame": {"name": "base_link", "position": place, "rpy": [0, 0, turn]}},
-        cost={"effort": 1.0, "velocity": 0.01},
-        limits={"effort": 2.7, "position": True},
+        gait={"swings": name, "cycles": GAITS[name], "duration": _SECONDS, "steps": _STEPS, **stance},
+        ground={"feet": feet, "friction": 0.7},
+        goal={"v": 0, "q": goal},
+        cost={"effort": 1.0, "velocity": weight * (_IN_FLIGHT if is_hop else 1.0)},
+        limits={"effort": _LIMITS.get(robot_name, True), "position": True},
         scheme="se1",
     )
 
 
-def record_of(name: str, number: int) -> dict[str, Any]:
+def record_of(name: str, number: int, robot_name: str = "solo12") -> dict[str, Any]:
     """What came of a motion, and how far feet that stand are from the ground [m]."""
-    problem = gait(name, number)
-    begun = time.perf_counter()
-    solution = mbocp.solve(problem, time_limit=60.0)
-    seconds = time.perf_counter() - begun
+    problem = gait(name, number, robot_name)
+    begun = time.process_time()
+    solution = mbocp.solve(problem, time_limit=120.0)
+    seconds = time.process_time() - begun
+    weight = pin.computeTotalMass(problem.robot.model) * np.linalg.norm(problem.robot.model.gravity.linear)
+    way = np.linalg.norm(solution.qs[-1, :2] - solution.qs[0, :2])
     robot, off = problem.robot, 0.0
     for phase, place in zip(problem.phase, solution.named_phases, strict=True):
         for held in phase.holds:
@@ -75,11 +81,13 @@ def record_of(name: str, number: int) -> dict[str, Any]:
             level = robot.frame_placement(held.hold.frame, problem.q_start).translation[2]
             off = max(off, float(np.abs(np.array(at) - level).max()))
     status, iterations = str(solution.status), solution.iterations
-    return {"status": status, "iterations": iterations, "seconds": seconds, "off": off}
+    transport = solution.positive_work / (weight * way)
+    found = {"status": status, "iterations": iterations, "seconds": seconds}
+    return {**found, "off": off, "transport": transport, "way": way}
 
 
-def gait_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
-    """Success, iterations and time, a line for each gait."""
+def gait_table(robot_name: str, records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
+    """Success, iterations, time and cost of transport, a line for each gait."""
     rows = []
     for name, found in records.items():
         good = [one for one in found if one["status"] == "converged"]
@@ -92,11 +100,23 @@ def gait_table(records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
                 ", ".join(f"{x:.0f}" for x in np.quantile(iterations, [0.5, 0.9])),
                 ", ".join(f"{x:.2f} s" for x in np.quantile(seconds, [0.5, 0.9])),
                 f"{max(one['off'] for one in good):.0e} m",
+                f"{np.median([one['transport'] for one in good if one['way'] > _FAR] or [np.nan]):.2f}",
             )
         )
-    columns = ("", "motions", "converged", "iterations: median, 90 %", "time: median, 90 %", "off the ground")
-    note = "Of those that converged; feet that stand, at nodes. Functions are in the cache."
-    return Table("Gaits of solo12", columns, rows, note)
+    columns = (
+        "",
+        "motions",
+        "converged",
+        "iterations: median, 90 %",
+        "time: median, 90 %",
+        "off the ground",
+        "transport",
+    )
+    note = (
+        "Of those that converged; seconds of a processor, those of building functions in the first; feet "
+        f"that stand, at nodes. Transport: the median of motions of more than {_FAR:g} m."
+    )
+    return Table(f"Gaits of {robot_name}", columns, rows, note)
 
 
 def cycle(name: str, word: str) -> Problem:
@@ -143,6 +163,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gaits", description=__doc__)
     parser.add_argument("--count", type=int, default=50, help="of each gait")
     parser.add_argument("--markdown", action="store_true")
+    parser.add_argument("--robot", choices=[*ROBOTS], default="solo12")
+    parser.add_argument("--gaits", nargs="+", choices=[*GAITS], default=[*GAITS])
     parser.add_argument("--cycles", nargs="*", choices=[*ROBOTS], metavar="ROBOT", help="of these, or of all")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -150,8 +172,10 @@ def main() -> None:
         for table in (header(), cycles_table(options.cycles or [*ROBOTS])):
             show(table, markdown=options.markdown)
         return
-    records = {name: [record_of(name, k) for k in range(options.count)] for name in GAITS}
-    for table in (header(), gait_table(records)):
+    records = {
+        name: [record_of(name, k, options.robot) for k in range(options.count)] for name in options.gaits
+    }
+    for table in (header(), gait_table(options.robot, records)):
         show(table, markdown=options.markdown)
 
 

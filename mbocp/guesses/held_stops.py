@@ -14,7 +14,7 @@ of the mass matrix where these do not suffice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.guesses.footholds import Landing, footholds, walking_bodies
+from mbocp.guesses.stop import Stop, first_of, instant
 from mbocp.guesses.ways import position_limits
 from mbocp.problem import Goal, Problem
 from mbocp.problem.timeline.switches import SwitchTable
@@ -32,30 +34,12 @@ from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
 from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placement_of
-from mbocp.robot.poses.pose_search import joint_bounds, reach
+from mbocp.robot.poses.pose_search import JointBounds, joint_bounds, reach
 
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
 _QUATERNION = 4  # numbers; pairs of cosine and sine have one sign
 _DECIDED = 1e-6  # part of a joint in the motions that are left when motors stand still
-
-
-@dataclass(frozen=True, eq=False)
-class Stop:
-    """A node that a line goes through.
-
-    Attributes
-    ----------
-    node : int
-        Of those that an instant has the first: impacts take no time.
-    q : ndarray, shape (nq,)
-    goal : Goal, optional
-        What is asked for there.
-    """
-
-    node: int
-    q: Array
-    goal: Goal | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +167,11 @@ class _Stops:
 
     problem: Problem
     table: SwitchTable
+    landings: Mapping[int, Landing]
 
     @cached_property
-    def _limits(self) -> tuple[Array, Array]:
-        return position_limits(self.problem)
+    def _bounds(self) -> JointBounds:
+        return joint_bounds(self.problem.robot.model, *position_limits(self.problem), frozenset())
 
     def fit(self, raw: Sequence[Stop]) -> list[Stop]:
         """Stops that fit, from what via points and goal have without holds; the first is taken as it is."""
@@ -196,9 +181,11 @@ class _Stops:
         for stop in raw[1:]:
             q, before = _going_on(robot, found[-1].q, before, stop), stop.q
             ties = _Ties.at(self.table, stop.node)
-            if ties.count:
+            if landing := self.landings.get(stop.node):
+                q = self._land(ties, landing, stop.goal, qs)
+            elif ties.count:
                 q = self._settle(ties, q, found[-1].q, stop.goal, qs)
-            qs[_instant(self.table, stop.node)] = q
+            qs[instant(self.table.is_impact, stop.node)] = q
             found.append(Stop(stop.node, q, stop.goal))
         return found
 
@@ -209,7 +196,7 @@ class _Stops:
             return ties.fit(q, qs)
         targets = [frame.target for frame in goal.poses]
         rows, written = _StopRows(PoseRows(robot, targets), ties, qs), robot.joints_with(goal.q_active)
-        bounds = joint_bounds(robot.model, *self._limits, frozenset())
+        bounds = self._bounds
         best: Array | None = None
         for start in self._starts(q, before, written):
             there, has_arrived = reach(
@@ -223,10 +210,19 @@ class _Stops:
             q = _with(robot, bounds.unwind(best, before), q, written)
         return ties.fit(q, qs)
 
+    def _land(self, ties: _Ties, landing: Landing, goal: Goal | None, qs: Array) -> Array:
+        """A configuration in which feet land where they are wanted: by the legs, or by all joints."""
+        robot, said = self.problem.robot, () if goal is None else goal.poses
+        targets = [frame.target for frame in said] + list(landing.targets)
+        rows, bounds = _StopRows(PoseRows(robot, targets), ties, qs), self._bounds
+        q, has_arrived = reach(rows, bounds.clip(landing.q), bounds, walking_bodies(robot), _TOLERANCE)
+        if not has_arrived:
+            q, _ = reach(rows, q, bounds, np.zeros(robot.nv, dtype=np.bool_), _TOLERANCE)
+        return ties.fit(q, qs)
+
     def _starts(self, q: Array, before: Array, written: Sequence[str]) -> Iterator[Array]:
         """The line's configuration, the stop before, random ones; with the joints that are written."""
-        robot, rng = self.problem.robot, np.random.default_rng(0)
-        bounds = joint_bounds(robot.model, *self._limits, frozenset())
+        robot, rng, bounds = self.problem.robot, np.random.default_rng(0), self._bounds
         yield q
         yield _with(robot, before, q, written)
         for _ in range(_RESTARTS):
@@ -249,13 +245,13 @@ def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop
     if table is None:
         return list(raw)
     first, last = raw[0].node, raw[-1].node
-    named = {_first_of(table, stop.node): stop for stop in raw}
-    begun = {_first_of(table, begin.step) for begin in table.begins}
+    named = {first_of(table.is_impact, stop.node): stop for stop in raw}
+    begun = {first_of(table.is_impact, begin.step) for begin in table.begins}
     for node in sorted(begun - set(named)):
         if first < node < last:
             named[node] = Stop(node, _between(problem, raw, clock, node))
-    found = [Stop(node, stop.q, stop.goal) for node, stop in sorted(named.items())]
-    return _Stops(problem, table).fit(found)
+    found = {node: Stop(node, stop.q, stop.goal) for node, stop in sorted(named.items())}
+    return _Stops(problem, table, footholds(table, found, clock)).fit(list(found.values()))
 
 
 def carry(problem: Problem, qs: Array) -> Array:
@@ -297,10 +293,9 @@ def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
 
 def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
     """The configuration of a stop, with the joints that nobody asks for where they are now."""
-    moved = np.abs(robot.difference(before, stop.q)) > 0.0
-    goal = stop.goal
-    if goal is not None and not goal.poses:
-        moved = np.array(goal.q_active)
+    moved, goal = np.abs(robot.difference(before, stop.q)) > 0.0, stop.goal
+    if goal is not None:
+        moved = goal.q_active | (moved & bool(goal.poses))
     return _with(robot, now, stop.q, robot.joints_with(moved))
 
 
@@ -333,21 +328,6 @@ def _rows_of(table: SwitchTable, frame: object) -> BoolArray:
     """Rows of one of the held frames."""
     owners = [held for held in table.held for _ in held.rows]
     return np.array([owner is frame for owner in owners], dtype=np.bool_)
-
-
-def _first_of(table: SwitchTable, node: int) -> int:
-    """The first node of an instant."""
-    while node and table.is_impact[node - 1]:
-        node -= 1
-    return node
-
-
-def _instant(table: SwitchTable, node: int) -> slice:
-    """All nodes of an instant, from its first."""
-    last = node
-    while last < len(table.is_impact) and table.is_impact[last]:
-        last += 1
-    return slice(node, last + 1)
 
 
 def _between(problem: Problem, raw: Sequence[Stop], clock: Array, node: int) -> Array:

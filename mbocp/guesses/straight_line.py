@@ -18,7 +18,8 @@ from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.switches import filled_lengths, repeat_at_impacts
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
-from mbocp.guesses.held_stops import Stop, carried_rate, carry, held_stops
+from mbocp.guesses.held_stops import carried_rate, carry, held_stops
+from mbocp.guesses.stop import Stop
 from mbocp.guesses.ways import Way
 from mbocp.mechanisms.closed_path import closed_path
 from mbocp.mechanisms.consistent_states import project_on_constraints, tangent_space

@@ -31,8 +31,8 @@ RADIUS = 0.0191028  # of the feet: their frames are as high when solo12 stands [
 
 
 def trot(speed: float) -> Problem:
-    """Three cycles, which end as they begin."""
-    still = ["root_joint.vx", "root_joint.vy", "root_joint.wz"]
+    """Three cycles, which end as they begin, on bent legs: straight ones are singular."""
+    still = ["root_joint.vx", "root_joint.vy", "root_joint.vz", "root_joint.wz"]
     return Problem.create(
         "solo12",
         gait={"swings": "trot", "cycles": CYCLES, "duration": SWING, "steps": STEPS},
