@@ -27,6 +27,7 @@ from benchmarks.tables import Table, show
 from mbocp.exceptions import MbocpError
 from mbocp.problem.file.first import first_file
 from mbocp.robot import Robot, list_robots, load_robot
+from mbocp.robot.loading.mechanics_checks import SingularMassMatrix
 from mbocp.robot.loading.robot_formats import format_of
 from mbocp.view.report import write_report
 
@@ -83,7 +84,7 @@ def _path(robot: str) -> Path | None:
 
 def _name(robot: str) -> str:
     path = _path(robot)
-    return robot if path is None else "/".join(path.parts[-2:])
+    return robot if path is None else " ".join(["/".join(path.parts[-2:]), *robot.split(",")[1:]])
 
 
 def _format(robot: str) -> str:
@@ -105,10 +106,11 @@ def _rows(robot: str, *, solve: bool) -> Iterator[tuple[str, ...]]:
         if found.nu == 0:
             yield _padded(row, "no motors")
             return
+        note = "no inertias: by kinematics" if found.spec.get("dynamics") is False else ""
         with tempfile.TemporaryDirectory() as folder:
             for stage in _stages(found, Path(folder)):
                 row.append("yes" if not stage else "no")
-                yield _padded(row, stage)
+                yield _padded(row, stage or note)
                 if stage:
                     return
     except MbocpError as error:
@@ -117,9 +119,14 @@ def _rows(robot: str, *, solve: bool) -> Iterator[tuple[str, ...]]:
 
 
 def _held(robot: Path | str, arguments: dict[str, str] | None) -> Robot:
-    """The robot on a base that stands still, unless it is built as it is, or rotors push the base."""
+    """The robot on a base that stands still, unless it is built as it is, or rotors push the base.
+
+    One that has no inertias moves by kinematics, as `mbocp new` takes it.
+    """
     try:
         return load_robot(robot, arguments=arguments, free_flyer=False)
+    except SingularMassMatrix as error:
+        return load_robot(robot, arguments=arguments, free_flyer=False, dynamics=not error.are_all)
     except MbocpError:
         return load_robot(robot, arguments=arguments)
 

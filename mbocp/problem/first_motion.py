@@ -14,7 +14,9 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._dataclass import dataclass
+from mbocp._linear import spanning_rows
 from mbocp._text import list_names
+from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
@@ -97,9 +99,11 @@ def can_rest(robot: Robot, q: Array) -> bool:
 
 
 def _hovers(robot: Robot, q: Array) -> bool:
-    """Whether controls hold a base that floats where it is, and so at every place."""
-    floats = joint_kind(robot.model, 1).word == "floating"
-    return floats and not robot.nc and not robot.drives and holding_controls(robot, q) is not None
+    """Whether controls carry a base that floats where it is, and so at every place."""
+    if joint_kind(robot.model, 1).word != "floating" or robot.nc or robot.drives:
+        return False
+    held = holding_controls(robot, q)
+    return held is not None and bool(held.any())
 
 
 def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) -> Array | None:
@@ -157,8 +161,12 @@ def _start(robot: Robot) -> tuple[Array, tuple[str, ...]]:
 
 
 def _with_motors(robot: Robot) -> BoolArray:
-    """Directions in which a control acts by itself, on one or as one of several of a joint."""
-    has: BoolArray = np.any(robot.actuation.selection, axis=1)
+    """Directions that controls move each by itself, on one or as one of several of a joint."""
+    selection = robot.actuation.selection
+    has: BoolArray = np.any(selection, axis=1)
+    if has.sum() > selection.shape[1]:  # one moves several
+        has[:] = False
+        has[spanning_rows(selection, RANK_TOLERANCE)] = True
     has[list(robot.driven)] = True
     for joint in range(1, robot.model.njoints):
         j = robot.model.joints[joint]

@@ -67,6 +67,33 @@ def test_a_multicopter_flies_a_little_way(run, here):
     assert (solution.us > 0.0).all()
 
 
+def test_a_motor_on_two_joints_is_asked_for_one_of_them(run, here):
+    """The third is not driven; so not all can rest."""
+    joints = ("a", "b", "c")
+    text = robot(
+        link("base", None),
+        *(link(f"l{name}") for name in joints),
+        *(
+            joint(name, "revolute", parent, f"l{name}")
+            for name, parent in zip(joints, ("base", "la", "lb"), strict=True)
+        ),
+    )
+    tendon = '[[actuator]]\ntype = "tendon"\nname = "t"\njoints = ["a", "b"]\nratios = [1, -1]\n'
+    write(here, text, f"[actuation]\njoints = []\n{tendon}")
+    assert run("new", "robot.toml", "-o", "first.toml").exit_code == 0
+    assert mbocp.load_problem(here / "first.toml").goal.q_active.tolist() == [True, False, False]
+
+
+def test_what_floats_without_weight_has_no_goal_for_its_base(run, here):
+    """Nothing has to carry it, and its motors cannot move it."""
+    text = robot(link("a"), link("b"), joint("j", "revolute", "a", "b"))
+    write(here, text, 'urdf = "robot.urdf"\nfree_flyer = true\ngravity = [0, 0, 0]\n')
+    assert run("new", "robot.toml", "-o", "first.toml").exit_code == 0
+    goal = mbocp.load_problem(here / "first.toml").goal
+    assert not goal.q_active[:6].any()
+    assert goal.q_active[6]
+
+
 @pytest.mark.parametrize("name", ["rigid_pendulum", "four_bar", "hector"])
 def test_it_solves_at_once(run, here, name):
     assert run("new", name).exit_code == 0
