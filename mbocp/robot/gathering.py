@@ -161,7 +161,8 @@ def _of_model(
 ) -> Path:
     """A file that describes a robot, those that belong to it, and its meshes; the one to read it from."""
     reader = reader_of(path, dirs, arguments)
-    for file in (path, *reader.companions(path)):
+    belonging = reader.companions(path)
+    for file in (path, *belonging):
         found.add(file)
     kept = _expand(found, path, reader)
     _add_package(found, path)
@@ -173,9 +174,8 @@ def _of_model(
         if file.suffix.lower() in _MESHES:
             found.addresses.append((address, path.parent, file))
             _of_mesh(found, file, path)
-        elif format_of(file) is format_of(path):  # a robot within it
+        elif file in belonging:
             found.addresses.append((address, path.parent, file))
-            found.add(file)
     return kept
 
 

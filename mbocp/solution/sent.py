@@ -156,7 +156,9 @@ class Sent:
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
-        middle = self.solution.t[0] + (times + _SAME) / self.slower - self.mean / 2.0  # rounded nodes, too
+        nodes, middle = self.solution.t, self.solution.t[0] + times / self.slower - self.mean / 2.0
+        before = nodes[np.maximum(np.searchsorted(nodes, middle + _SAME, side="right") - 1, 0)]
+        middle = np.where(np.abs(before - middle) < _SAME, before, middle)  # times of nodes may be rounded
         offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
         return np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
 

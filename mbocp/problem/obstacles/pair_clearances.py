@@ -238,7 +238,7 @@ class PairClearances:
         ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])
         first = dict(zip(cores, ends[:-1].tolist(), strict=True))
         spheres = np.array([(row.place, *row.center) for row in self._of_spheres[0]]).reshape(-1, 4)
-        shapes = np.array([_shape(row, first) for row in rows]).reshape(len(rows), -1)
+        shapes = np.array([_shape(row, first) for row in rows]).reshape(-1, 13 + CORE + 5)
         planes = np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])
         return np.array(places, dtype=np.float64), spheres, shapes, planes
 

@@ -72,8 +72,9 @@ class SdfReader:
         return describe_tree(path, sdf.name, found.bodies, tables_from(table), left_out, how)
 
     def companions(self, path: Path) -> tuple[Path, ...]:
-        """None: files of models that it includes have addresses."""
-        return ()
+        """Files of the models that it includes."""
+        includes = parse_sdf(path, self.folders).includes
+        return tuple(dict.fromkeys(resolve(each, path.parent, self.folders) for each in includes))
 
     def addresses(self, path: Path) -> tuple[str, ...]:
         """Addresses of the models that it includes, and of all meshes, each once."""
