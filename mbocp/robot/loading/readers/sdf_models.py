@@ -181,5 +181,11 @@ def _place_in_model(part: ElementTree.Element) -> None:
     """Say that a pose which names no frame is one in the model."""
     pose = part.find("pose")
     pose = ElementTree.SubElement(part, "pose") if pose is None else pose
-    if not pose.get("relative_to") and not pose.get("frame"):
+    if not frame_of_pose(part):
         pose.set("relative_to", MODEL)
+
+
+def frame_of_pose(element: ElementTree.Element) -> str:
+    """The frame that the <pose> of an element names; empty if it names none."""
+    pose = element.find("pose")
+    return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""

@@ -16,7 +16,7 @@ from mbocp._dataclass import dataclass
 from mbocp._text import list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot, suggest
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.readers.sdf_models import MODEL, PLACED, YES, Submodels, read_sdf
+from mbocp.robot.loading.readers.sdf_models import MODEL, PLACED, YES, Submodels, frame_of_pose, read_sdf
 from mbocp.robot.loading.readers.urdf_xml import finite_numbers
 
 _MAX_NAMES = 5
@@ -125,7 +125,7 @@ class Sdf:
             raise UnsupportedRobot(f"{self.path}: more than {_MAX_ROW} frames are placed in a row")
         element = self.elements[name]
         where = f"{element.tag} {show(name)}"
-        placed_in = _frame_of_pose(element) or self._carrier(element)
+        placed_in = frame_of_pose(element) or self._carrier(element)
         return self.place(placed_in, (*passed, name)) * self.pose(element, where)
 
     def _carrier(self, element: ElementTree.Element) -> str:
@@ -136,7 +136,7 @@ class Sdf:
 
     def pose_in(self, link: str, element: ElementTree.Element, where: str) -> pin.SE3:
         """The <pose> of a part of a link in the axes of the link."""
-        frame, pose = _frame_of_pose(element), self.pose(element, where)
+        frame, pose = frame_of_pose(element), self.pose(element, where)
         return self.place(link).actInv(self.place(frame)) * pose if frame else pose
 
     def link_of(self, name: str) -> str:
@@ -207,7 +207,7 @@ def parse_sdf(path: Path, folders: Sequence[Path] = ()) -> Sdf:
         raise RobotFileError(path, f"expected one model that is not static, got {names}")
     submodels = Submodels(path, folders)
     submodels.put_in(models[0])
-    frame = _frame_of_pose(models[0])
+    frame = frame_of_pose(models[0])
     if frame not in ("", WORLD):
         words = f"model {show(models[0].get('name', ''))}: its pose is relative to {show(frame)}"
         raise UnsupportedRobot(f"{path}: {words}; give it in the world")
@@ -220,9 +220,3 @@ def parse_sdf(path: Path, folders: Sequence[Path] = ()) -> Sdf:
 def is_static(model: ElementTree.Element) -> bool:
     """Whether a model does not move."""
     return model.findtext("static", "").strip() in YES
-
-
-def _frame_of_pose(element: ElementTree.Element) -> str:
-    """The frame that the <pose> of an element names; empty if it names none."""
-    pose = element.find("pose")
-    return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
