@@ -1,6 +1,8 @@
 from collections.abc import Sequence
 from enum import Enum
 
+import casadi as ca
+
 from mbocp._arrays import Array
 
 TAPE_FORMAT: str
@@ -8,6 +10,8 @@ TAPE_FORMAT: str
 class StageFunction:
     @staticmethod
     def from_library(path: str, name: str) -> StageFunction: ...
+    @staticmethod
+    def of(function: ca.Function) -> StageFunction: ...
     @staticmethod
     def from_string(serialised: str) -> StageFunction: ...
     @staticmethod
@@ -46,7 +50,7 @@ class Flow:
         away: Array,
     ) -> tuple[Array, Array]: ...
 
-def write_c(serialised: str) -> tuple[list[str], str] | None: ...
+def write_c(function: ca.Function) -> tuple[list[str], str] | None: ...
 
 class Kind:
     def __init__(

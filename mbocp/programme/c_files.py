@@ -47,7 +47,7 @@ class CText:
         entries: list[str] = []
         others: list[ca.Function] = []
         for function in functions:
-            found = kernel().write_c(as_operations(function).serialize())
+            found = kernel().write_c(as_operations(function))
             if found is None:
                 others.append(function)
             else:

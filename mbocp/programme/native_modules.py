@@ -11,6 +11,8 @@ from mbocp.programme.processor import has_avx2
 # The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
+    import casadi as ca
+
     from mbocp._native._kernel import (
         Care,
         Filter,
@@ -54,7 +56,7 @@ class Kernel(Protocol):
     RecedingHorizon: type[KernelHorizon]  # the loop over a horizon that moves on
     Programme: type[KernelProgramme]  # the programme with its iterate
 
-    def write_c(self, serialised: str) -> tuple[list[str], str] | None:
+    def write_c(self, function: ca.Function) -> tuple[list[str], str] | None:
         """Functions in C that may stand in different files, and what is called from outside."""
 
     def relative_residual(self, allowed: Sizes, primal: float, dual: float, tolerance: float) -> float:

@@ -159,8 +159,8 @@ def _unpack(packed: str, names: Iterable[str]) -> dict[str, ca.Function]:
 
 
 def _write(function: ca.Function) -> bytes:
-    text = as_operations(function).serialize()
-    return kernel().StageFunction.from_string(text).as_tape() or text.encode()
+    numeric = as_operations(function)
+    return kernel().StageFunction.of(numeric).as_tape() or numeric.serialize().encode()
 
 
 def open_tape(held: bytes) -> StageFunction:

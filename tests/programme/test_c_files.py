@@ -40,7 +40,7 @@ def compare(function: ca.Function, inputs: Sequence[Array], *, is_exact: bool) -
     """In lanes and one by one, with a tape of as many lanes, and with CasADi."""
     compiled = load_functions(function.serialize(), lambda: {function.name(): function})
     assert compiled.library is not None
-    tape = kernel().StageFunction.from_string(as_operations(function).serialize())
+    tape = kernel().StageFunction.of(as_operations(function))
     native = compiled.stage_function(function.name())
     assert native.num_lanes == number_of_lanes()
     flat, count = [array.ravel() for array in inputs], len(inputs[0])
@@ -194,7 +194,7 @@ def test_numbers_beyond_the_columns_choose_nothing() -> None:
     which = np.tile([0.0, 4.0, 5.0, -1.0, np.nan, 1e300, 2.0], (COUNT, 1))
     x = np.random.default_rng(1).normal(size=(COUNT, 3))
     native = load_functions("loops", lambda: {"f": loops()}).stage_function("f")
-    tape = kernel().StageFunction.from_string(as_operations(loops()).serialize())
+    tape = kernel().StageFunction.of(as_operations(loops()))
     inputs = [x.ravel(), which.ravel()]
     assert_same(native.evaluate(inputs, COUNT, True), tape.evaluate(inputs, COUNT, True))
 

@@ -45,7 +45,7 @@ def compare(function: ca.Function, count: int) -> None:
     patterns = [function.sparsity_in(i) for i in range(function.n_in())]
     stages = [[ca.DM(p, row[n]) for p, row in zip(patterns, inputs, strict=True)] for n in range(count)]
     expected = [function.call(stage) for stage in stages]
-    tape = kernel().StageFunction.from_string(as_operations(function).serialize())
+    tape = kernel().StageFunction.of(as_operations(function))
     for own in (tape, tape.copy(), kernel().StageFunction.from_tape(tape.as_tape())):
         for is_in_lanes in (True, False):
             found = own.evaluate([row.ravel() for row in inputs], count, is_in_lanes)
@@ -94,7 +94,7 @@ def test_all_stages_choose_the_same_columns() -> None:
     table, which, shares = ca.MX.sym("table", 2, 3), ca.MX.sym("which", 4), ca.MX.sym("shares", 2, 4)
     outputs = [choose_columns(table, which), add_chosen_columns(3, which, shares)]
     written = as_operations(ca.Function("f", [table, which, shares], outputs))
-    own, rng = kernel().StageFunction.from_string(written.serialize()), np.random.default_rng(0)
+    own, rng = kernel().StageFunction.of(written), np.random.default_rng(0)
     tables, given, numbers = rng.normal(size=(40, 2, 3)), rng.normal(size=(40, 2, 4)), [2, 0, 2, 1]
     inputs = [tables.transpose(0, 2, 1).ravel(), np.tile(numbers, 40), given.transpose(0, 2, 1).ravel()]
     columns, sums = own.evaluate([np.asarray(values, dtype=float) for values in inputs], 40, True)
@@ -107,7 +107,7 @@ def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:
     x = ca.MX.sym("x", 2)
     table = ca.interpolant("table", "linear", [[0.0, 1.0, 2.0]], [1.0, 3.0, 2.0])
     function = ca.Function("f", [x], [table(x[0]) * x[1]])
-    own = kernel().StageFunction.from_string(as_operations(function).serialize())
+    own = kernel().StageFunction.of(as_operations(function))
     assert own.num_lanes == 1
     assert own.as_tape() == b""
     for one in (own, own.copy()):
@@ -122,7 +122,7 @@ def test_bytes_that_are_no_tape_are_refused(at: float, value: int, cut: bool) ->
     table, which, shares = ca.MX.sym("table", 2, 3), ca.MX.sym("which", 4), ca.MX.sym("shares", 2, 4)
     outputs = [choose_columns(table, which), add_chosen_columns(3, which, shares), ca.exp(table) + 1.5]
     written = as_operations(ca.Function("f", [table, which, shares], outputs))
-    sound = kernel().StageFunction.from_string(written.serialize()).as_tape()
+    sound = kernel().StageFunction.of(written).as_tape()
     place = int(at * (len(sound) - 1))
     changed = sound[:place] + bytes([value]) + sound[place + 1 :]
     for content in (changed[:place] if cut else changed, changed + b"x"):
@@ -141,13 +141,13 @@ def test_large_functions_take_fewer_lanes(size: int) -> None:
     for _ in range(3):
         powers.append(powers[-1] * x)
     function = ca.Function("f", [x], [ca.sum1(powers[0] * powers[1] + powers[2] * powers[3])])
-    own = kernel().StageFunction.from_string(function.serialize())
+    own = kernel().StageFunction.of(function)
     assert own.num_lanes == (32 if size == 2_000 else 8)
     compare(function, 11)
 
 
 def test_wrong_inputs_are_refused() -> None:
-    own = kernel().StageFunction.from_string(built([(0, 0, 0)]).serialize())
+    own = kernel().StageFunction.of(built([(0, 0, 0)]))
     with pytest.raises(ValueError, match="wrong number"):
         own.evaluate([np.zeros(4)], 1, False)
     with pytest.raises(ValueError, match="wrong length"):

@@ -53,7 +53,7 @@ def random_programme(seed: int, num_stages: int, ndx: int, ny: int, nu: int, ng:
     functions["retract"] = ca.Function("retract", [x, dx], [x + dx])
     functions["difference"] = ca.Function("difference", [x, dx], [dx - x])
     native = kernel()
-    load = {name: native.StageFunction.from_string(f.serialize()) for name, f in functions.items()}
+    load = {name: native.StageFunction.of(f) for name, f in functions.items()}
     ones = np.ones
     kind = native.Kind(
         nx=ndx, ndx=ndx, ny=ny, nu=nu, nr=1, values=load["values"], jacobian=load["jacobian"],
@@ -169,22 +169,20 @@ def test_dependent_end_conditions_are_called_singular() -> None:
     psi = ca.SX(0)
     H, _ = ca.hessian(ca.dot(eta, g), x)
     native = kernel()
-    of = native.StageFunction.from_string
+    of = native.StageFunction.of
     terminal = native.Terminal(
         ng=2,
-        values=of(ca.Function("tv", [x, empty], [psi, g]).serialize()),
+        values=of(ca.Function("tv", [x, empty], [psi, g])),
         complete=of(
-            ca.Function(
-                "tc", [x, eta, empty], [psi, g, ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(H)]
-            ).serialize()
+            ca.Function("tc", [x, eta, empty], [psi, g, ca.jacobian(g, x), ca.jacobian(psi, x), ca.triu(H)])
         ),
     )
     kind = native.Kind(
-        nx=3, ndx=3, ny=0, nu=2, nr=1, values=of(functions["values"].serialize()),
-        jacobian=of(functions["jacobian"].serialize()), complete=of(functions["complete"].serialize()),
+        nx=3, ndx=3, ny=0, nu=2, nr=1, values=of(functions["values"]),
+        jacobian=of(functions["jacobian"]), complete=of(functions["complete"]),
         scale_c=np.ones(3), scale_y=np.ones(0), scale_m=np.ones(3), scale_ru=np.ones(2),
     )  # fmt: skip
-    moves = [of(functions[name].serialize()) for name in ("retract", "difference")]
+    moves = [of(functions[name]) for name in ("retract", "difference")]
     programme = native.Programme(4, kind, terminal, *moves)
     programme.set_parameters(np.array([0.7]), np.zeros(4), np.zeros(0))
     programme.evaluate()

@@ -132,7 +132,7 @@ class Chain:
     def programmes(self, ng: int = 2) -> tuple[Any, Any]:
         """The same programme in a dense kernel and in one with groups, at rest."""
         native = kernel()
-        load = {k: native.StageFunction.from_string(f.serialize()) for k, f in self.functions(ng).items()}
+        load = {k: native.StageFunction.of(f) for k, f in self.functions(ng).items()}
         return self.programme(load, [], ng), self.programme(load, self.groups, ng)
 
     def programme(self, load: dict[str, Any], groups: list[Any], ng: int) -> Any:
@@ -375,7 +375,7 @@ def test_dependent_constraints_are_singular() -> None:
     chain = Chain(links=1)
     functions = chain.functions(1)
     native = kernel()
-    load = {k: native.StageFunction.from_string(f.serialize()) for k, f in functions.items()}
+    load = {k: native.StageFunction.of(f) for k, f in functions.items()}
     programme = chain.programme(load, chain.groups, 1)
     x = programme.x.reshape(-1, chain.ndx)
     x[3, 3:12] = 0.0  # without directors there is nothing to keep orthogonal
@@ -401,7 +401,7 @@ WRONG_GROUPS = {
 def test_wrong_groups_are_refused(message: str) -> None:
     chain = Chain(links=1)
     native = kernel()
-    load = {k: native.StageFunction.from_string(f.serialize()) for k, f in chain.functions(1).items()}
+    load = {k: native.StageFunction.of(f) for k, f in chain.functions(1).items()}
     with pytest.raises(ValueError, match=message):
         chain.programme(load, WRONG_GROUPS[message], 1)
 
@@ -414,7 +414,7 @@ def test_costs_of_the_impulses_are_refused() -> None:
 def test_order_of_the_groups_does_not_matter() -> None:
     chain = Chain(links=3)
     native = kernel()
-    load = {k: native.StageFunction.from_string(f.serialize()) for k, f in chain.functions(2).items()}
+    load = {k: native.StageFunction.of(f) for k, f in chain.functions(2).items()}
     made = (chain.programme(load, chain.groups, 2), chain.programme(load, chain.groups[::-1], 2))
     disturb(made)
     for programme in made:

@@ -457,8 +457,7 @@ std::string entries_of(const casadi::Function& f, const Callee& callee) {
 
 }  // namespace
 
-std::optional<CSource> write_c(const std::string& serialised) {
-    const casadi::Function f = casadi::Function::deserialize(serialised);
+std::optional<CSource> write_c(const casadi::Function& f) {
     if (!is_plain(f)) return std::nullopt;
     CWriter writer(f.name());
     try {

@@ -10,6 +10,10 @@
 #include <string>
 #include <vector>
 
+namespace casadi {
+class Function;
+}
+
 namespace mbocp {
 
 struct CSource {
@@ -17,7 +21,7 @@ struct CSource {
     std::string entries;                 // what is called from outside
 };
 
-// None where the function, a serialised casadi::Function, has operations that are not on numbers, or unknown in C.
-std::optional<CSource> write_c(const std::string& serialised);
+// None where the function has operations that are not on numbers, or unknown in C.
+std::optional<CSource> write_c(const casadi::Function& f);
 
 }  // namespace mbocp

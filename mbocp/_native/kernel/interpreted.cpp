@@ -185,10 +185,13 @@ private:
 
 }  // namespace
 
+std::shared_ptr<StageFunction> StageFunction::of(const casadi::Function& function) {
+    if (is_plain(function)) return function_of(Writer(function).write());
+    return std::make_shared<Interpreted>(function.serialize(), std::make_shared<std::atomic<std::int64_t>>(0));
+}
+
 std::shared_ptr<StageFunction> StageFunction::from_string(const std::string& serialised) {
-    const casadi::Function f = casadi::Function::deserialize(serialised);
-    if (is_plain(f)) return function_of(Writer(f).write());
-    return std::make_shared<Interpreted>(serialised, std::make_shared<std::atomic<std::int64_t>>(0));
+    return of(casadi::Function::deserialize(serialised));
 }
 
 std::shared_ptr<StageFunction> StageFunction::from_tape(std::string_view bytes) {

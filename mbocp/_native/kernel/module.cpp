@@ -30,6 +30,15 @@ using Released = nb::call_guard<nb::gil_scoped_release>;  // other threads of Py
 
 namespace {
 
+// What a casadi.Function of Python holds: both modules call the same libcasadi.
+const casadi::Function& function_in(nb::handle python) {
+    if (!nb::isinstance(python, nb::module_::import_("casadi").attr("Function")))
+        throw nb::type_error("no casadi.Function");
+    const nb::object held = python.attr("this");
+    const nb::int_ address(held);
+    return *reinterpret_cast<const casadi::Function*>(nb::cast<std::uintptr_t>(address));
+}
+
 Numbers to_numbers(const Input& a) { return Numbers(a.data(), a.data() + a.size()); }
 
 Output to_array(const Numbers& values) {
@@ -135,6 +144,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
     module.attr("TAPE_FORMAT") = nb::str(tape_format.data(), tape_format.size());
     nb::class_<StageFunction>(module, "StageFunction")
         .def_static("from_library", &StageFunction::from_library, nb::arg("path"), nb::arg("name"))
+        .def_static(
+            "of", [](nb::handle function) { return StageFunction::of(function_in(function)); }, nb::arg("function"))
         .def_static("from_string", &StageFunction::from_string, nb::arg("serialised"))
         .def_static(
             "from_tape", [](const nb::bytes& tape) { return StageFunction::from_tape({tape.c_str(), tape.size()}); },
@@ -203,12 +214,12 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
 
     module.def(
         "write_c",
-        [](const std::string& serialised) -> std::optional<std::pair<std::vector<std::string>, std::string>> {
-            std::optional<CSource> found = write_c(serialised);
+        [](nb::handle function) -> std::optional<std::pair<std::vector<std::string>, std::string>> {
+            std::optional<CSource> found = write_c(function_in(function));
             if (!found) return std::nullopt;
             return std::pair{std::move(found->functions), std::move(found->entries)};
         },
-        nb::arg("serialised"));
+        nb::arg("function"));
 
     nb::class_<Kind>(module, "Kind")
         .def(

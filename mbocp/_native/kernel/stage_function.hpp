@@ -9,6 +9,10 @@
 
 #include "pool.hpp"
 
+namespace casadi {
+class Function;
+}
+
 namespace mbocp {
 
 // Compressed-column pattern of one output.
@@ -52,7 +56,8 @@ public:
 
     // A function `name` of the shared library at `path`, made of what `c_source.hpp` or CasADi's code generator writes.
     static std::shared_ptr<StageFunction> from_library(const std::string& path, const std::string& name);
-    // A serialised casadi::Function, as a tape; by CasADi's virtual machine where it calls others or has loops.
+    // A function of CasADi's, as a tape; by CasADi's virtual machine where it calls others or has loops.
+    static std::shared_ptr<StageFunction> of(const casadi::Function& function);
     static std::shared_ptr<StageFunction> from_string(const std::string& serialised);
     // What `as_tape` gave.
     static std::shared_ptr<StageFunction> from_tape(std::string_view bytes);
