@@ -6,6 +6,9 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 PIP    := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
+# Tests start hundreds of processes, of which each would compile all modules for itself.
+unexport PYTHONDONTWRITEBYTECODE
+
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
 .PHONY: demo docs pages images wheel try-wheel release quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
