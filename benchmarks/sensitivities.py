@@ -50,7 +50,7 @@ BASES = (
 SCHEMES = ("", "se1", "midpoint", "gauss2", "rk4")
 COORDINATES = ("joint", "natural")
 TOLERANCE = 1e-6  # relative
-STEPS = (2e-4, 2e-5)  # the shorter where other limits become active within the longer
+STEPS = (2e-4, 2e-5, 2e-3)  # the second where other limits become active, the third where little moves
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 
 
