@@ -20,12 +20,9 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.integrators import TABLEAUX
 from mbocp.lie import ConfigurationSpace
 from mbocp.programme import Iterate
-from mbocp.solvers.newton_method.held_limits import active_limits, factorise_held
+from mbocp.solvers.newton_method.held_limits import GAIN_WEIGHT, active_limits, factorise_held
 from mbocp.solvers.newton_method.limit_multipliers import at_solution
 
-# Of the end condition by the weight of the controls. First gains are 2e-4 off differences of optima, 6 % in
-# least time; with 10 they are 60 % off, and above 1e9 round-off shows.
-_WEIGHT = 1e7
 _ROBUST_WEIGHT = 1e5  # of the end condition by the weight of the controls that answer to what is uncertain
 _SHIFTS = (0.0, 1e-6, 1e-4, 1e-2, 1.0, 1e2)  # of the Hessian in the states, the same
 
@@ -56,7 +53,7 @@ def feedback_gains(formulation: Formulation, iterate: Iterate) -> Array:
     leaves_group = is_plain and problem.scheme in TABLEAUX and problem.lie != "munthe_kaas"
     if not has_joint_states(formulation) or leaves_group:
         return np.zeros((0, 0, 0))
-    weight = _WEIGHT
+    weight = GAIN_WEIGHT
     if problem.robust is not None:
         # With the curvature of the mechanics feedback may not stabilise, and there is none at limits.
         weight = _ROBUST_WEIGHT

@@ -147,7 +147,7 @@ class Kkt:
             native.accept(1.0)
         raise SolverError(
             "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
-            f"active there (a Newton step is {length:.1e} of the motion); solve to a smaller tolerance"
+            f"active there (a Newton step is {length:.1e} of the motion); solve with solver.tolerance = 1e-12"
         )
 
     @cached_property
@@ -180,24 +180,10 @@ class Kkt:
         return Parts(*of_rest, ws)  # type: ignore[call-arg]
 
     def _add_up(self, found: Sequence[Array], rows: Sequence[Array], count: int) -> bool:
-        """Whether solutions add up to that of what their right-hand sides add up to.
-
-        That has other round-off, which shows how much of it is in the solutions where K is nearly singular.
-        Multipliers of limits are left out: where limits follow from others, these are some of many.
-        """
-        parts = [part.reshape(count, -1) for part in found]
-        size = np.max([np.abs(part).max(axis=1, initial=0.0) for part in parts[:3]], axis=0)
-        shares = 1.0 / (3.0 * np.where(size > 0.0, size, 1.0))
-        again, _ = self._native.solve_for([shares @ row.reshape(count, -1) for row in rows], 1)
-        terms = [shares[:, None] * part for part in parts[:-1]]
-        largest = np.array([np.abs(term).max(initial=0.0) for term in terms])
-        apart = [
-            np.abs(term.sum(axis=0) - whole).max(initial=0.0)
-            for term, whole in zip(terms, again[:-1], strict=True)
-        ]
-        return bool(
-            (apart <= np.maximum(_MOST_APART * largest, _GRAIN * largest.max())).all()
-        )  # not with NaN
+        """Whether solutions add up to that of what their right-hand sides add up to."""
+        apart, largest = self._native.compare_sums(rows, found, count)
+        least = np.maximum(_MOST_APART * largest, _GRAIN * largest.max())
+        return bool((apart <= least).all())  # not with NaN
 
     def _factorise_again(self) -> bool:
         """Factorise K with another weight of the end, on which solutions depend where K is singular."""

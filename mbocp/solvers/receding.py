@@ -15,8 +15,8 @@ from mbocp._dataclass import dataclass
 from mbocp.exceptions import SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.native_modules import kernel
+from mbocp.solvers.newton_method.held_limits import GAIN_WEIGHT
 from mbocp.solvers.newton_method.limit_multipliers import warm_barrier
-from mbocp.solvers.newton_method.newton import first_augmentation
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
@@ -80,7 +80,7 @@ def loop_of(
         tolerance=settings.tolerance,
         barrier=settings.barrier,
         shift_unit=programme.control_weight,
-        augmentation=first_augmentation(programme),
+        augmentation=GAIN_WEIGHT * programme.control_weight / programme.dt if programme.ng else 0.0,
     )
 
 

@@ -66,6 +66,23 @@ def test_a_state_that_stays_leads_to_its_optimum(problem, seed):
     np.testing.assert_allclose(found.us, cold.us, atol=1e-3 * np.abs(cold.us).max())
 
 
+def test_gains_reach_an_exact_goal():
+    """As controls of optima that are solved again do: they were 15 % off."""
+    problem = mbocp.load_problem(EXAMPLES / "optima" / "cart_pole.toml").with_(steps=30)
+    horizon = RecedingHorizon(problem, iterations=6)
+
+    def first(dx: np.ndarray) -> mbocp.receding.HorizonStep:
+        state = np.split(np.concatenate([problem.q_start, problem.v_start]) + dx, 2)
+        while horizon.step(*state, dt=0.0).status.state != "converged":
+            pass
+        return horizon.step(*state, dt=0.0)  # with the factors of the optimum
+
+    K, by = np.array(first(np.zeros(4)).K), 1e-4
+    pairs = [(first(move).u.copy(), first(-move).u.copy()) for move in by * np.eye(4)]
+    differences = np.array([(after - before) / (2 * by) for after, before in pairs]).T
+    np.testing.assert_allclose(K, differences, atol=1e-3 * np.abs(K).max())
+
+
 @pytest.mark.parametrize("iterations", [1, 2])
 def test_a_closed_loop_keeps_limits_and_follows(problem, iterations):
     """Of 0.8 s, with noise, a goal that jumps by two radians and then moves, and torques at their limits."""

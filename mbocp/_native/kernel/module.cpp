@@ -41,6 +41,13 @@ const casadi::Function& function_in(nb::handle python) {
 
 Numbers to_numbers(const Input& a) { return Numbers(a.data(), a.data() + a.size()); }
 
+Programme::Parts to_parts(const std::vector<Input>& given) {
+    Programme::Parts parts;
+    if (given.size() != parts.size()) throw std::invalid_argument("parts: wrong number of them");
+    std::transform(given.begin(), given.end(), parts.begin(), to_numbers);
+    return parts;
+}
+
 Output to_array(const Numbers& values) {
     auto* copy = new Numbers(values);
     nb::capsule owner(copy, [](void* p) noexcept { delete static_cast<Numbers*>(p); });
@@ -363,11 +370,8 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "solve_for",
             [](Programme& p, const std::vector<Input>& rhs, int count) {
-                if (rhs.size() != std::tuple_size_v<Programme::Parts>)
-                    throw std::invalid_argument("solve_for: wrong number of parts");
-                Programme::Parts parts;
+                Programme::Parts parts = to_parts(rhs);
                 double left = 0;
-                std::transform(rhs.begin(), rhs.end(), parts.begin(), to_numbers);
                 {
                     nb::gil_scoped_release released;
                     std::tie(parts, left) = p.solve_for(parts, count);
@@ -377,6 +381,13 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
                 return std::make_pair(std::move(found), left);
             },
             nb::arg("rhs"), nb::arg("count"))
+        .def(
+            "compare_sums",
+            [](Programme& p, const std::vector<Input>& rhs, const std::vector<Input>& found, int count) {
+                const auto [apart, largest] = p.compare_sums(to_parts(rhs), to_parts(found), count);
+                return std::make_pair(to_array(apart), to_array(largest));
+            },
+            nb::arg("rhs"), nb::arg("found"), nb::arg("count"))
         .def("factorise_well", &factorise_well, nb::arg("shift"), nb::arg("augmentation"), Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <stdexcept>
 
 #include "adjoint_sweep.hpp"
@@ -71,43 +72,65 @@ public:
     // K d = rhs with the last factors, for `count` right-hand sides one after the other. Parts of rows and of unknowns
     // are the states of the nodes 1..N, algebraic unknowns, controls, multipliers of the steps, of the end condition,
     // and of the limits that are equations. Also the largest that is left of one.
-    using Parts = std::array<Numbers, 6>;
+    static constexpr std::size_t num_parts = 6;
+    using Parts = std::array<Numbers, num_parts>;
     std::pair<Parts, double> solve_for(const Parts& rhs, int count) {
-        const std::size_t nodes = problem.of_nodes(problem.ndx) - problem.ndx;
-        const std::array<std::size_t, 6> sizes{nodes,
-                                               iterate.y.size(),
-                                               iterate.u.size(),
-                                               iterate.m.size(),
-                                               iterate.eta.size(),
-                                               barrier.equation_step().size()};
+        const auto sizes = part_sizes();
         Parts found;
         double left = 0;
-        for (std::size_t part = 0; part < sizes.size(); ++part) {
+        for (std::size_t part = 0; part < num_parts; ++part) {
             if (rhs[part].size() != sizes[part] * count) throw std::invalid_argument("solve_for: wrong length");
             found[part].reserve(rhs[part].size());
         }
         Residual residual(problem);
-        Numbers equations(sizes[5]);
-        const int ndx = problem.ndx, ny = problem.kind().ny, nu = problem.kind().nu;
         for (int k = 0; k < count; ++k) {
-            const auto of = [&](std::size_t part) { return rhs[part].data() + sizes[part] * k; };
-            for (int n = 0; n < problem.N; ++n) {
-                double* w = residual.w.data() + problem.m_offset[n];
-                std::copy_n(of(0) + static_cast<std::size_t>(n) * ndx, ndx, w);
-                std::copy_n(of(1) + problem.y_offset[n], ny, w + ndx);
-                std::copy_n(of(2) + problem.u_offset[n], nu, residual.s.data() + problem.s_offset(n) + ndx);
-            }
-            std::copy_n(of(3), sizes[3], residual.c.begin());
-            std::copy_n(of(4), sizes[4], residual.g.begin());
-            std::copy_n(of(5), sizes[5], equations.begin());
-            left = std::max(left, riccati.solve_for(residual, equations));
-            const Increment& d = riccati.direction();
-            const std::array<const double*, 6> steps{d.dx.data() + ndx, d.dy.data(),   d.du.data(),
-                                                     d.dm.data(),       d.deta.data(), barrier.equation_step().data()};
-            for (std::size_t part = 0; part < sizes.size(); ++part)
+            std::array<const double*, num_parts> given;
+            for (std::size_t part = 0; part < num_parts; ++part) given[part] = rhs[part].data() + sizes[part] * k;
+            left = std::max(left, solve_one(given, residual));
+            const auto steps = part_steps();
+            for (std::size_t part = 0; part < num_parts; ++part)
                 found[part].insert(found[part].end(), steps[part], steps[part] + sizes[part]);
         }
         return {std::move(found), left};
+    }
+    // What these solutions, each by three times its size, add up to, beside the solution of what their right-hand
+    // sides add up to. That has other round-off, which shows how much of it is in the solutions where K is nearly
+    // singular. Of each part how far the two are apart, and the largest term. Multipliers of limits are left out: where
+    // limits follow from others, these are some of many.
+    std::pair<Numbers, Numbers> compare_sums(const Parts& rhs, const Parts& found, int count) {
+        const auto sizes = part_sizes();
+        Numbers shares;
+        for (int k = 0; k < count; ++k) {
+            double size = 0;
+            for (std::size_t part = 0; part < 3; ++part)
+                size =
+                    std::max(size, dense::largest(static_cast<int>(sizes[part]), found[part].data() + sizes[part] * k));
+            shares.push_back(1.0 / (3.0 * (size > 0.0 ? size : 1.0)));
+        }
+        Parts whole;
+        std::array<const double*, num_parts> given;
+        for (std::size_t part = 0; part < num_parts; ++part) {
+            if (rhs[part].size() != sizes[part] * count || found[part].size() != rhs[part].size())
+                throw std::invalid_argument("compare_sums: wrong length");
+            whole[part].assign(sizes[part], 0.0);
+            for (std::size_t at = 0; at < rhs[part].size(); ++at)
+                whole[part][at % sizes[part]] += shares[at / sizes[part]] * rhs[part][at];
+            given[part] = whole[part].data();
+        }
+        Residual residual(problem);
+        solve_one(given, residual);
+        const auto steps = part_steps();
+        Numbers apart(num_parts - 1, 0.0), largest(apart);
+        for (std::size_t part = 0; part < apart.size(); ++part)
+            for (std::size_t at = 0; at < sizes[part]; ++at) {
+                double left = -steps[part][at];
+                for (int k = 0; k < count; ++k) {
+                    const double term = shares[k] * found[part][sizes[part] * k + at];
+                    left += term, largest[part] = std::max(largest[part], std::abs(term));
+                }
+                if (std::abs(left) > apart[part] || std::isnan(left)) apart[part] = std::abs(left);
+            }
+        return {std::move(apart), std::move(largest)};
     }
     Numbers reduced_hessian(double shift) {
         riccati.forget();
@@ -124,6 +147,33 @@ public:
     TrialPoint trial_point{problem, iterate, barrier};
     ForwardSweep forward_sweep{problem, iterate, *step, riccati.elimination()};
     AdjointSweep adjoint_sweep{problem, iterate, data, *step, riccati.elimination()};
+
+private:
+    std::array<std::size_t, num_parts> part_sizes() const {
+        return {problem.of_nodes(problem.ndx) - problem.ndx,
+                iterate.y.size(),
+                iterate.u.size(),
+                iterate.m.size(),
+                iterate.eta.size(),
+                barrier.equation_step().size()};
+    }
+    std::array<const double*, num_parts> part_steps() const {
+        const Increment& d = riccati.direction();
+        return {d.dx.data() + problem.ndx,     d.dy.data(), d.du.data(), d.dm.data(), d.deta.data(),
+                barrier.equation_step().data()};
+    }
+    double solve_one(const std::array<const double*, num_parts>& rhs, Residual& residual) {
+        const int ndx = problem.ndx, ny = problem.kind().ny, nu = problem.kind().nu;
+        for (int n = 0; n < problem.N; ++n) {
+            double* w = residual.w.data() + problem.m_offset[n];
+            std::copy_n(rhs[0] + static_cast<std::size_t>(n) * ndx, ndx, w);
+            std::copy_n(rhs[1] + problem.y_offset[n], ny, w + ndx);
+            std::copy_n(rhs[2] + problem.u_offset[n], nu, residual.s.data() + problem.s_offset(n) + ndx);
+        }
+        std::copy_n(rhs[3], iterate.m.size(), residual.c.begin());
+        std::copy_n(rhs[4], iterate.eta.size(), residual.g.begin());
+        return riccati.solve_for(residual, Numbers(rhs[5], rhs[5] + barrier.equation_step().size()));
+    }
 };
 
 }  // namespace mbocp
