@@ -21,7 +21,8 @@ from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import between
 from mbocp.solution.curves import differences
-from mbocp.solution.sent import EFFORT_RATE, Excess, Sent, find_excesses
+from mbocp.solution.joints_sent import EFFORT_RATE, Excess, find_excesses
+from mbocp.solution.sent import Sent
 from mbocp.solution.sent_states import Follower
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.rates import RATE_TERMS
