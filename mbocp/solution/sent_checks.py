@@ -115,6 +115,8 @@ def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) ->
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     if not set(constraint.structure("quaternion").remembers) <= set(symbols):
         return np.zeros(constraint.rows, dtype=bool)
+    if all(of.all() for of in follower.known):
+        return np.ones(constraint.rows, dtype=bool)
     function = constraint.function(problem.robot, symbols, *symbols.values())
     unknown = [~of for of in (*follower.known, follower.known[1])]
     asked = [np.asarray(function.jac_sparsity(0, k), dtype=bool)[:, of] for k, of in enumerate(unknown)]
