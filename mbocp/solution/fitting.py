@@ -67,7 +67,10 @@ class Fitting:
         return Fit(base.slow(other.slower), other.mean, other.slower, other.is_of_spline)
 
     def fit(self, asked: Fit, slower: float, mean: float = 0.0) -> Fit:
-        """Curves that keep the limits, slower by a factor or more; as asked at worst."""
+        """Curves that keep the limits, slower by a factor or more; as asked at worst.
+
+        From rest to rest the way stays, unless that takes more time than is allowed.
+        """
         has_no_means = self.joints.is_joined and self.interpolation == "cubic"
         if not self.joints.rest(self.cubics):
             return asked if has_no_means else self._nearest(asked, slower)
@@ -76,16 +79,16 @@ class Fitting:
             found = self._smoother()
         if mean > found.mean and not has_no_means:
             found = Fit(self.cubics.mean(mean), mean)
-        curves, room = found.curves, FITTED
-        while slower * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
-            slower = _whole(slower, curves.nodes[-1], None if self.joints.is_joined else self.rate)
-            sent = curves.slow(slower)
-            factor = self.joints.factor(sent, self.rate)
-            if factor == 1.0:
-                return replace(found, curves=sent, slower=slower)
-            slower *= (1.0 + room) * factor
+        curves, factor, room = found.curves, slower, FITTED
+        while factor * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
+            factor = _whole(factor, curves.nodes[-1], None if self.joints.is_joined else self.rate)
+            sent = curves.slow(factor)
+            left = self.joints.factor(sent, self.rate)
+            if left == 1.0:
+                return replace(found, curves=sent, slower=factor)
+            factor *= (1.0 + room) * left
             room *= 2.0
-        return asked
+        return asked if has_no_means or mean else self._nearest(asked, slower)
 
     def _nearest(self, asked: Fit, slower: float) -> Fit:
         """The nearest motion that keeps the limits from its state; as asked where that does, or none does."""
