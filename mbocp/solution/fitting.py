@@ -28,7 +28,6 @@ class Fit:
     curves: Curves
     mean: float = 0.0
     slower: float = 1.0
-    is_of_spline: bool = False
     is_nearest: bool = False
 
 
@@ -56,15 +55,6 @@ class Fitting:
             return quintics
         cubics, smooth = (self.joints.factor(curves, self.rate) for curves in (self.cubics, quintics))
         return self.cubics if cubics < smooth else quintics
-
-    def like(self, other: Fit) -> Fit:
-        """As another motion was fitted."""
-        base = self.cubics.spline() if other.is_of_spline else self.cubics
-        if other.mean:
-            base = base.mean(other.mean)
-        elif other.curves.interpolation == "quintic":
-            base = base.smooth(self.has_jerk)
-        return Fit(base.slow(other.slower), other.mean, other.slower, other.is_of_spline)
 
     def fit(self, asked: Fit, slower: float, mean: float = 0.0) -> Fit:
         """Curves that keep the limits, slower by a factor or more; as asked at worst.
@@ -111,15 +101,14 @@ class Fitting:
         most = MOST * float(self.cubics.nodes[-1])
         least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
         found = []
-        for base, is_of_spline in ((self.cubics, False), (self.cubics.spline(), True)):
+        for base in (self.cubics, self.cubics.spline()):
             near, far = least, most
             for _ in range(2):  # coarsely, and about the best
                 widths = np.geomspace(near, far, _WIDTHS)
                 means = [base.mean(width) for width in widths]
                 durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
                 k = int(np.argmin(durations))
-                fit = Fit(means[k], float(widths[k]), is_of_spline=is_of_spline)
-                found.append((durations[k], fit))
+                found.append((durations[k], Fit(means[k], float(widths[k]))))
                 near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
         return min(found, key=lambda one: one[0])[1]
 

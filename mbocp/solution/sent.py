@@ -56,8 +56,6 @@ class Sent:
         Factor of the duration, after the mean.
     excesses : tuple of Excess
         Limits that it leaves all the same, the worst by its ratio first.
-    is_of_spline : bool
-        Whether the moving mean is that of the spline through the nodes, not of the cubics.
     is_nearest : bool
         Whether it is the nearest motion within limits from the state at its start.
     lag : float
@@ -72,7 +70,6 @@ class Sent:
     mean: float
     slower: float
     excesses: tuple[Excess, ...]
-    is_of_spline: bool = False
     is_nearest: bool = False
     lag: float = 0.0
 
@@ -112,7 +109,6 @@ def motion_as_sent(
     fit: bool = False,
     slower: float = 1.0,
     mean: float = 0.0,
-    like: Sent | None = None,
 ) -> Sent:
     """Say what is sent of a motion.
 
@@ -135,9 +131,6 @@ def motion_as_sent(
     mean : float
         Least time of its moving mean [s], as rates of efforts may ask for it: one over a step makes leaps of
         accelerations from step to step the slopes that the problem takes them for.
-    like : Sent, optional
-        A motion that is sent already, and that this one begins with, see `mbocp.solution.joined`. Its moving
-        mean and the factor of its duration are taken, so that both are one where the solutions are.
 
     Raises
     ------
@@ -151,9 +144,7 @@ def motion_as_sent(
     fitting = Fitting(joints, cubics, rate, interpolation)
     found = Fit(fitting.follow_request())
     can_fit = (rate is not None or is_joined) and not cubics.has_impacts
-    if like is not None:
-        found = fitting.like(Fit(like.curves, like.mean, like.slower, like.is_of_spline))
-    elif fit and can_fit:
+    if fit and can_fit:
         found = fitting.fit(found, slower, mean)
     curves = found.curves
     excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
@@ -162,7 +153,7 @@ def motion_as_sent(
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
         times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
-    fitted = (found.mean, found.slower, tuple(excesses), found.is_of_spline, found.is_nearest, lag)
+    fitted = (found.mean, found.slower, tuple(excesses), found.is_nearest, lag)
     return Sent(solution, joints.names, units, curves, times, *fitted)
 
 
