@@ -298,7 +298,7 @@ class LogError(_FileError):
 class LimitsExceeded(MbocpError):
     """A motion leaves its limits as it is sent; no file was written.
 
-    `excesses` has each limit that is left, with joint, value and time: `mbocp.solution.sent.Excess`.
+    `excesses` has each limit that is left, with joint, value and time: `mbocp.solution.joints_sent.Excess`.
     """
 
     def __init__(self, path: Path | str, excesses: Sequence[Any], remedy: str) -> None:

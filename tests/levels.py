@@ -17,7 +17,7 @@ _PLACES = {
         architecture bounds/enclosures clocks dataclass docs files levels lie linear meshes problem repository
         robot stubs switches text warn cli/help cli/keys cli/progress guesses/along guesses/given_way
         mechanics/duals programme/algebra identification/base identification/consistent identification/log
-        solution/export solution/formats solution/joined solution/recordings solution/solution
+        solution/export solution/formats solution/recordings solution/solution
         solvers/filter solvers/registry study/expansion study/table symbolic/functions symbolic/versions
         terms/spline view/forces
     """,

@@ -51,6 +51,20 @@ def amplitude(period: float) -> float:
     return float(brentq(lambda a: 4 * np.sqrt(1 / 9.81) * ellipk(np.sin(a / 2) ** 2) - period, 0.1, 3.0))
 
 
+@pytest.mark.parametrize("change", [{}, {"goal": {"a": "free"}}])
+def test_accelerations_and_torques_do_not_leap_where_a_cycle_closes(swing: str, change: Any) -> None:
+    """From the end of a repetition to the start of the next, as far as it is not said to be free."""
+    limits = {"jerk": 150.0, "effort_rate": 400.0}
+    start = {"q": [0.6], "free": "v", "u": [2.0]}
+    problem = Problem.create(swing, 1.6, 16, start=start, goal={"periodic": True}, limits=limits)
+    motion = solved(problem.with_(via=[{"time": 0.8, "q": [-0.6]}], **change))
+    rates, torques = np.diff(motion.vs[:, 0]) / 0.1, motion.us[:, 0]
+    leaps = np.abs([rates[0], rates[-1]]) / 0.05, np.abs([torques[0] - 2.0, torques[-1] - 2.0]) / 0.05
+    assert leaps[0][0] <= 150.0 + 1e-5
+    assert (leaps[1] <= 400.0 + 1e-5).all()
+    assert (leaps[0][1] <= 150.0 + 1e-5) == (not change)
+
+
 @pytest.mark.parametrize("method", ["monolithic", "ipopt", "fbsm_newton"])
 def test_free_oscillation(swing: str, method: str) -> None:
     """A cycle without effort is a free oscillation; its amplitude that of the elliptic integral, to dt^2."""

@@ -7,7 +7,6 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import Robot
-from mbocp.robot.resistance import resistance_forces
 
 
 def rates_along(
@@ -80,11 +79,10 @@ def spacings(dts: Array) -> Array:
 def accelerations(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
     """Accelerations of a robot without constraints and drives under forces, shape (n, nv), row by row."""
     model, data, constant = robot.model, robot.model.createData(), robot.actuation.is_constant
-    matrix, losses = robot.actuation_matrix(robot.q0), resistance_forces(robot.resistances, vs.T).T
-    has_springs, found = bool(robot.forces or robot.elastic), np.empty_like(vs)
+    matrix, passive = robot.actuation_matrix(robot.q0), robot.force_elements_along(qs, vs)
+    found = np.empty_like(vs)
     for n, (q, v, u) in enumerate(zip(qs, vs, us, strict=True)):
-        passive = robot.force_elements(q, v) if has_springs else losses[n]
-        force = (matrix if constant else robot.actuation_matrix(q)) @ u + passive
+        force = (matrix if constant else robot.actuation_matrix(q)) @ u + passive[n]
         if len(model.mimicking_joints):  # Pinocchio's forward dynamics refuses them
             held = pin.rnea(model, data, q, v, np.zeros(robot.nv)).copy()
             found[n] = robot.velocity_from_momentum(q, force - held)

@@ -16,6 +16,7 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.excite import Excite
 from mbocp.problem.found_parameter import Parameter
 from mbocp.problem.goals.end_conditions import (
+    accelerations_at_end,
     check_end_conditions,
     controls_at,
     free_at_end,
@@ -27,6 +28,7 @@ from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
+from mbocp.problem.goals.periodic import Periodic
 from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Stabilisation
 from mbocp.problem.limits import Bounds
@@ -316,7 +318,9 @@ class ProblemData:
         length = (
             timeline.dt if timeline.has_free_lengths else float(timeline.lengths()[~timeline.is_impact][-1])
         )
-        limits = end_jerk_limit(self.robot, at_end, goal.a, goal.a_active, length)
+        limits = end_jerk_limit(
+            self.robot, at_end, *accelerations_at_end(self.robot, goal, self.a_start), length
+        )
         u = self.u_after
         if u is None:
             return limits
@@ -339,6 +343,8 @@ class ProblemData:
         Of open chains with a motor for each joint, wherever these end, what holds them.
         """
         said, robot, goal = self.goal.u, self.robot, self.goal
+        if goal.periodic is not None and said.rule == "rest" and goal.periodic == Periodic():
+            return self.u_before
         if "du" not in self.widest_limits.letters or not (said.rule == "given" or self._is_known):
             return None
         follows = COORDINATES[self.coordinates].has_joint_states and holds_anywhere(robot)

@@ -310,6 +310,12 @@ class Robot(Mechanism):
             total[motor] -= effort
         return frozen_array(total)
 
+    def force_elements_along(self, qs: Array, vs: Array) -> Array:
+        """`force_elements` at each of n states, shape (n, nv)."""
+        if self.forces or self.elastic:
+            return np.array([self.force_elements(q, v) for q, v in zip(qs, vs, strict=True)])
+        return resistance_forces(self.resistances, vs.T).T
+
     def balanced(self, q: ArrayLike, given: ArrayLike | None = None) -> Array:
         """Turn the motors of elastic joints to where the robot stays at rest, shape (nq,).
 

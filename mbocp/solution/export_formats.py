@@ -19,9 +19,11 @@ from mbocp._text import list_names, printable
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.solution.atomic import replace_file
+from mbocp.solution.fitting import MOST
+from mbocp.solution.joints_sent import EFFORT_RATE, Excess
 from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
-from mbocp.solution.sent import EFFORT_RATE, MOST, Excess, NotCheckedWarning, Sent, motion_as_sent
+from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
 from mbocp.solution.solution_data import SolutionData
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import between
 from mbocp.solution.curves import differences
-from mbocp.solution.sent import EFFORT_RATE, Excess, Sent, find_excesses
+from mbocp.solution.joints_sent import EFFORT_RATE, Excess, find_excesses
+from mbocp.solution.sent import Sent
 from mbocp.solution.sent_states import Follower
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.rates import RATE_TERMS
@@ -114,6 +115,8 @@ def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) ->
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     if not set(constraint.structure("quaternion").remembers) <= set(symbols):
         return np.zeros(constraint.rows, dtype=bool)
+    if all(of.all() for of in follower.known):
+        return np.ones(constraint.rows, dtype=bool)
     function = constraint.function(problem.robot, symbols, *symbols.values())
     unknown = [~of for of in (*follower.known, follower.known[1])]
     asked = [np.asarray(function.jac_sparsity(0, k), dtype=bool)[:, of] for k, of in enumerate(unknown)]

@@ -9,6 +9,7 @@ has them at the start: with E the links of elastic joints, which no motor acts o
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -92,7 +93,8 @@ class Follower:
         """Controls by inverse dynamics, shape (n, nu) [N, N m], of accelerations of joints that are sent."""
         robot, rates = self.robot, self.rates(accelerations)
         driven = np.setdiff1d(np.arange(robot.nv), self._link_v)
-        forces = np.array([self._forces(*at)[driven] for at in zip(qs, vs, rates, strict=True)])
+        of_elements = robot.force_elements_along(qs, vs)
+        forces = np.array([self._forces(*at)[driven] for at in zip(qs, vs, rates, of_elements, strict=True)])
         return np.asarray(np.linalg.solve(robot.actuation_matrix(robot.q0)[driven], forces.T).T)
 
     def rates(self, accelerations: Array) -> Array:
@@ -123,11 +125,11 @@ class Follower:
                 vs[:, k] = rates[:, places[column.name]]
         return qs, vs
 
-    def _forces(self, q: Array, v: Array, rates: Array) -> Array:
+    def _forces(self, q: Array, v: Array, rates: Array, of_elements: Array) -> Array:
         """Forces that a motion takes beside those of the robot's elements, shape (nv,)."""
         rates = rates.copy()
         rates[self._link_v] += self.link_accelerations(q, v, rates)
-        return pin.rnea(self.robot.model, self._data, q, v, rates) - self.robot.force_elements(q, v)
+        return pin.rnea(self.robot.model, self._data, q, v, rates) - of_elements
 
     def link_accelerations(self, q: Array, v: Array, rates: Array) -> Array:
         """Accelerations of links on springs, shape (links,), beside those of all else, shape (nv,)."""
@@ -143,7 +145,7 @@ class Follower:
         upper = np.triu(pin.crba(self.robot.model, self._data, q)[np.ix_(at, at)])
         return np.asarray(upper + np.triu(upper, 1).T)
 
-    @property
+    @cached_property
     def _data(self) -> pin.Data:
         return working_data(self.robot.model)
 

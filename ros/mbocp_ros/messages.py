@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from mbocp.solution.sampled import sample
 from mbocp_ros.planner import Motion
 
 _AT_REST = 1e-6  # [rad/s, m/s]: controllers refuse a motion that does not end at zero
+_NEAREST = 1e-4  # [s] before a stop, that points are apart from it
 
 
 @dataclass(frozen=True)
@@ -53,27 +55,30 @@ def trajectory_message(
     ProblemError
         If efforts are asked for, and a joint has no motor of its name.
     """
-    points = sample(motion.sent, (lambda: motion.solution.problem.robot) if has_efforts else None)
-    free = [
-        name for name, there in zip(points.joints, np.isfinite(points.efforts[0]), strict=True) if not there
-    ]
-    if has_efforts and free:
-        raise ProblemError(f"efforts: joint {free[0]!r} has no motor of its name; leave efforts out")
-    velocities = points.velocities.copy()
-    velocities[-1] = np.where(np.abs(velocities[-1]) < _AT_REST, 0.0, velocities[-1])
     message = classes.trajectory()
     message.header.stamp = _of_nanoseconds(classes.time, start)
-    message.joint_names = list(points.joints)
-    for k, t in enumerate(points.t):
-        point = classes.point()
-        point.positions = (points.positions[k] + motion.turns).tolist()
-        point.velocities = velocities[k].tolist()
-        if points.interpolation == "quintic":
-            point.accelerations = points.accelerations[k].tolist()
-        if has_efforts:
-            point.effort = points.efforts[k].tolist()
-        point.time_from_start = _of_nanoseconds(classes.duration, round(float(t) * 1e9))
-        message.points.append(point)
+    parts = ((motion.stopped, motion.begin - _NEAREST), (motion, np.inf))
+    for part, until in ((part, until) for part, until in parts if part is not None):
+        load_robot = partial(getattr, part.solution.problem, "robot") if has_efforts else None
+        points = sample(part.sent, load_robot)
+        free = [name for name, u in zip(points.joints, points.efforts[0], strict=True) if not np.isfinite(u)]
+        if has_efforts and free:
+            raise ProblemError(f"efforts: joint {free[0]!r} has no motor of its name; leave efforts out")
+        velocities = points.velocities.copy()
+        velocities[-1] = np.where(np.abs(velocities[-1]) < _AT_REST, 0.0, velocities[-1])
+        message.joint_names = list(points.joints)
+        for k in np.flatnonzero(points.t < until):
+            point = classes.point()
+            point.positions = (points.positions[k] + part.turns).tolist()
+            point.velocities = velocities[k].tolist()
+            if points.interpolation == "quintic":
+                point.accelerations = points.accelerations[k].tolist()
+            if has_efforts:
+                point.effort = points.efforts[k].tolist()
+            point.time_from_start = _of_nanoseconds(
+                classes.duration, round(float(part.begin + points.t[k]) * 1e9)
+            )
+            message.points.append(point)
     return message
 
 

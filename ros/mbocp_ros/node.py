@@ -104,7 +104,7 @@ class Mover:
                 if at >= motion.duration:
                     return None
             else:
-                if 1e-9 * (self._now() - start) < (stop.stops_from or 0.0):
+                if 1e-9 * (self._now() - start) < stop.begin:
                     if stop.words:
                         self._node.get_logger().warning(f"the stop leaves limits: {stop.words}")
                     return stop

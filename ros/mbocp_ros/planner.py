@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,16 +14,10 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnknownJoint
 from mbocp.problem import Problem
 from mbocp.solution.export_formats import sent_within
-from mbocp.solution.joined import join_motions
 from mbocp.solution.sent import Sent, motion_as_sent
-from mbocp.solution.sent_checks import joint_excesses
 from mbocp.solution.sent_states import Follower
 
-_STOP_STEPS = 20
-_STOP_TOLERANCE = 1e-6  # of the solver
-_TRIES = 3  # of a stop, each with lower limits of jerk than the one before
 _TOLERANCE = 1e-3  # relative, of a limit that is left between nodes
-_ROOM = 2e-3  # relative, below a limit: what is left beyond it falls more slowly from try to try than asked
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,24 +27,27 @@ class Motion:
     Attributes
     ----------
     solution : Solution
-        What was solved for; of a stop, the motion that it begins on.
+        What was solved for.
     sent : Sent
         Points from the start of the motion; controllers put polynomials between them.
     turns : ndarray, shape (joints,)
         Whole turns by which the robot counts joints that turn without end further than `sent` [rad].
-    stops_from : float, optional
-        Time from the start [s] until which a stop is the motion that it begins on.
+    stopped : Motion, optional
+        Of a stop: the motion that it begins on.
+    begin : float
+        Of a stop: its time on that motion [s].
     """
 
     solution: mbocp.Solution
     sent: Sent
     turns: Array
-    stops_from: float | None = None
+    stopped: Motion | None = None
+    begin: float = 0.0
 
     @property
     def duration(self) -> float:
-        """Time that it takes [s]."""
-        return float(self.sent.curves.nodes[-1])
+        """Time that it takes, with what is before a stop [s]."""
+        return self.begin + float(self.sent.curves.nodes[-1])
 
     @property
     def words(self) -> str:
@@ -110,64 +106,59 @@ class Planner:
             replace(document, tables={**document.tables, **ends}, values={}), before=self.problem
         )
         solution = mbocp.solve(problem, check=True, time_limit=self.time_limit)
-        sent, excesses = sent_within("ros2", solution, None, None, fit=True, load_robot=lambda: problem.robot)
-        here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]
-        sent = replace(sent, excesses=excesses)
-        motion = Motion(solution, sent, 2.0 * np.pi * np.round(here / (2.0 * np.pi)))
+        motion = self._sent(solution, start)
         if motion.words:
             raise ProblemError(f"the motion leaves limits as it is sent: {motion.words}; give it more steps")
         return motion
 
-    def stop(self, motion: Motion, at: float, time_limit: float | None = None) -> Motion:
-        """Plan the stop of a motion: what is sent in its place, from the same start.
+    def _sent(
+        self, solution: mbocp.Solution, start: Mapping[str, float], interpolation: str | None = None
+    ) -> Motion:
+        """A motion as it is sent, from where the robot counts its joints to be [rad, m]."""
+        sent, excesses = sent_within(
+            "ros2", solution, None, interpolation, fit=True, load_robot=lambda: solution.problem.robot
+        )
+        here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]
+        turns = 2.0 * np.pi * np.round(here / (2.0 * np.pi))
+        return Motion(solution, replace(sent, excesses=excesses), turns)
 
-        Until the stop begins both are the same motion. If the stop leaves limits of jerk as it is sent, it is
-        solved again with lower ones; `Motion.words` of what is returned tells what is left.
+    def stop(self, motion: Motion, at: float, time_limit: float | None = None) -> Motion:
+        """Plan the stop of a motion, which begins where this is as it is sent.
+
+        Limits that it leaves as it is sent are told by `Motion.words` of what is returned.
 
         Parameters
         ----------
         motion : Motion
             Of `plan`.
         at : float
-            Time from its start [s]: the stop begins at the first of its nodes that is not before.
+            Time from its start [s] at which the stop begins.
         time_limit : float, optional
-            Longest time that it takes [s]; that of the planner by default.
+            Longest time of the solve [s]; that of the planner by default.
 
         Raises
         ------
         MbocpError
             If the motion ends before, or the stop does not converge in time.
         """
-        until = time.monotonic() + (self.time_limit if time_limit is None else time_limit)
-        plan, sent = motion.solution, motion.sent
-        nodes = sent.slower * (plan.t - plan.t[0])
-        node = max(int(np.searchsorted(nodes, at)), 1)
-        if node >= plan.num_steps:
+        curves, problem = motion.sent.curves, motion.solution.problem
+        if at >= motion.duration:
             raise ProblemError(f"stop: the motion is over before {at:.3g} s")
-        begin = {"q": plan.qs[node], "v": plan.vs[node], "a": plan.acceleration_at(node)}
-        found: list[Sent] = []
-        share = 1.0
-        while len(found) < _TRIES and (left := until - time.monotonic()) > 0.0:
-            try:
-                problem = _stopping(plan.problem, share)
-                stop = mbocp.stop(problem, steps=_STOP_STEPS, time_limit=left, **begin)
-                if not stop.converged:
-                    raise mbocp.NotConverged(stop)
-            except mbocp.MbocpError:
-                if not found:
-                    raise
-                break
-            joined = motion_as_sent(join_motions(plan, node, stop), is_joined=True, like=sent)
-            follower = Follower.of(joined, plan.problem.robot)
-            of_efforts = joint_excesses(follower) if follower.has_controls else ()
-            found.append(replace(joined, excesses=(*joined.excesses, *of_efforts)))
-            if _worst(found[-1]) <= _TOLERANCE or found[-1].excesses[0].kind != "jerk":
-                break
-            # Slower stops have longer steps, whose jerks the moving mean leaves larger: so the square.
-            share /= (1.0 + _worst(found[-1]) + _ROOM) ** 2
-        if not found:
-            raise ProblemError("stop: there is no time to solve for it")
-        return replace(motion, sent=min(found, key=_worst), stops_from=float(nodes[node]))
+        positions, velocities, accelerations, _ = curves.at(np.array([at]))
+        follower, limits = Follower.of(motion.sent, problem.robot), problem.limits
+        (q,), (v,) = follower.states(np.array([at]), positions, velocities)
+        a = follower.rates(accelerations)[0]
+        begin = {
+            "v": np.clip(v, limits.v_lower, limits.v_upper),
+            "a": np.clip(a, limits.a_lower, limits.a_upper),
+        }
+        longest = self.time_limit if time_limit is None else time_limit
+        found = mbocp.stop(problem, q=q, **begin, time_limit=longest)
+        if not found.converged:
+            raise mbocp.NotConverged(found)
+        here = dict(zip(motion.sent.joints, (positions[0] + motion.turns).tolist(), strict=True))
+        stop = self._sent(found, here, curves.interpolation)
+        return replace(stop, stopped=motion, begin=at)
 
     def _wrap(self, q: Mapping[str, float]) -> dict[str, float]:
         """Positions without whole turns of joints that turn without end [rad, m]."""
@@ -221,16 +212,3 @@ def load_planner(path: str | Path, time_limit: float = 10.0, rest: float = 0.01)
     motion = planner.plan(ends[0], {}, ends[1])
     planner.stop(motion, 0.5 * motion.duration)
     return planner
-
-
-def _stopping(problem: Problem, share: float) -> Problem:
-    """The problem with a share of its limits of jerk, for stops, which need not be optimal to many digits."""
-    limits = problem.limits
-    lowered = replace(limits, j_lower=share * limits.j_lower, j_upper=share * limits.j_upper)
-    solver = replace(problem.solver, tolerance=max(problem.solver.tolerance, _STOP_TOLERANCE))
-    return problem.with_(limits=lowered, solver=solver)
-
-
-def _worst(sent: Sent) -> float:
-    """The largest excess beyond a limit, relative."""
-    return sent.excesses[0].ratio if sent.excesses else 0.0

@@ -11,6 +11,7 @@ import numpy as np
 
 import mbocp
 from mbocp.problem import Problem
+from mbocp.solution.sent import motion_as_sent
 from tests.sent.cases import JERK, PROFILES, ROBOTS, problem_of
 from tests.sent.reader import limits_of
 
@@ -18,7 +19,8 @@ _ROOM = 0.99  # of the limits of jerk: the plan's
 _A_PLAN = 7  # replans
 _LONGER = 1.3  # than the least time: motions of least effort
 _BESIDE = 1e-4, 1e-3  # standard deviations [rad, rad/s]
-_WHERE = "nodes", "between", "beside"
+_WHERE = "nodes", "between", "beside", "row"
+_AFTER = 0.01  # [s] on the motion before, as it is sent, that each of a row begins
 
 
 def plan_of(name: str, seed: int, *, has_given_time: bool) -> tuple[mbocp.Solution, Problem]:
@@ -45,8 +47,25 @@ def later(plan: mbocp.Solution, problem: Problem, where: str, rng: np.random.Gen
         q, v = (x + size * rng.normal(size=x.shape) for x, size in zip((q, v), _BESIDE, strict=True))
         v = np.clip(v, problem.limits.v_lower, problem.limits.v_upper)
     rest = plan.duration - float((1.0 - s) * plan.t[n] + s * plan.t[n + 1])
-    free = rest if problem.duration_range is None else {"min": 0.01, "max": 5.0, "guess": rest}
-    return problem.with_(start={"q": q, "v": v, "a": a}, duration=free, steps=plan.num_steps - n)
+    start = {"q": q, "v": v, "a": a}
+    return problem.with_(start=start, duration=_duration(problem, rest), steps=plan.num_steps - n)
+
+
+def _duration(problem: Problem, rest: float) -> float | dict[str, float]:
+    """What is left of it [s], or about that where it is free."""
+    return rest if problem.duration_range is None else {"min": 0.01, "max": 5.0, "guess": rest}
+
+
+def next_of(last: mbocp.Solution, problem: Problem) -> Problem:
+    """The rest of a motion a little later, from where it is as it is sent."""
+    curves, bounds = motion_as_sent(last, 1000.0, fit=True).curves, problem.limits
+    q, v, a = (x[0] for x in curves.at(np.array([_AFTER]))[:3])
+    start = {
+        "q": q,
+        "v": np.clip(v, bounds.v_lower, bounds.v_upper),
+        "a": np.clip(a, bounds.a_lower, bounds.a_upper),
+    }
+    return problem.with_(start=start, duration=_duration(problem, float(curves.nodes[-1]) - _AFTER))
 
 
 def main() -> int:
@@ -56,20 +75,24 @@ def main() -> int:
     parser.add_argument("--effort", action="store_true", help="least effort in a given time")
     parser.add_argument("--where", choices=_WHERE, default=_WHERE[0])
     parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--a-plan", type=int, default=_A_PLAN, help="replans of each plan")
     options = parser.parse_args()
     rows = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for k in range(options.count):
-            if k % _A_PLAN == 0:
-                seed = 1000 + k // _A_PLAN
+            if k % options.a_plan == 0:
+                seed = 1000 + k // options.a_plan
                 plan, problem = plan_of(options.robot, seed, has_given_time=options.effort)
                 rng = np.random.default_rng(seed)
-            rest, row = later(plan, problem, options.where, rng), []
+            is_row = options.where == "row"
+            rest, row = next_of(plan, problem) if is_row else later(plan, problem, options.where, rng), []
+            both = []
             for start in (plan, None):
                 begun = time.process_time()
-                found = mbocp.solve(rest, warm_start=start)
-                row += [found.iterations, time.process_time() - begun, found.converged]
+                both.append(mbocp.solve(rest, warm_start=start))
+                row += [both[-1].iterations, time.process_time() - begun, both[-1].converged]
+            plan = both[0] if is_row else plan
             rows.append(row)
     table = np.array(rows)
     warm, warm_s, _, cold, cold_s, _ = np.median(table, axis=0)

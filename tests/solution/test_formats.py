@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.solution import Column, Solution
 from mbocp.solution.curves import Curves
+from mbocp.solution.joints_sent import Excess
 from mbocp.solution.problem_facts import Facts
 from mbocp.solution.sampled import Sampled
 from mbocp.solution.sampled import sample as sample_sent
-from mbocp.solution.sent import Excess, motion_as_sent
+from mbocp.solution.sent import motion_as_sent
 
 from .fabricated import fabricate
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import sparse
 from scipy.optimize import minimize
 
 from mbocp._arrays import Array
 from mbocp.solution.curves import Curves
 from mbocp.solution.nearest import KINDS, Ends, Nearest
 from mbocp.solution.problem_facts import BrakingPlace
-from mbocp.solution.quadratic import minimise
+from mbocp.solution.quadratic import Chains, Rows
 
 SPEED, ACCELERATION, JERK = 2.0, 8.0, 60.0
 BOUNDS = {
@@ -41,17 +42,21 @@ def stop(v: float, a: float, duration: float, *, is_asked: bool = False, steps: 
     return Nearest(motion, BOUNDS, ((),), ends)
 
 
+def curves(nearest: Nearest, *factors: float) -> Curves:
+    """Of the first factor at which there are some."""
+    found = nearest.fastest(factors)
+    assert found is not None
+    return found[1]
+
+
 @settings(max_examples=20)
 @given(v=st.floats(0.3, 1.6), a=st.floats(-6.0, 4.0))
 def test_a_stop_takes_hardly_longer_than_the_least_time(v: float, a: float) -> None:
     """And begins and ends as it should, within all limits, whatever the motion that it is near to."""
     least = least_time(v, a)
     nearest = stop(v, a, 0.97 * least)
-    assert nearest.slow(1.0) is None
-    factor = nearest.least_factor(1.0, 1.1)
-    assert factor is not None
-    found = nearest.slow(factor)
-    assert found is not None
+    assert nearest.fastest([1.0]) is None
+    found = curves(nearest, *np.linspace(1.0, 1.1, 65))
     assert found.accelerations is not None
     assert found.nodes[-1] == pytest.approx(least, rel=0.02)
     assert found.nodes[-1] >= least * (1.0 - 1e-6)
@@ -67,8 +72,7 @@ def test_a_stop_takes_hardly_longer_than_the_least_time(v: float, a: float) -> N
 def test_samples_go_on_from_those_before() -> None:
     """Their third differences, too, at every rate: a mean from rest would leap there."""
     nearest = stop(1.5, -5.0, 0.45)
-    found = nearest.slow(1.05)
-    assert found is not None
+    found = curves(nearest, 1.05)
     for rate in (125.0, 250.0, 500.0, 1000.0):
         before = np.arange(-3, 0) / rate
         samples = found.at(np.arange(0.0, found.nodes[-1], 1.0 / rate))[0][:, 0]
@@ -80,7 +84,7 @@ def test_samples_go_on_from_those_before() -> None:
 def test_an_end_that_is_asked_for_is_kept() -> None:
     free, asked = stop(1.2, -2.0, 0.4), stop(1.2, -2.0, 0.4, is_asked=True)
     wanted = free.motion.q[-1, 0]
-    ends = [one.slow(1.1).q[-1, 0] for one in (free, asked)]  # type: ignore[union-attr]
+    ends = [curves(one, 1.1).q[-1, 0] for one in (free, asked)]
     assert abs(ends[0] - wanted) > 1e-6
     assert ends[1] == pytest.approx(wanted, abs=1e-9)
 
@@ -93,8 +97,7 @@ def test_speeds_that_fall_towards_a_limit_are_kept_between_nodes() -> None:
     free, held = (Nearest(motion, BOUNDS, (places,), ends) for places in ((), (place,)))
     over = []
     for one in (free, held):
-        found = one.slow(1.1)
-        assert found is not None
+        found = curves(one, 1.1)
         q, speed = (x[:, 0] for x in found.places(20)[1][:2])
         over.append((speed + place.reserve - np.sqrt(2.0 * place.deceleration * (limit - q))).max())
     assert over[0] > 1e-3
@@ -102,31 +105,66 @@ def test_speeds_that_fall_towards_a_limit_are_kept_between_nodes() -> None:
 
 
 def test_there_is_none_where_it_cannot_stop_in_time() -> None:
-    assert stop(1.5, 0.0, 0.5 * least_time(1.5, 0.0)).least_factor(1.0, 1.1) is None
+    assert stop(1.5, 0.0, 0.5 * least_time(1.5, 0.0)).fastest([1.0, 1.05, 1.1]) is None
 
 
-@settings(max_examples=25)
+def chains(seed: int, most: float) -> Chains:
+    """Two of three, with a row each and random limits about a motion that keeps them."""
+    rng = np.random.default_rng(seed)
+    leads = np.triu(rng.uniform(0.2, 1.0, (2, 3, 4)))
+    inside = rng.uniform(-0.3, 0.3, (2, 3, 4))
+    for n in range(2):
+        inside[:, n + 1, :3] = np.einsum("kij,kj->ki", leads, inside[:, n])
+    given = np.full((2, 3, 4), np.nan)
+    given[:, 0, :2] = inside[:, 0, :2]
+    entries = rng.normal(size=(2, 4))
+    rows = Rows(np.array([1, 5]), entries, (entries * inside.reshape(-1, 4)[[1, 5]]).sum(axis=1) + most)
+    sides = inside + np.array([-1.0, 1.0])[:, None, None, None] * rng.uniform(0.05, 1.0, (2, 2, 3, 4))
+    return Chains(leads, rng.uniform(0.1, 2.0, (2, 3, 4)), rng.normal(size=(2, 3, 4)), sides, given, rows)
+
+
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_programmes_have_the_minimum_of_another_method(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    weights, linear = rng.uniform(0.1, 2.0, 5), rng.normal(size=5)
-    A, G = rng.normal(size=(2, 5)), rng.normal(size=(7, 5))
-    inside = rng.normal(size=5)
-    b, h = A @ inside, G @ inside + rng.uniform(0.05, 1.0, 7)
+    both = chains(seed, 0.02)
+    found, is_found = both.minimise()
+    assert is_found.all()
+    for k in range(2):
+        w, g, (lower, upper) = (
+            both.weights[k].ravel(),
+            both.linear[k].ravel(),
+            both.sides[:, k].reshape(2, -1),
+        )
+        A, given_ = both.leads[k], both.given[k].ravel()
+        row, most = both.rows.entries[k], both.rows.most[k]
+        at = slice(4 * (both.rows.at[k] - 3 * k), None)
+        is_given = ~np.isnan(given_)
 
-    def cost(x: Array) -> float:
-        return float(weights @ x**2 / 2.0 + linear @ x)
+        def cost(x: Array, w: Array = w, g: Array = g) -> float:
+            return float(w @ x**2 / 2.0 + g @ x)
 
-    found = minimise(weights, linear, (sparse.csr_matrix(A), b), (sparse.csr_matrix(G), h))
-    assert found is not None
-    rows = [{"type": "eq", "fun": lambda x: A @ x - b}, {"type": "ineq", "fun": lambda x: h - G @ x}]
-    other = minimize(cost, inside, constraints=rows, options={"ftol": 1e-13, "maxiter": 500})
-    assert (G @ found <= h + 1e-9).all()
-    np.testing.assert_allclose(A @ found, b, atol=1e-9)
-    assert cost(found) == pytest.approx(other.fun, abs=1e-7)
+        def apart(x: Array, A: Array = A, given_: Array = given_[is_given], k: Array = is_given) -> Array:
+            x_n = x.reshape(3, 4)
+            return np.concatenate([(x_n[:-1] @ A.T - x_n[1:, :3]).ravel(), x[k] - given_])
+
+        def room(x: Array, row: Array = row, most: float = most, at: slice = at) -> float:
+            return float(most - row @ x[at][:4])
+
+        limits = [{"type": "eq", "fun": apart}, {"type": "ineq", "fun": room}]
+        bounds = list(zip(lower, upper, strict=True))
+        options = {"ftol": 1e-13, "maxiter": 500}
+        other = minimize(cost, np.zeros(12), constraints=limits, bounds=bounds, options=options)
+        x = found[k].ravel()
+        np.testing.assert_allclose(apart(x), 0.0, atol=1e-9)
+        assert room(x) >= -1e-9
+        assert (x >= lower - 1e-9).all()
+        assert (x <= upper + 1e-9).all()
+        assert cost(x) == pytest.approx(other.fun, abs=1e-7)
 
 
 def test_programmes_without_a_solution_have_none() -> None:
-    rows = sparse.csr_matrix(np.array([[1.0, 0.0], [-1.0, 0.0]])), np.array([-1.0, -1.0])
-    equations = sparse.csr_matrix(np.array([[0.0, 1.0]])), np.array([0.5])
-    assert minimise(np.ones(2), np.zeros(2), equations, rows) is None
+    """Beside one that has; a row asks for more than limits of its entries let it."""
+    both = chains(0, 0.02)
+    least = -np.abs(both.rows.entries[1]) @ np.abs(both.sides).max(axis=0).reshape(-1, 4)[5]
+    rows = Rows(both.rows.at, both.rows.entries, np.array([both.rows.most[0], 1.1 * least]))
+    assert replace(both, rows=rows).minimise()[1].tolist() == [True, False]

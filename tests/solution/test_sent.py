@@ -92,6 +92,17 @@ def test_a_limit_of_jerk_takes_the_least_mean() -> None:
     assert motion.efforts[len(motion.t) // 2, 0] == pytest.approx(0.0, abs=1.1)
 
 
+def test_where_means_take_too_long_the_nearest_motion_is_sent() -> None:
+    """The mean would take 8/70 s more, above a tenth; a ramp from 0 to 4 takes 4/70 s."""
+    sent = motion_as_sent(swing(jerk=70.0), 1000.0, fit=True)
+    assert not sent.excesses
+    assert 1.0 + 4.0 / 70.0 <= sent.curves.nodes[-1] <= 1.065
+    positions = sent.curves.at(sent.times)[0]
+    all_ = np.vstack([positions[:1], positions[:1], positions[:1], positions, positions[-1:], positions[-1:]])
+    assert np.abs(np.diff(all_, 3, axis=0)).max() * 1e9 <= 70.0 * (1.0 + 1e-5)
+    assert positions[[0, -1], 0] == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
 def test_more_time_lowers_what_is_left() -> None:
     """Accelerations of 4 within 3.5: longer by the root of 4 / 3.5, and whole samples."""
     solution = swing(jerk=None, most=3.5)

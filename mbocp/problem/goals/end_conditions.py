@@ -147,6 +147,17 @@ def at_rest(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> Goal:
     return replace(goal, a_active=stops, a_rule="rest")
 
 
+def accelerations_at_end(robot: Robot, goal: Goal, a_start: Array) -> tuple[Array, BoolArray]:
+    """Accelerations to which limits of jerk lead, and which there are, shape (nv,).
+
+    A cycle goes on with those that it begins with, unless the goal says others, or that they are free.
+    """
+    if goal.periodic is None or goal.periodic.impact or goal.a_rule == "free":
+        return goal.a, goal.a_active
+    image = goal.periodic.image(robot).velocity(a_start)
+    return np.where(goal.a_active, goal.a, image), np.ones_like(goal.a_active)
+
+
 def stops_at_end(robot: Robot, goal: Goal, limits: Bounds, free: Array) -> BoolArray:
     """Velocity components that end at zero and have a limit of jerk, shape (nv,)."""
     limited = limits.finite("j")

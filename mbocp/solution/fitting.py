@@ -1,0 +1,120 @@
+"""From the cubics of a motion to curves that keep the limits of joints, made longer by least."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from mbocp._arrays import BoolArray
+from mbocp._dataclass import dataclass
+from mbocp.solution.curves import Curves
+from mbocp.solution.joints_sent import FITTED, Joints
+from mbocp.solution.nearest import Nearest
+
+MOST = 0.1  # of the duration, that a motion is made longer by to fit it
+_TRIES = 64  # of a duration
+_PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
+_LEAST_PART = 1e-3  # of the longest mean, that the shortest is
+_WIDTHS = 24  # of means, each about 1.3 times as long as the one before
+_SAME = 1e-9  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Curves, and what they were fitted by."""
+
+    curves: Curves
+    mean: float = 0.0
+    slower: float = 1.0
+    is_nearest: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Fitting:
+    """From the cubics of a solution to the curves that are sent."""
+
+    joints: Joints
+    cubics: Curves
+    rate: float | None
+    interpolation: str | None
+
+    @property
+    def has_jerk(self) -> BoolArray:
+        """Which joints have a limit of jerk."""
+        lower, upper = self.joints.bounds.get("jerk", np.full((2, len(self.joints.names)), np.inf))
+        return np.isfinite(lower) | np.isfinite(upper)
+
+    def follow_request(self) -> Curves:
+        """Curves that are not fitted."""
+        if self.interpolation == "cubic" or not (self.interpolation or self.joints.is_joined):
+            return self.cubics
+        quintics = self.cubics.smooth(self.has_jerk)
+        if self.interpolation or self.has_jerk.any():
+            return quintics
+        cubics, smooth = (self.joints.factor(curves, self.rate) for curves in (self.cubics, quintics))
+        return self.cubics if cubics < smooth else quintics
+
+    def fit(self, asked: Fit, slower: float, mean: float = 0.0) -> Fit:
+        """Curves that keep the limits, slower by a factor or more; as asked at worst.
+
+        From rest to rest the way stays, unless that takes more time than is allowed.
+        """
+        has_no_means = self.joints.is_joined and self.interpolation == "cubic"
+        if not self.joints.rest(self.cubics):
+            return asked if has_no_means else self._nearest(asked, slower)
+        found = asked
+        if self.has_jerk.any() and self.joints.excesses(asked.curves, self.rate) and not has_no_means:
+            found = self._smoother()
+        if mean > found.mean and not has_no_means:
+            found = Fit(self.cubics.mean(mean), mean)
+        curves, factor, room = found.curves, slower, FITTED
+        while factor * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
+            factor = _whole(factor, curves.nodes[-1], None if self.joints.is_joined else self.rate)
+            sent = curves.slow(factor)
+            left = self.joints.factor(sent, self.rate)
+            if left == 1.0:
+                return replace(found, curves=sent, slower=factor)
+            factor *= (1.0 + room) * left
+            room *= 2.0
+        return asked if has_no_means or mean else self._nearest(asked, slower)
+
+    def _nearest(self, asked: Fit, slower: float) -> Fit:
+        """The nearest motion that keeps the limits from its state; as asked where that does, or none does."""
+        joints, duration = self.joints, float(self.cubics.nodes[-1])
+        rate = None if joints.is_joined else self.rate
+        keeps = joints.factor(asked.curves, self.rate) == 1.0 and not joints.excesses(asked.curves, self.rate)
+        is_limited = any(np.isfinite(joints.bounds.get(k, np.inf)).any() for k in ("acceleration", "jerk"))
+        if not is_limited or (keeps and _whole(slower, duration, rate) == 1.0):
+            return asked
+        nearest = Nearest(self.cubics, joints.bounds, joints.braking, joints.ends)
+        factors = [_whole(factor, duration, rate) for factor in np.linspace(1.0, 1.0 + MOST, _TRIES + 1)]
+        found = nearest.fastest(sorted({factor for factor in factors if factor >= slower}))
+        return asked if found is None else Fit(found[1], slower=found[0], is_nearest=True)
+
+    def _smoother(self) -> Fit:
+        """The moving mean of cubics or a spline that is shortest once it is slow enough."""
+        sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
+        largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
+        reach = np.divide(largest, sides, out=np.zeros_like(largest), where=sides > 0.0)  # [s]
+        most = MOST * float(self.cubics.nodes[-1])
+        least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
+        found = []
+        for base in (self.cubics, self.cubics.spline()):
+            near, far = least, most
+            for _ in range(2):  # coarsely, and about the best
+                widths = np.geomspace(near, far, _WIDTHS)
+                means = [base.mean(width) for width in widths]
+                durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
+                k = int(np.argmin(durations))
+                found.append((durations[k], Fit(means[k], float(widths[k]))))
+                near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
+        return min(found, key=lambda one: one[0])[1]
+
+
+def _whole(slower: float, duration: float, rate: float | None) -> float:
+    """The factor with which a duration [s] is a whole number of samples."""
+    if rate is None:
+        return slower
+    return float(max(math.ceil((slower * duration - _SAME) * rate) / (rate * duration), 1.0))
