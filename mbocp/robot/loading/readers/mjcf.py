@@ -45,7 +45,8 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 def addresses(path: Path) -> tuple[str, ...]:
     """Addresses of its meshes."""
-    return tuple(dict.fromkeys(mesh.address for mesh in mesh_assets(parse_mjcf(path)).values()))
+    meshes = mesh_assets(parse_mjcf(path)).values()
+    return tuple(dict.fromkeys(mesh.address for mesh in meshes if mesh.triangles is None))
 
 
 def oddities(path: Path) -> Iterator[Oddity]:
