@@ -33,7 +33,7 @@ _NO_VOLUME = 1e-15  # [m^3]
 
 
 class MeshAsset(NamedTuple):
-    """A mesh by its address, as a file names it, or by its triangles; its scale; how its inertia is worked out."""
+    """A mesh by its address in a file, or its triangles; its scale; how its inertia is worked out."""
 
     address: str
     scale: Array

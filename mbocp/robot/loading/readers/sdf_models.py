@@ -33,7 +33,7 @@ _ONLINE = ("http://", "https://")
 
 
 def read_sdf(path: Path) -> ElementTree.Element:
-    """Read an SDF; axes of joints that are given in the model's frame say so, and joints have names of their own.
+    """Read an SDF; axes of joints in the model's frame say so, and joints have names of their own.
 
     Raises
     ------
