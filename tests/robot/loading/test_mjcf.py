@@ -546,6 +546,23 @@ def test_an_open_mesh_has_the_inertia_that_mujoco_gives_it(tmp_path: Path) -> No
     )
 
 
+@pytest.mark.parametrize("ends", ['body1="link" body2="hand"', 'site1="s" site2="at hand"'])
+def test_what_holds_on_to_a_mocap_body_is_left_out(tmp_path: Path, ends: str) -> None:
+    hand = '<body name="hand" mocap="true"><site name="at hand"/></body><body name="link"'
+    parts = {"GEOM": '<geom size="0.1"/><site name="s"/>', "EQUALITY": f'<weld name="drag" {ends}/>'}
+    with pytest.warns(NotModelledWarning, match="what holds on to mocap bodies, which others move 'drag'"):
+        robot = load(tmp_path, one(**parts).replace('<body name="link"', hand))
+    assert robot.nc == 0
+
+
+def test_a_joint_that_its_damping_holds_is_rigid(tmp_path: Path) -> None:
+    text = one().replace(
+        '<geom size="0.1"/>', '<geom size="0.1"/><joint name="s" type="slide" damping="1e7"/>'
+    )
+    with pytest.warns(NotModelledWarning, match=r"motion against a damping of 1e\+06 or more of joints 's'"):
+        assert load(tmp_path, text).joint_names == ("j",)
+
+
 @pytest.mark.parametrize("face", ["", ' face="0 2 1 0 1 3 1 2 3 0 3 2"'])
 def test_a_mesh_may_be_written_in_the_file(tmp_path: Path, face: str) -> None:
     """A corner of a box: of the moments about its middle, of the drawing, and of what a result has of it."""

@@ -147,12 +147,16 @@ class _Tables:
             "connect": self._connect,
             "weld": self._weld,
         }
+        mocap = self.mjcf.root.iterfind(".//body[@mocap='true']")
+        dragged = {part.get("name") for body in mocap for part in body.iter() if part.tag in ("body", "site")}
         for number, element in enumerate(self.mjcf.each("equality")):
             node = self.mjcf.node(element)
             if node.text("active", "true") == "false":
                 continue
             name = node.text("name") or f"{element.tag}_{number}"
-            if element.tag in made:
+            if dragged & {node.text(key) for key in ("body1", "body2", "site1", "site2")}:
+                self.found.left_out.add("what holds on to mocap bodies, which others move", name)
+            elif element.tag in made:
                 told["constraint"].append(made[element.tag](node, name))
             elif element.tag == "joint":
                 self._couple(node, name, told["constraint"])
