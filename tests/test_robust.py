@@ -272,9 +272,9 @@ def test_wrong_values_are_refused(given, words):
 
 def test_what_has_no_tubes_is_refused():
     with pytest.raises(ProblemError, match=r"robust: states are not \(q, v\)"):
-        solved(pendulum("midpoint").with_(coordinates="natural"))
+        pendulum("midpoint").with_(coordinates="natural")
     with pytest.raises(ProblemError, match='controls = "linear"'):
-        solved(pendulum().with_(controls="linear"))
+        pendulum().with_(controls="linear")
     with pytest.raises(InvalidValue, match=r"robust\.parameters.*ball.*no payload"):
         solved(pendulum(robust={"parameters": {"robot.payload.ball.mass": 0.1}}))
     with pytest.raises(InvalidValue, match=r"robust\.parameters.*cost\.effort"):
