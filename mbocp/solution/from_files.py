@@ -10,7 +10,7 @@ from mbocp.problem import Problem, load_problem
 from mbocp.solution.solution import Solution
 
 
-def problem_from(given: Problem | str | Path) -> Problem:
+def problem_from(given: object) -> Problem:
     """A problem as it is, or the problem of a problem file or a result.
 
     Raises
