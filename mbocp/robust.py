@@ -21,7 +21,7 @@ from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import Formulation
-from mbocp.formulation.gains import has_joint_states, tangents
+from mbocp.formulation.gains import tangents
 from mbocp.formulation.tightening import margins_of, words_of
 from mbocp.job import Job, Strategy
 from mbocp.mechanisms.consistent_states import tangent_space
@@ -149,14 +149,6 @@ class Tubes:
             If the optimum has no feedback, or a parameter is none of the robot.
         """
         formulation, iterate = formulate_as_solved(solution)
-        problem = formulation.problem
-        if not has_joint_states(formulation):
-            raise ProblemError(
-                'robust: states are not (q, v) of the joints, as with coordinates = "natural", and with '
-                "controls that prescribe motions"
-            )
-        if problem.controls == "linear":
-            raise ProblemError('robust: controls = "linear" is not supported; take "constant" or "stages"')
         feedback = _feedback(formulation, iterate, solution, robust)
         tube = _propagate(formulation, iterate, robust, feedback, solution)
         return cls(formulation, tube, margins_of(formulation.programme, tube))

@@ -154,6 +154,11 @@ def test_what_does_not_fit_is_refused(given: dict[str, Any], error: type, words:
         mbocp.solve_many(arm(), **given)
 
 
+def test_a_list_of_problems_is_refused() -> None:
+    with pytest.raises(InvalidValue, match="problem: got list, expected one Problem, or the path"):
+        mbocp.solve_many([arm()])  # type: ignore[arg-type]
+
+
 def test_ctrl_c_leaves_what_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, seen = arm(), []
     goals = problem.goal.q + np.random.default_rng(3).uniform(-0.2, 0.2, (6, 6))

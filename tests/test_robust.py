@@ -126,6 +126,14 @@ def test_a_heavier_cart_is_slower(tmp_path):
     np.testing.assert_allclose(solution.sigma_vs, slower, rtol=1e-7, atol=1e-12)
 
 
+def test_a_cart_may_have_to_be_somewhere_on_its_way(cart):
+    half = {"share": 0.5}
+    path = [{"kind": "position", "frame": "cart", "x": [0.2, 0.2], "from": half, "until": half}]
+    solution = solved(cart_problem(cart, robust={"start": {"q": 0.01}}, path=path))
+    np.testing.assert_allclose(solution.qs[10], 0.2, atol=1e-9)
+    assert solution.gains.shape == (20, 1, 2)
+
+
 def test_masses_that_are_not_known_move_the_motion():
     robot = mbocp.load_robot("double_pendulum", payload=[BALL])
     word, sigma = "robot.payload.ball.mass", 0.002
@@ -264,9 +272,9 @@ def test_wrong_values_are_refused(given, words):
 
 def test_what_has_no_tubes_is_refused():
     with pytest.raises(ProblemError, match=r"robust: states are not \(q, v\)"):
-        solved(pendulum("midpoint").with_(coordinates="natural"))
+        pendulum("midpoint").with_(coordinates="natural")
     with pytest.raises(ProblemError, match='controls = "linear"'):
-        solved(pendulum().with_(controls="linear"))
+        pendulum().with_(controls="linear")
     with pytest.raises(InvalidValue, match=r"robust\.parameters.*ball.*no payload"):
         solved(pendulum(robust={"parameters": {"robot.payload.ball.mass": 0.1}}))
     with pytest.raises(InvalidValue, match=r"robust\.parameters.*cost\.effort"):

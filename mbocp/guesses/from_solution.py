@@ -135,6 +135,7 @@ def _motion(saved: Solution, formulation: Formulation, places: _Places) -> Motio
     dts = np.diff(np.interp(nodes, np.arange(saved.num_steps + 1.0), saved.t))
     dts = dts if problem.timeline.has_free_lengths else problem.timeline.lengths()
     us, values = saved.us[places.middle], _values(saved, nodes, shares)
+    us[problem.timeline.is_impact] = 0.0  # those that a motion repeats there would cost
     known = [saved.parameters.get(one.name, one.start) for one in problem.parameter]
     return Motion(qs, places.between(saved.vs), us, dts, values, shares, np.array(known))
 

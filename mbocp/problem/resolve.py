@@ -21,7 +21,13 @@ from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rate_limits import check_rates
-from mbocp.problem.resolve_checks import check_coordinates, check_inequalities, check_parameters, check_solver
+from mbocp.problem.resolve_checks import (
+    check_coordinates,
+    check_inequalities,
+    check_parameters,
+    check_robust,
+    check_solver,
+)
 from mbocp.problem.timeline.acting import check_landings, check_schedule, switch_table
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Schedule
@@ -191,6 +197,7 @@ RESOLVE = (
     Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),
     Step.of(check_parameters),
+    Step.of(check_robust),
     Step.of(check_periodic),
     Step.of(check_cycle),
     Step.of(check_free_start),

@@ -21,6 +21,7 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import heaviest_cost, limits_along
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.uncertainty import Robust
 from mbocp.problem.warn import warn_alternating, warn_held_anywhere
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import take
@@ -43,6 +44,19 @@ def check_parameters(
             f"parameter: {moving[0]} moves frames, which obstacle and self_collision do not follow yet; "
             "take masses, or springs, or leave these tables out"
         )
+
+
+def check_robust(robot: Robot, coordinates: str, controls: str, robust: Robust | None) -> None:
+    """Refuse robust motions of what has no feedback of (q, v)."""
+    if robust is None:
+        return
+    if robot.drives or not COORDINATES[coordinates].has_joint_states:
+        raise ProblemError(
+            'robust: states are not (q, v) of the joints, as with coordinates = "natural", and with '
+            "controls that prescribe motions"
+        )
+    if controls == "linear":
+        raise ProblemError('robust: controls = "linear" is not supported; take "constant" or "stages"')
 
 
 def check_inequalities(

@@ -33,6 +33,10 @@ _UNSEEN = 0.9  # of the standard deviation without any sample: above, samples sa
 _ROUND_OFF = 1e-6  # of the length of a step
 _LONGEST = 1e3  # [s] between samples
 _GUESSED = 1.0  # standard deviation of the first configuration, where it is not measured [rad, m]
+_FAR, _FARTHEST = (
+    1e3,
+    1.0,
+)  # of a sample: more deviations, or more [rad, m], than it is off
 _MOST_STEPS, _MOST_ITERATIONS = 10_000, 1_000_000
 
 
@@ -182,6 +186,7 @@ class MovingHorizonEstimator:
         self._x = self._start(own.q0, np.zeros(at.nv))  # mean at the first step
         self._u = np.zeros(at.nu)
         self._time = -1.0  # since the first sample; there is none yet
+        self._time_far = 0.0  # for which all samples have been far from the estimate
 
     def update(
         self,
@@ -228,11 +233,7 @@ class MovingHorizonEstimator:
         if not (isinstance(count, int) and 0 <= count <= _MOST_ITERATIONS):
             wrong.append(f"iterations: got {iterations}, expected 0 to {_MOST_ITERATIONS}")
             count = self._iterations
-        shift = 0.0
-        if self._time >= 0.0 and not self._has_room(length):
-            shift = float(self._make_room())
-            if not shift:
-                wrong.append("the estimate was not finite, and begins anew")
+        shift = self._go_on(length, wrong)
         if self._time >= 0.0:
             self._add(sample, rate, length)
         elif sample is None:
@@ -244,6 +245,8 @@ class MovingHorizonEstimator:
         self._of_all["arrival"][:] = self._root.T[np.triu_indices(len(self._root))]
         self._programme.set_parameters(self._theta, self._rows.ravel(), np.zeros(0))
         found = self._horizon.step(self._x, shift, count, limit)
+        if sample is not None:
+            self._time_far = self._time_far + length if self._is_far(sample) else 0.0
         return self._estimate(HorizonStatus.of(found, wrong))
 
     def robot(self) -> Robot:
@@ -308,6 +311,18 @@ class MovingHorizonEstimator:
         h = float(self._newest["h"][0])
         return h == 0.0 or h + dt <= (1.0 + _ROUND_OFF) * self._step
 
+    def _go_on(self, dt: float, wrong: list[str]) -> float:
+        """Return by how many steps the horizon moves on for so much time; where it cannot, it begins anew."""
+        if self._time_far > self._step * (len(self._rows) - _FIRST):
+            self._forget()
+            wrong.append("the estimate was far from all samples of a horizon, and begins anew")
+        if self._time < 0.0 or self._has_room(dt):
+            return 0.0
+        if self._make_room():
+            return 1.0
+        wrong.append("the estimate was not finite, and begins anew")
+        return 0.0
+
     def _make_room(self) -> bool:
         """Begin a new step, and let the first stages begin where the oldest one ends, as its samples say.
 
@@ -322,14 +337,24 @@ class MovingHorizonEstimator:
                 (mean,) = self._retract.evaluate([np.array(x[_FIRST + 1]), moved], 1, False)
             root = lower_root(columns)
         if not (np.isfinite(before).all() and np.isfinite(root).all()):
-            rows[_FIRST:] = 0.0
-            rows[_FIRST:, self._layout.rho["reference"]] = self._robot.q0
-            self._time = -1.0
+            self._forget()
             return False
         self._x, self._root, self._root_before = mean, root, before
         rows[_FIRST:-1] = rows[_FIRST + 1 :]
         rows[-1] = 0.0
         return True
+
+    def _forget(self) -> None:
+        """Leave out all samples, so that the next one is the first."""
+        self._rows[_FIRST:] = 0.0
+        self._rows[_FIRST:, self._layout.rho["reference"]] = self._robot.q0
+        self._time, self._time_far = -1.0, 0.0
+
+    def _is_far(self, q: Array) -> bool:
+        """Return whether the newest estimate is far from a sample."""
+        off = difference(self._robot.model, self._horizon.x[-1, : self._layout.nq], q)
+        most = np.where(np.isinf(self._sigma["q"]), np.inf, np.minimum(_FAR * self._sigma["q"], _FARTHEST))
+        return not bool(np.all(np.abs(off) <= most))
 
     def _add(self, q: Array | None, v: Array | None, dt: float) -> None:
         """Make the newest step longer by the time to a sample, and add the sample."""

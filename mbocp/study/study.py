@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from mbocp._arrays import plain
 from mbocp._dataclass import dataclass
+from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
@@ -100,6 +101,9 @@ class Study:
             tables = load_document(path, "a study file")
         except ProblemFileError as error:
             raise StudyFileError(path, error.reason) from error
+        if "robot" in tables and "problem" not in tables:
+            reason = f"is a problem, expected a study that says problem = {show(path.name)}"
+            raise StudyFileError(path, reason)
         return cls.from_tables(tables, source=path)
 
     @classmethod

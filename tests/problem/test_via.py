@@ -210,6 +210,7 @@ def test_problems_are_written_and_read_back() -> None:
         assert (old.node, old.labels) == (new.node, new.labels)
         assert old.upper == pytest.approx(new.upper)
         assert old.via.goal.q == pytest.approx(new.via.goal.q, abs=1e-7)
+    assert {label.unit for label in again.timeline.waypoints[1].labels} == {"rad", "rad/s"}
     assert problem.with_(via=[]).timeline.waypoints == ()
     assert [p.node for p in problem.with_(steps=40).timeline.waypoints] == [12, 20, 28]
 

@@ -337,6 +337,19 @@ def test_an_estimate_that_is_lost_begins_anew():
     assert (found.standard_deviations < 1e-2).all()
 
 
+def test_an_estimate_begins_anew_after_a_control_that_cannot_have_been():
+    own = robot(weightless(chain("RX RY")[0]))
+    estimator = MovingHorizonEstimator(own, steps=5, horizon=0.05, measured={"q": 1e-3}, disturbance=1e-2)
+    details = set()
+    for k in range(100):
+        found = estimator.update(np.array([0.3, 0.2]), np.full(2, 1e6 if k == 10 else 0.0))
+        details.add(found.status.detail)
+    assert "the estimate was far from all samples of a horizon, and begins anew" in details
+    assert found.status.is_good
+    np.testing.assert_allclose(found.q, [0.3, 0.2], atol=1e-3)
+    np.testing.assert_allclose(found.v, 0.0, atol=1e-2)
+
+
 BAD_SAMPLES = {
     "q: got shape (2,), expected (3,)": {"q": np.zeros(2)},
     "q: not finite": {"q": np.full(3, math.nan)},

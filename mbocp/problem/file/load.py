@@ -53,7 +53,11 @@ def load_problem(
             "smallest one for it, to be put beside it:"
         )
         raise ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
-    return _problem(load_document(path), overrides, path, terms)
+    document = load_document(path)
+    if "problem" in document and "robot" not in document:
+        reason = f"is a study, expected a problem file: `mbocp study {path} -o rows.jsonl` solves its tasks"
+        raise ProblemFileError(path, reason)
+    return _problem(document, overrides, path, terms)
 
 
 def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
@@ -101,7 +105,7 @@ def _problem(
 
 def is_robot_file(path: Path) -> bool:
     """Whether a file is a robot, by its name."""
-    return path.suffix.lower() in _ROBOTS
+    return path.suffix.lower() in _ROBOTS or path.name == "robot.toml"
 
 
 def smallest_problem(path: Path) -> str:

@@ -130,8 +130,10 @@ def _lacking(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[st
     pairs, least = _least(rows, times, sampled, near)
     words, more = np.array([rows.links_of(k) for k in pairs]), np.zeros(rows.num_pairs)
     has_row = np.ones(len(pairs), dtype=np.bool_) if rows.chosen is None else np.isin(pairs, rows.chosen)
-    at_nodes = rows.pair_values(qs, near, t, pairs).min(axis=0) - rows.margins[pairs]
-    cut = np.maximum(at_nodes - least, 0.0)
+    cut = np.zeros(len(pairs))
+    if not has_row.all():
+        at_nodes = rows.pair_values(qs, near, t, pairs).min(axis=0) - rows.margins[pairs]
+        cut = np.maximum(at_nodes - least, 0.0)
     for touching, depth in depths.items():
         meant = words == touching
         nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)

@@ -109,10 +109,10 @@ def _take_multipliers(
     native: KernelProgramme, programme: StagewiseProgramme, iterate: Iterate, barrier: float
 ) -> _Rows:
     """Slacks where the rows are, and the multipliers that an iterate has."""
-    rows, known = _Rows.of(programme), np.zeros(native.num_limits)
+    rows = _Rows.of(programme)
     native.start_limits(barrier, 0.0)
-    if iterate.bounds is not None:
-        known = multipliers_in_rows(iterate.bounds, programme)
+    bounds = iterate.bounds
+    known = np.zeros(rows.lower.size) if bounds is None else multipliers_in_rows(bounds, programme)
     native.z_lower = np.where(rows.is_equation, 0.0, np.maximum(-known, 0.0))
     native.z_upper = np.where(rows.is_equation, known, np.maximum(known, 0.0))
     return rows

@@ -90,7 +90,8 @@ class MeshLibrary:
             drawn = _paint(self._parts(visual.meshPath), visual, self._pictures)
             return _scale(drawn, visual.meshScale)
         # coal reads the other formats, and puts the scale into the vertices.
-        shape = load_mesh(self._load(visual)) if visual.meshPath else load_primitive(visual)
+        is_mesh = bool(visual.meshPath) or isinstance(visual.geometry, coal.BVHModelBase)
+        shape = load_mesh(self._solid(visual)) if is_mesh else load_primitive(visual)
         return None if shape is None else _plain(shape, visual)
 
     def _parts(self, path: str) -> tuple[MeshPart, ...]:
@@ -127,14 +128,14 @@ class MeshLibrary:
         if Path(visual.meshPath).suffix.lower() in READERS:
             points = np.vstack([part.vertices for part in self._parts(visual.meshPath)]) * visual.meshScale
             return np.asarray(np.where(CORNERS > 0.0, points.max(axis=0), points.min(axis=0)))
-        shape = self._load(visual) if visual.meshPath else visual.geometry
-        corners = box_around(shape)
+        corners = box_around(self._solid(visual))
         if np.any(corners[0] > corners[-1]) or np.abs(corners).max() > _ENDLESS:
             raise ValueError(f"visual {visual.name!r} has no extent")
         return corners
 
-    def _load(self, visual: pin.GeometryObject) -> coal.BVHModelBase:
-        return load_by_coal(Path(visual.meshPath), visual.meshScale)
+    def _solid(self, visual: pin.GeometryObject) -> coal.CollisionGeometry:
+        """The shape of a file that coal reads, or of none."""
+        return load_by_coal(Path(visual.meshPath), visual.meshScale) if visual.meshPath else visual.geometry
 
 
 def _plain(shape: Any, visual: pin.GeometryObject) -> dict[str, Any]:

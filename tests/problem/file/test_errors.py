@@ -8,9 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.exceptions import MbocpError, ProblemError, ProblemFileError, UnknownJoint, UnknownRobot
+from mbocp.exceptions import (
+    MbocpError,
+    ProblemError,
+    ProblemFileError,
+    StudyFileError,
+    UnknownJoint,
+    UnknownRobot,
+)
 from mbocp.problem import Problem, load_problem, parse_problem
 from mbocp.robot import Robot
+from mbocp.study import Study
 
 Loader = Callable[..., Problem]
 
@@ -265,6 +273,17 @@ def test_a_robot_is_no_problem_but_there_is_a_smallest_one_for_it(tmp_path: Path
     path.write_text("<robot")
     with pytest.raises(ProblemFileError, match="is a robot, expected a problem file"):
         load_problem(path)
+
+
+def test_a_study_and_a_problem_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text('problem = "reach.toml"\ngrid = { "horizon.steps" = [10, 20] }')
+    with pytest.raises(ProblemFileError, match="is a study, expected a problem file: `mbocp study"):
+        load_problem(tmp_path / "study.toml")
+    (tmp_path / "reach.toml").write_text('robot = "double_pendulum"\nhorizon = { duration = 1, steps = 9 }')
+    with pytest.raises(StudyFileError, match=r"expected a study that says problem = 'reach\.toml'"):
+        Study.load(tmp_path / "reach.toml")
+    with pytest.raises(ProblemFileError, match=r"robot\.toml: is a robot, expected a problem file"):
+        load_problem(Path(__file__).parents[3] / "robots" / "four_bar" / "robot.toml")
 
 
 def test_a_pipe_and_a_device_are_no_problem_files(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from mbocp.robot import Robot, gather, load_robot, load_stored
 from mbocp.robot.loading.robot_formats import format_of
 from mbocp.robot.robot_facts import find_oddities
 from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
+from mbocp.view.meshcat.visuals import MeshLibrary
 
 ARM = """<?xml version="1.0"?>
 <!-- an arm -->
@@ -543,6 +544,43 @@ def test_an_open_mesh_has_the_inertia_that_mujoco_gives_it(tmp_path: Path) -> No
     np.testing.assert_allclose(
         ours.inertia, turn @ np.diag(theirs.body_inertia[1]) @ turn.T, rtol=1e-5, atol=1e-4
     )
+
+
+@pytest.mark.parametrize("ends", ['body1="link" body2="hand"', 'site1="s" site2="at hand"'])
+def test_what_holds_on_to_a_mocap_body_is_left_out(tmp_path: Path, ends: str) -> None:
+    hand = '<body name="hand" mocap="true"><site name="at hand"/></body><body name="link"'
+    parts = {"GEOM": '<geom size="0.1"/><site name="s"/>', "EQUALITY": f'<weld name="drag" {ends}/>'}
+    with pytest.warns(NotModelledWarning, match="what holds on to mocap bodies, which others move 'drag'"):
+        robot = load(tmp_path, one(**parts).replace('<body name="link"', hand))
+    assert robot.nc == 0
+
+
+def test_a_joint_that_its_damping_holds_is_rigid(tmp_path: Path) -> None:
+    text = one().replace(
+        '<geom size="0.1"/>', '<geom size="0.1"/><joint name="s" type="slide" damping="1e7"/>'
+    )
+    with pytest.warns(NotModelledWarning, match=r"motion against a damping of 1e\+06 or more of joints 's'"):
+        assert load(tmp_path, text).joint_names == ("j",)
+
+
+@pytest.mark.parametrize("face", ["", ' face="0 2 1 0 1 3 1 2 3 0 3 2"'])
+def test_a_mesh_may_be_written_in_the_file(tmp_path: Path, face: str) -> None:
+    """A corner of a box: of the moments about its middle, of the drawing, and of what a result has of it."""
+    written = f'name="wedge" scale="2 1 1" vertex="0 0 0  1 0 0  0 1 0  0 0 1"{face}'
+    robot = load(tmp_path, one(MESH=written, GEOM='<geom type="mesh" mesh="wedge" pos="0 0 1"/>'))
+    body = robot.model.inertias[1]
+    assert body.mass == pytest.approx(1000.0 * 2.0 / 6.0)
+    np.testing.assert_allclose(body.lever, [0.5, 0.25, 1.25], atol=1e-12)
+    np.testing.assert_allclose(np.diag(body.inertia), body.mass * 3.0 / 80.0 * np.array([2.0, 5.0, 5.0]))
+    (drawn,) = robot.visual_model.geometryObjects
+    assert "geometries" in MeshLibrary(robot).draw(drawn)
+    np.testing.assert_allclose(MeshLibrary(robot).corners(drawn).max(axis=0), [2.0, 1.0, 2.0])
+    files = gather(robot.spec)
+    assert len(files.files) == 1
+    assert load_stored(files).fingerprint == robot.fingerprint
+    wrong = one(MESH=written.replace("0 0 1", "0 0"), GEOM="")
+    with pytest.raises(RobotFileError, match="<mesh> 'wedge': vertex has three numbers for each corner"):
+        load(tmp_path, wrong)
 
 
 def _without_a_face(stl: bytes) -> bytes:

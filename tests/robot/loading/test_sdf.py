@@ -303,6 +303,19 @@ def test_rotors_of_multicopters_are_thrusters(tmp_path: Path, of: str) -> None:
     np.testing.assert_allclose(pushes @ [1.0, 1.0, -1.0, -1.0], [0.0] * 5 + [-4 * 0.02], atol=1e-12)
 
 
+def test_up_to_1_6_joints_may_have_names_of_links(tmp_path: Path) -> None:
+    """They are called as Gazebo calls them then, also where a plugin names them."""
+    text = '<sdf version="1.6"><model name="copter">{}</model></sdf>'
+    arm = BAR.format(name="arm", at="0 0 0", half="0 0 0.1") + PIN.format(
+        name="arm", kind="revolute", at="0 0 0", parent="body", child="arm"
+    )
+    robot = load(tmp_path, text.format(COPTER.replace("j0", "r0") + arm))
+    assert robot.joint_names == ("root_joint", "arm_joint")
+    assert robot.nu == 5
+    with pytest.raises(RobotFileError, match="the name 'arm' is given to more than one"):
+        load(tmp_path, text.format(COPTER + arm).replace("1.6", "1.7"))
+
+
 def test_forces_of_other_plugins_are_told(tmp_path: Path) -> None:
     text = ARM.replace(
         '<frame name="mark">', '<plugin filename="gz-sim-lift-drag-system"/><frame name="mark">'
@@ -351,6 +364,7 @@ BROKEN = {
     r"expected one model that is not static, got 'floor', 'arm'": ("<static>true</static>", ""),
     r"model 'arm': its pose is relative to 'table'": ("<pose>0.5", '<pose relative_to="table">0.5'),
     r"its version is 'new'": ('version="1.9"', 'version="new"'),
+    r"its version is '1.99": ('version="1.9"', f'version="1.{"9" * 5000}"'),
     r"mass -4 kg": ("<mass>4", "<mass>-4"),
 }
 

@@ -45,7 +45,8 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 def addresses(path: Path) -> tuple[str, ...]:
     """Addresses of its meshes."""
-    return tuple(dict.fromkeys(mesh.address for mesh in mesh_assets(parse_mjcf(path)).values()))
+    meshes = mesh_assets(parse_mjcf(path)).values()
+    return tuple(dict.fromkeys(mesh.address for mesh in meshes if mesh.triangles is None))
 
 
 def oddities(path: Path) -> Iterator[Oddity]:
@@ -146,12 +147,16 @@ class _Tables:
             "connect": self._connect,
             "weld": self._weld,
         }
+        mocap = self.mjcf.root.iterfind(".//body[@mocap='true']")
+        dragged = {part.get("name") for body in mocap for part in body.iter() if part.tag in ("body", "site")}
         for number, element in enumerate(self.mjcf.each("equality")):
             node = self.mjcf.node(element)
             if node.text("active", "true") == "false":
                 continue
             name = node.text("name") or f"{element.tag}_{number}"
-            if element.tag in made:
+            if dragged & {node.text(key) for key in ("body1", "body2", "site1", "site2")}:
+                self.found.left_out.add("what holds on to mocap bodies, which others move", name)
+            elif element.tag in made:
                 told["constraint"].append(made[element.tag](node, name))
             elif element.tag == "joint":
                 self._couple(node, name, told["constraint"])

@@ -28,6 +28,7 @@ from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node
 from mbocp.robot.loading.readers.tree import ELLIPSOIDS, LeftOut, MissingMesh, TreeBody, TreeJoint
 
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
+_HOLDS = 1e6  # [N s/m, N m s/rad]: against such a damping a tonne sinks by a centimetre in a second
 _MAKES_BODIES = ("composite", "flexcomp", "replicate", "attach", "plugin")
 # Settings of <compiler> that change masses.
 _OF_MASSES = {"boundmass": "0", "boundinertia": "0", "balanceinertia": "false"}
@@ -158,6 +159,9 @@ class _Reader:
             self.found.left_out.add("springs (stiffness) of joints", name)
         if len(node.vector("damping", None)) > 1:
             self.found.left_out.add("damping that grows with the speed, of joints", name)
+        if joint.damping >= _HOLDS and joint.has_axis:
+            joint.held = joint.reference
+            self.found.left_out.add(f"motion against a damping of {_HOLDS:g} or more of joints", name)
         body.joints.append(joint)
 
     def _inertia(self, element: ElementTree.Element, body: TreeBody, geoms: Sequence[Geom]) -> pin.Inertia:

@@ -13,9 +13,12 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._text import show
-from mbocp.exceptions import RobotFileError
+from mbocp.exceptions import InvalidValue, RobotFileError
+from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.meshes.volume import enclosed_body, fill, scale_mass
+from mbocp.robot.collision.geometry import mesh_of
+from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
@@ -30,11 +33,20 @@ _NO_VOLUME = 1e-15  # [m^3]
 
 
 class MeshAsset(NamedTuple):
-    """A mesh by its address, as a file names it, its scale, and how its inertia is worked out."""
+    """A mesh by its address in a file, or its triangles; its scale; how its inertia is worked out."""
 
     address: str
     scale: Array
     inertia: str
+    triangles: tuple[Array, Indices] | None = None
+
+    def read(self, node: Node, folders: Sequence[Path]) -> tuple[Array, Indices]:
+        """Corners, shape (V, 3) [m], and triangles, shape (F, 3); raises `UNREADABLE`."""
+        if self.triangles is None:
+            points, triangles = read_triangles(resolve(self.address, node.path.parent, folders))
+        else:
+            points, triangles = self.triangles
+        return points * self.scale, triangles
 
 
 class Geom(NamedTuple):
@@ -57,19 +69,38 @@ def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
     folder = mjcf.compiler.get("meshdir", mjcf.compiler.get("assetdir", ""))
     found: dict[str, MeshAsset] = {}
     for element in mjcf.each("asset"):
-        if element.tag != "mesh" or "file" not in element.attrib:
+        if element.tag != "mesh" or not {"file", "vertex"} & element.attrib.keys():
             continue
         node = mjcf.node(element)
         file = node.text("file")
         name = node.text("name", Path(file).stem)
         if mjcf.compiler.get("strippath", "false") == "true":
             file = Path(file).name
-        address = file if Path(file).is_absolute() or not folder else f"{folder.rstrip('/')}/{file}"
+        is_whole = not file or Path(file).is_absolute() or not folder
+        address = file if is_whole else f"{folder.rstrip('/')}/{file}"
         if np.any(node.three("refpos")) or np.any(node.vector("refquat", (1.0, 0.0, 0.0, 0.0), 4)[1:]):
             raise RobotFileError(node.path, f"{node.where}: refpos and refquat are not supported")
         inertia = node.text("inertia", "legacy")
-        found[name] = MeshAsset(address, node.three("scale", (1.0, 1.0, 1.0)), inertia)
+        triangles = None if file else _written(node)
+        found[name] = MeshAsset(address, node.three("scale", (1.0, 1.0, 1.0)), inertia, triangles)
     return found
+
+
+def _written(node: Node) -> tuple[Array, Indices]:
+    """Corners and triangles of a mesh that the file itself has; without `face` those of the hull."""
+    points, corners = node.vector("vertex", None), node.vector("face", None)
+    places = corners.astype(np.int64)
+    count = len(points) // 3
+    if len(points) % 3 or len(places) % 3 or np.any((places != corners) | (places < 0) | (places >= count)):
+        words = "vertex has three numbers for each corner, face three places in it, from 0, for each triangle"
+        raise RobotFileError(node.path, f"{node.where}: {words}")
+    if len(places):
+        return points.reshape(-1, 3), places.reshape(-1, 3)
+    try:
+        hull = hull_of(points.reshape(-1, 3), count)
+    except InvalidValue as error:
+        raise RobotFileError(node.path, f"{node.where}: {error}") from error
+    return hull.vertices, hull.faces
 
 
 def read_geom(node: Node, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Geom | None:
@@ -88,7 +119,7 @@ def read_geom(node: Node, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Ge
     if kind == "mesh":
         name = node.text("mesh")
         if name not in meshes:
-            raise RobotFileError(node.path, f"{node.where}: there is no mesh file {show(name)}")
+            raise RobotFileError(node.path, f"{node.where}: there is no mesh {show(name)}")
         return Geom(node, kind, np.zeros(0), frame * node.placement, meshes[name])
     if kind not in _SIZES:
         raise RobotFileError(node.path, f"{node.where}: unknown type {show(kind)}")
@@ -151,7 +182,10 @@ def shape_of(
     mesh, scale = "", unscaled
     if geom.mesh is not None:
         made: coal.CollisionGeometry = coal.BVHModelOBBRSS()
-        mesh, scale = str(resolve(geom.mesh.address, node.path.parent, folders)), geom.mesh.scale
+        if geom.mesh.triangles:
+            made = mesh_of(*geom.mesh.read(node, folders))
+        else:
+            mesh, scale = str(resolve(geom.mesh.address, node.path.parent, folders)), geom.mesh.scale
     else:
         made = _SHAPES[geom.kind](geom.sizes)
     shape = LinkShape(body, number, where, made, mesh, scale, geom.placement)
@@ -181,11 +215,10 @@ def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> pin.Inerti
         words = f"its mesh has inertia {show(mesh.inertia)}, expected one of {', '.join(_MESH_INERTIAS)}"
         raise RobotFileError(node.path, f"{node.where}: {words}; or write <inertial>")
     try:
-        points, triangles = read_triangles(resolve(mesh.address, node.path.parent, folders))
+        vertices, faces = mesh.read(node, folders)
     except UNREADABLE as error:
         words = "its body has no <inertial>, and the mesh that its mass follows from cannot be read"
         raise RobotFileError(node.path, f"{node.where}: {words}: {error}") from error
-    vertices, faces = np.asarray(points) * mesh.scale, np.asarray(triangles)
     if mesh.inertia == "exact":
         body = enclosed_body(vertices, faces)
     else:  # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed

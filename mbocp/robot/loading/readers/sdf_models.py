@@ -24,6 +24,7 @@ MODEL = "__model__"  # the frame of a model itself
 PLACED = ("link", "joint", "frame")
 YES = ("true", "1")
 _IN_MODEL_AXES = (1, 4)  # up to this version axes of joints are those of the model
+_NAMES_OF_KINDS = (1, 6)  # up to this version a joint and a link may have one name
 _SUBMODELS = ("model", "include")
 _NAMES = ("relative_to", "frame", "expressed_in", "attached_to")  # attributes that name a frame
 _ENDS = {"joint": ("parent", "child"), "plugin": ("linkName", "jointName")}  # whose texts are names
@@ -32,7 +33,7 @@ _ONLINE = ("http://", "https://")
 
 
 def read_sdf(path: Path) -> ElementTree.Element:
-    """Read an SDF; axes of joints that are given in the model's frame say so.
+    """Read an SDF; axes of joints in the model's frame say so, and joints have names of their own.
 
     Raises
     ------
@@ -43,17 +44,32 @@ def read_sdf(path: Path) -> ElementTree.Element:
     if root.tag != "sdf":
         words = f"it is XML with the root element <{root.tag}>, expected <sdf>"
         raise RobotFileError(path, f"not an SDF: {words}")
-    is_old = _version(path, root.get("version", "1.7")) <= _IN_MODEL_AXES
+    version = _version(path, root.get("version", "1.7"))
+    is_old = version <= _IN_MODEL_AXES
     for axis in (axis for tag in ("axis", "axis2") for axis in root.iterfind(f".//joint/{tag}")):
         xyz = axis.find("xyz")
         if xyz is not None and (is_old or axis.findtext("use_parent_model_frame", "").strip() in YES):
             xyz.attrib.setdefault("expressed_in", MODEL)
+    if version <= _NAMES_OF_KINDS:
+        for model in root.iter("model"):
+            _rename_joints(model)
     return root
+
+
+def _rename_joints(model: ElementTree.Element) -> None:
+    """Call joints that have the name of a link `NAME_joint`, as Gazebo does."""
+    links = {link.get("name") for link in model.iterfind("link")}
+    for joint in model.iterfind("joint"):
+        name = joint.get("name", "")
+        if name in links:
+            joint.set("name", f"{name}_joint")
+            for turned in model.iterfind("plugin/jointName"):
+                turned.text = f"{name}_joint" if (turned.text or "").strip() == name else turned.text
 
 
 def _version(path: Path, text: str) -> tuple[int, int]:
     parts = text.split(".")[:2]
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts):
+    if len(parts) != 2 or not all(part.isdecimal() and len(part) < 4 for part in parts):
         raise RobotFileError(path, f"its version is {show(text)}, expected two numbers: 1.7")
     return int(parts[0]), int(parts[1])
 
