@@ -17,6 +17,7 @@ from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Goal, Problem
 from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot
+from mbocp.robot.walking import walking_bodies
 from mbocp.terms.frame_end import FrameEnd, FrameProjections
 
 _RANK_TOLERANCE = (
@@ -87,11 +88,11 @@ def end_condition_rows(
 
     With holds that begin or end on the way, and a goal that does not give every joint, `goal.q` is a guess of
     the configuration in which the motion ends. Conditions on rates are then entries of them: as many as the
-    constraints leave free, those that say most of the others there, and of what robots carry only those that
-    the robots do not say: a load at rest leaves free what a stretched arm does, an arm at rest no load. They
-    say all wherever the constraints can be solved for the others, where a basis of the tangent space at the
-    guess may be at right angles to velocities that the constraints allow. Where `goal.q` is the end of a
-    motion, it is that basis.
+    constraints leave free, those that say most of the others there, first of bodies that walk, and last of
+    what robots carry: a load at rest leaves free what a stretched arm does, an arm at rest no load, and legs
+    of which one is stretched the body. They say all wherever the constraints can be solved for the others,
+    where a basis of the tangent space at the guess may be at right angles to velocities that the constraints
+    allow. Where `goal.q` is the end of a motion, it is that basis.
 
     Parameters
     ----------
@@ -128,10 +129,11 @@ def end_condition_rows(
 
 
 def _choose_rates(robot: Robot, active: BoolArray, moments: Array) -> Array:
-    """Entries of rates that say all others, those of robots before those of loads, shape (rows, nv)."""
+    """Entries of rates that say all others: of bodies that walk, of robots, of loads, shape (rows, nv)."""
     chosen: list[int] = []
-    left = moments
-    for entries in (np.flatnonzero(active & ~robot.is_load), np.flatnonzero(active & robot.is_load)):
+    left, walks = moments, walking_bodies(robot)
+    for kind in (walks, ~(walks | robot.is_load), robot.is_load):
+        entries = np.flatnonzero(active & kind)
         found = entries[spanning_rows(left[entries], RANK_TOLERANCE)]
         chosen += found.tolist()
         left = left @ null_space(left[found], RANK_TOLERANCE)

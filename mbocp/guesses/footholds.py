@@ -14,13 +14,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
+from mbocp._arrays import Array
 from mbocp.guesses.stop import Stop, first_of
 from mbocp.problem import Goal
 from mbocp.problem.timeline.switches import SwitchTable, rows_of_frames
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import FrameTarget
+from mbocp.robot.walking import walking_bodies
 
 _PLACE = 3  # rows of what keeps the origin of a frame where it is [m]
 
@@ -91,6 +92,12 @@ def footholds(table: SwitchTable, stops: Mapping[int, Stop], clock: Array) -> di
     return found
 
 
+def takeoffs(table: SwitchTable) -> set[int]:
+    """Return the nodes from which no foot stands, the first ones of their instants."""
+    stands = list(_stands(table))
+    return {s.last for s in stands} - {n for s in stands for n in range(s.first, s.last)}
+
+
 def _stands(table: SwitchTable) -> Iterator[_Stand]:
     """When which feet stand: frames that are held where they are in the world, and moved by motors."""
     robot = table.robot
@@ -104,20 +111,6 @@ def _stands(table: SwitchTable) -> Iterator[_Stand]:
         for first, last in zip(changes[::2], changes[1::2], strict=True):
             ends = (first_of(table.is_impact, node) for node in (first, last))
             yield _Stand(names[0], len(frame.rows) > _PLACE, *ends)
-
-
-def walking_bodies(robot: Robot) -> BoolArray:
-    """Return which velocity components are those of bodies that stand on legs, shape (nv,).
-
-    No motor moves them in the world, and motors move what they carry.
-    """
-    model, has_motor = robot.model, np.abs(robot.actuation.selection).sum(axis=1) > 0.0
-    found = np.zeros(robot.nv, dtype=np.bool_)
-    for joint in range(1, model.njoints):
-        own, *carried = (robot.velocity_indices(model.names[k]) for k in model.subtrees[joint])
-        if not model.parents[joint] and not has_motor[own].any():
-            found[own] = any(has_motor[at].any() for at in carried)
-    return found
 
 
 def _is_foot(robot: Robot, frame: str) -> bool:

@@ -9,7 +9,8 @@ is where it was when its hold began, and frames that are to coincide do,
 so that the arm goes where the box is wanted that it holds. What nobody asks for stays where it was at the
 stop before. Then lines join the stops, and the nodes on them are put on the holds: by joints without motors
 first, so that a free body follows the frame that holds it, and by the shortest step of all joints in the norm
-of the mass matrix where these do not suffice.
+of the mass matrix where these do not suffice, or where the body is one that legs carry: it moves on while
+feet stand, but for those from which it jumps.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from mbocp._arrays import Array, BoolArray, IntArray
 from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.guesses.footholds import Landing, footholds, walking_bodies
+from mbocp.guesses.footholds import Landing, footholds, takeoffs
 from mbocp.guesses.stop import Stop, first_of, instant
 from mbocp.guesses.ways import position_limits
 from mbocp.problem import Goal, Problem
@@ -35,6 +36,7 @@ from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
 from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placement_of
 from mbocp.robot.poses.pose_search import JointBounds, joint_bounds, reach
+from mbocp.robot.walking import walking_bodies
 
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
@@ -116,7 +118,7 @@ class _Ties:
         def what(_: object, at: Array) -> tuple[Array, Callable[[], Array]]:
             return self.residual(at, qs), lambda: self.jacobian(at)
 
-        follows, J = ~_has_motor(robot), self.jacobian(q)
+        follows, J = _follows(robot), self.jacobian(q)
         if np.linalg.matrix_rank(J[:, follows], RANK_TOLERANCE) == np.linalg.matrix_rank(J, RANK_TOLERANCE):
             q = reduce_rows(robot, q, follows, rows, what)
         return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
@@ -127,7 +129,7 @@ class _Ties:
         They are near there; on the line, a body may be half a turn away from the frame that holds it, where
         rows of a weld vanish, too.
         """
-        robot, follows = self.table.robot, ~_has_motor(self.table.robot)
+        robot, follows = self.table.robot, _follows(self.table.robot)
         open_ways = null_space(self.jacobian(before)[:, follows], RANK_TOLERANCE)
         decided = np.zeros(robot.nv, dtype=np.bool_)
         decided[follows] = np.abs(open_ways).max(axis=1, initial=0.0) < _DECIDED
@@ -251,7 +253,12 @@ def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop
         if first < node < last:
             named[node] = Stop(node, _between(problem, raw, clock, node))
     found = {node: Stop(node, stop.q, stop.goal) for node, stop in sorted(named.items())}
-    return _Stops(problem, table, footholds(table, found, clock)).fit(list(found.values()))
+    landings = footholds(table, found, clock)
+    for node in sorted(takeoffs(table) - set(found)):
+        if first < node < last:  # feet that stand keep the body from where it flies to
+            before = max(other for other in found if other < node)
+            found[node] = Stop(node, found[before].q)
+    return _Stops(problem, table, landings).fit([found[node] for node in sorted(found)])
 
 
 def carry(problem: Problem, qs: Array) -> Array:
@@ -317,10 +324,11 @@ def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
     return found
 
 
-def _has_motor(robot: Robot) -> BoolArray:
-    """Velocity components that a motor or a drive moves, shape (nv,)."""
-    found: BoolArray = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
-    found[list(robot.driven)] = True
+def _follows(robot: Robot) -> BoolArray:
+    """Velocity components that no motor or drive moves, but for bodies on legs, shape (nv,)."""
+    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
+    has_motor[list(robot.driven)] = True
+    found: BoolArray = ~(has_motor | walking_bodies(robot))
     return found
 
 

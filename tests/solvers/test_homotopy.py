@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import formulate
 from mbocp.guesses.make import make_guess
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.records import IterationRecord, Status
+from mbocp.solvers.strategies import within_limits
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.within_limits import (
     bring_limits_back,
@@ -125,3 +127,17 @@ def test_a_limit_of_iterations_holds_for_all_phases_together() -> None:
         s = mbocp.solve(problem.with_(solver=solver))
         assert s.iterations <= most + 1
         assert not s.converged or np.abs(s.us).max() <= 1.8041020436960162
+
+
+def test_what_newton_has_reached_is_kept_where_no_time_is_left_for_ipopt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def without_time(*_: object) -> None:
+        raise CompilationTimeout("IPOPT was to begin")
+
+    monkeypatch.setattr(within_limits, "run_interior", without_time)
+    monkeypatch.setattr(within_limits, "can_leave_out_limits", lambda _: False)
+    solution = mbocp.solve(falling_cart())
+    assert solution.status == "time_limit"
+    assert solution.iterations > 0
+    assert "no time was left for IPOPT" in solution.advice

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from benchmarks import gaits
 from mbocp._linear import norm
 from mbocp.formulation import Formulation, formulate, transcribe
 from mbocp.guesses import make_guess
@@ -202,3 +204,14 @@ def test_multipliers_of_limits_count_among_the_sizes() -> None:
     native.z_upper = native.z_upper + 1e9
     expected = norm(np.concatenate([native.limit_multipliers, native.eta]))
     assert native.sizes().dual == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_trot_ends_where_steps_lead_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its residual at round-off is above what its terms let expect."""
+    monkeypatch.setattr(gaits, "_SECONDS", 0.25)
+    monkeypatch.setattr(gaits, "_FASTEST", 0.5)
+    problem = gaits.gait("trot", 2, "anymal_c")
+    solution = mbocp.solve(problem.with_(solver=replace(problem.solver, method="monolithic")))
+    assert solution.converged
+    assert solution.iterations < 50

@@ -10,6 +10,9 @@ constexpr double grain = 8.0 * 0x1p-52;
 // Of terms: each is what hundreds of operations on links come to, and all of them round. Chains of 8 and 16 links leave
 // between 0.5 and 120 times the machine's precision.
 constexpr double grain_of_terms = 256.0 * 0x1p-52;
+// Times that, after many steps that lead nowhere: robots on four legs leave up to 1900 times the precision.
+constexpr double most_of_terms = 8.0;
+constexpr int long_still = 2 * many_still;
 constexpr double moved = 0x1p-36;     // of the unknowns: far above round-off, and so little that all is linear in it
 constexpr double of_gradient = 1e-4;  // of the cost: what may be left of stationarity, however large multipliers are
 
@@ -28,10 +31,14 @@ double growth(double before, double after) {
     return std::isfinite(after) ? std::sqrt(std::max(0.0, after * after - before * before)) : 0.0;
 }
 
-// What round-off may leave of the residual: by the terms themselves where steps have led no farther.
+// What round-off may leave of the residual: by the terms themselves where steps have led no farther, and more
+// of them the longer that goes on.
 Sizes allowed(const NewtonState& state) {
     Programme& programme = *state.programme;
-    return state.still < many_still ? round_off(programme) : round_off_of_terms(programme, state.evaluation);
+    if (state.still < many_still) return round_off(programme);
+    const Sizes terms = round_off_of_terms(programme, state.evaluation);
+    const double share = state.still < long_still ? 1.0 : most_of_terms;
+    return {share * terms.primal, share * terms.dual};
 }
 
 bool is_resolved(const Programme& programme, double primal, double dual, double increment, double tolerance,

@@ -17,6 +17,7 @@ from itertools import groupby
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.exceptions import CompilationTimeout
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
 from mbocp.solvers.records import Status
@@ -65,7 +66,12 @@ def _go_on(phases: Phases, begun: SolverResult, title: str) -> Outcome:
     found = begun
     if not phases.settings.is_doubtful:
         before = _title(phases)
-        found, name = run_interior("ipopt", phases)
+        try:
+            found, name = run_interior("ipopt", phases)
+        except CompilationTimeout:
+            advice = f"no time was left for IPOPT: raise solver.time_limit; before: {begun.advice}"
+            late = replace(begun, status=Status.TIME_LIMIT, advice=advice)
+            return phases.outcome(late, before, words)
         title = f"{before} > {name}"
         if found.status is Status.STAGNATED and begun.record.residual < found.record.residual:
             found, words = begun, f"{words}, ipopt {how_it_ended(found)}"
