@@ -33,10 +33,7 @@ _UNSEEN = 0.9  # of the standard deviation without any sample: above, samples sa
 _ROUND_OFF = 1e-6  # of the length of a step
 _LONGEST = 1e3  # [s] between samples
 _GUESSED = 1.0  # standard deviation of the first configuration, where it is not measured [rad, m]
-_FAR, _FARTHEST = (
-    1e3,
-    1.0,
-)  # of a sample: more deviations, or more [rad, m], than it is off
+_FAR, _FARTHEST = 1e3, 1.0  # standard deviations and [rad, m] by which a sample is off: above, it is far
 _MOST_STEPS, _MOST_ITERATIONS = 10_000, 1_000_000
 
 
