@@ -212,12 +212,15 @@ def _split(root: ElementTree.Element, joint: ElementTree.Element, axes: str) -> 
     ElementTree.SubElement(joint, "axis", xyz=_AXES[axes[0]])
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+_Safe: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where it was built
+
+
+class _Loader(_Safe):  # type: ignore[misc]  # yaml has no types
     """YAML's safe loader without its numbers, dates and truth values: 2020-13-45 or `on` is a name."""
 
 
 for _kind in ("bool", "int", "float", "timestamp", "binary"):
-    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", yaml.SafeLoader.construct_yaml_str)
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _Safe.construct_yaml_str)
 
 
 def parse_yaml(text: str) -> Any:
@@ -240,7 +243,7 @@ def _check_size(text: str) -> None:
     anchors: dict[str | None, int] = {}  # nodes of each anchor
     open_: list[tuple[str | None, int]] = []  # what has not ended: its anchor, and nodes before it
     count = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+    for event in yaml.parse(text, Loader=_Safe):
         if isinstance(event, yaml.AliasEvent):
             if any(anchor == event.anchor for anchor, _ in open_):
                 raise Unreadable(f"malformed YAML: *{event.anchor} stands within itself")
