@@ -109,12 +109,12 @@ WRONG = {
     r"joint_type: unknown type 'CARDAN' of joint 'knee'": LOOP
     + "joint_name: ['knee']\njoint_type: ['CARDAN']",
     r"closed_loop: .*two different frames, got 'loop1_A' twice": "closed_loop: [['loop1_A', 'loop1_A']]",
-    r"malformed YAML: .*line 1": "closed_loop: [",
+    r"malformed YAML: .*line \d": "closed_loop: [",
     r"expected keys and values: closed_loop": "- 1",
     r"malformed YAML: stands for more than 20000 entries": "a: &a0 [x, x, x, x, x, x, x, x, x]\n"
     + "".join(f"b{k}: &a{k + 1} [{', '.join([f'*a{k}'] * 9)}]\n" for k in range(9))
     + "closed_loop: *a9\n",
-    r"malformed YAML: lists or tables are nested more than 20 deep": "closed_loop: " + "[" * 5000,
+    r"malformed YAML: lists or tables are nested more than 20 deep": "closed_loop: " + "[" * 500,
     r"malformed YAML: \*a stands within itself": "closed_loop: &a [[*a, b]]",
     r"type\[0\]: got '2020-13-45'": LOOP + "type: [2020-13-45]",
     r"type\[0\]: got '12'": LOOP + "type: [!!int 12]",

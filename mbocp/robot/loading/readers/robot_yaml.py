@@ -212,7 +212,7 @@ def _split(root: ElementTree.Element, joint: ElementTree.Element, axes: str) -> 
     ElementTree.SubElement(joint, "axis", xyz=_AXES[axes[0]])
 
 
-_Safe = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where it was built
+_Safe: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where it was built
 
 
 class _Loader(_Safe):  # type: ignore[misc]  # yaml has no types
