@@ -1,8 +1,6 @@
 from collections.abc import Sequence
 from enum import Enum
 
-import casadi as ca
-
 from mbocp._arrays import Array
 
 TAPE_FORMAT: str
@@ -11,7 +9,7 @@ class StageFunction:
     @staticmethod
     def from_library(path: str, name: str) -> StageFunction: ...
     @staticmethod
-    def of(function: ca.Function) -> StageFunction: ...
+    def of(function: object) -> StageFunction: ...
     @staticmethod
     def from_string(serialised: str) -> StageFunction: ...
     @staticmethod
@@ -50,7 +48,7 @@ class Flow:
         away: Array,
     ) -> tuple[Array, Array]: ...
 
-def write_c(function: ca.Function) -> tuple[list[str], str] | None: ...
+def write_c(function: object) -> tuple[list[str], str] | None: ...
 
 class Kind:
     def __init__(

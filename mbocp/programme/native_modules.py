@@ -11,8 +11,6 @@ from mbocp.programme.processor import has_avx2
 # The modules may be missing, and the kernel is one of two builds with the same names. Solvers take from here
 # the types of what the kernel gives them.
 if TYPE_CHECKING:
-    import casadi as ca
-
     from mbocp._native._kernel import (
         Care,
         Filter,
@@ -56,8 +54,8 @@ class Kernel(Protocol):
     RecedingHorizon: type[KernelHorizon]  # the loop over a horizon that moves on
     Programme: type[KernelProgramme]  # the programme with its iterate
 
-    def write_c(self, function: ca.Function) -> tuple[list[str], str] | None:
-        """Functions in C that may stand in different files, and what is called from outside."""
+    def write_c(self, function: object) -> tuple[list[str], str] | None:
+        """C of a `casadi.Function`: parts that may stand in different files, and what others call."""
 
     def relative_residual(self, allowed: Sizes, primal: float, dual: float, tolerance: float) -> float:
         """The residual in units of what round-off allows of its parts."""
