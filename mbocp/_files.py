@@ -10,6 +10,7 @@ import os
 import re
 import stat
 import sys
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -112,8 +113,11 @@ def read_text(path: str | Path, *, expected: str = "a text file", limit: int = T
     Parameters and errors are those of `read_bytes`.
     """
     try:
-        text = read_bytes(path, expected=expected, limit=limit).decode("utf-8-sig")
+        content = read_bytes(path, expected=expected, limit=limit)
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            raise Unreadable(f"is a text file in UTF-16, expected {expected}: save it in UTF-8") from error
         raise Unreadable(f"is not a text file in UTF-8, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

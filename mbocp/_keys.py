@@ -46,6 +46,12 @@ class Takes:
     takes: str
     schema: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Complain with the words that there are, where it takes only some."""
+        found, words = handler(source), " | ".join(f'"{word}"' for word in self.schema.get("enum", ()))
+        error = core_schema.custom_error_schema
+        return error(found, "no_word", custom_error_message=words) if words else found
+
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:

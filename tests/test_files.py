@@ -76,6 +76,9 @@ def test_what_is_no_utf8_is_refused(tmp_path):
     file.write_bytes("ü".encode("latin-1"))
     with pytest.raises(Unreadable, match="UTF-8"):
         read_text(file)
+    file.write_text("arm", encoding="utf-16")
+    with pytest.raises(Unreadable, match="in UTF-16, expected a text file: save it in UTF-8"):
+        read_text(file)
 
 
 @pytest.mark.parametrize(

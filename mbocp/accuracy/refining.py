@@ -62,11 +62,9 @@ class Refining:
         """
         begun, search = time.perf_counter(), _Search(job, self.once)
         search.run()
-        if not search.rounds and search.failed is not None:
-            return search.failed
         solution = search.solution()
         more, spent = search.taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
-        phases = (Phase("coarser steps", more, spent), *solution.phases)
+        phases = (Phase("other steps", more, spent), *solution.phases)
         wall_time_s = solution.wall_time_s + spent
         return retold(solution, iterations=search.taken, phases=phases, wall_time_s=wall_time_s)
 
@@ -99,7 +97,7 @@ class _Search:
         mesh, start = first_mesh(self.job.problem), self.job.start
         for _ in range(_ROUNDS):
             pair = self._pair(mesh, start)
-            following = self._judge(mesh, pair) if pair[-1].is_stationary else self._widen(mesh, pair[-1])
+            following = self._judge(mesh, pair) if pair[-1].is_stationary else self._widen(mesh, pair)
             if following is None:
                 break
             mesh, start = following
@@ -108,6 +106,8 @@ class _Search:
 
     def solution(self) -> Solution:
         """Return the last solution with what is known of it."""
+        if not self.rounds and self.failed is not None:
+            return self.failed
         last, asked = self.rounds[-1], asked_of(self.job.problem)
         solution = with_accuracy(last.solved, last.solution, self.job.deadline)
         accuracy = replace(
@@ -154,12 +154,15 @@ class _Search:
             return None
         return last.next_mesh(mesh), found.solution
 
-    def _widen(self, mesh: Mesh, failed: Solution) -> tuple[Mesh, Warm] | None:
+    def _widen(self, mesh: Mesh, pair: list[Solution]) -> tuple[Mesh, Warm] | None:
         """More steps from the guess, where the first do not lead to a motion; None: it is over."""
-        self.failed = failed
-        if self.rounds or failed.status.is_stopped:
-            return None
-        return mesh.even(_MORE), None
+        self.failed = failed = pair[-1]
+        if not (self.rounds or failed.status.is_stopped):
+            return mesh.even(_MORE), None
+        if pair[0].is_stationary and not self.rounds:
+            words = f"optimal with {pair[0].num_steps} steps; finer ones, which tell how exact"
+            self.failed = retold(pair[0], status=failed.status, advice=f"{words}: {failed.advice}")
+        return None
 
     def _coarser(self, mesh: Mesh, fine: Solution) -> list[Solution]:
         """Solutions with fewer steps, by which orders are seen, fine to coarse."""

@@ -93,6 +93,22 @@ def test_no_round_begins_after_the_time_limit() -> None:
     assert not s.converged
 
 
+def test_a_motion_that_was_found_is_kept_where_the_finer_one_is_stopped() -> None:
+    case = problem("elastic_pendulum", accuracy=1e-6, scheme="se1")
+    first = list[int]()
+
+    def stop_second_solve(record: mbocp.IterationRecord) -> None:
+        if first and record.iteration == 0:
+            raise KeyboardInterrupt
+        first.append(record.iteration)
+
+    s = mbocp.solve(case, callback=stop_second_solve)
+    assert s.status == "interrupted"
+    assert s.advice.startswith(f"optimal with {s.num_steps} steps; ")
+    assert s.residual < 1e-6
+    assert s.iterations > 0
+
+
 def test_result_file_json_and_summary_say_it(tmp_path: Path) -> None:
     run = CliRunner(env={"COLUMNS": "200", "TERM": "dumb"})
     path = str(EXAMPLES / "paper/cart_pendulum_rigid.toml")

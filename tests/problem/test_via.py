@@ -230,9 +230,9 @@ REFUSED: dict[str, tuple[dict[str, Any], type[MbocpError], str]] = {
     "nothing": ({"time": 0.5}, ProblemError, "needs something to enforce|nothing"),
     "unknown frame": ({"time": 0.5, "frame": {"name": "tol0", "x": 0.1}}, UnknownFrame, "tol0"),
     "out of reach": (
-        {"time": 0.5, "name": "far", "frame": {"name": "tool0", "position": [1.5, 0, 0]}},
+        {"time": 0.5, "name": "far", "frame": {"name": "tool0", "x": 1.5, "rpy": [3.14, 0, 0]}},
         UnreachablePose,
-        "via 'far': out of reach",
+        r"via 'far': out of reach .* x = 1\.5 m, rpy \[3\.14, 0\.0, 0\.0\] rad; the nearest",
     ),
     "tolerance of nothing": (
         {

@@ -56,8 +56,12 @@ def schema_error(path: str, model: type[BaseModel], error: ValidationError) -> P
 
 
 _TOOL = "where a tool should be is the table [goal.frame], with name, position and orientation"
+_LOAD = (
+    "what some phases carry is a [[robot.part]] with its mass, which [[phase.hold]] joins to the tool; what "
+    "all carry is [[robot.payload]]"
+)
 # What is wanted, and would otherwise be sent to a key of the same name that means something else.
-_NOT_THERE = {"goal.position": _TOOL, "goal.pose": _TOOL, "goal.point": _TOOL}
+_NOT_THERE = {"phase.payload": _LOAD} | dict.fromkeys(("goal.position", "goal.pose", "goal.point"), _TOOL)
 
 _REPEATED = frozenset(
     {"goal.any", "goal.any.frame", "start.frame", "phase"}

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
-from mbocp._keys import Declared, Key, Kind
+from mbocp._keys import Declared, Key, Kind, Takes
 from mbocp._numbers import finite_number, named_numbers
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
@@ -100,8 +100,9 @@ class ReadingKeys(Declared):
     ] = None
     friction: Annotated[
         str | None,
+        Takes('`"smooth"`, `"none"`', {"enum": ["smooth", "none"]}),
         Key(
-            '`"smooth"`, `"none"`: whether its Coulomb friction acts',
+            "whether its Coulomb friction acts",
             default=f"{_OWN}, else left out, and told",
         ),
     ] = None

@@ -111,7 +111,8 @@ class FrameTarget:
             pairs = zip(_COORDINATES, self.position, strict=True)
             parts.append(", ".join(f"{c} = {value:.6g} m" for c, value in pairs if np.isfinite(value)))
         if self.orientation is not None:
-            parts.append(f"orientation {np.array2string(self.orientation, precision=4, separator=', ')}")
+            rpy = np.round(pin.rpy.matrixToRpy(self.rotation), 4) + 0.0  # no negative zero
+            parts.append(f"rpy {rpy.tolist()} rad")
         if self.axis is not None and self.direction is not None:
             axis, along = (
                 np.array2string(v, precision=4, separator=", ") for v in (self.axis, self.direction)

@@ -122,6 +122,13 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             "goal.enforce",
             r"""got 'exakt', expected "exact" \| .* \(did you mean 'exact'\?\)""",
         ),
+        ("goal.enforce=true", "goal.enforce", r'got True, expected "exact" \| "penalty"'),
+        ("robot.friction=false", "robot.friction", r'got False, expected "smooth" \| "none"'),
+        (
+            "phase=[{name='carry', steps=3, duration=1, payload=[{mass=1}]}]",
+            "phase.0.payload",
+            r"a \[\[robot\.part\]\] with its mass, which \[\[phase\.hold\]\] joins to the tool",
+        ),
         ("goal={}", "", ""),
         (
             "cost.effort=0",

@@ -360,6 +360,7 @@ BROKEN = {
         "<frame",
         '<model name="hand" placement_frame="a"><link name="a"/></model><frame',
     ),
+    r"<include> has no <uri>: name there the model": ("<frame", "<include/><frame"),
     r"<include> 'robot.sdf' includes itself": ("<frame", "<include><uri>robot.sdf</uri></include><frame"),
     r"expected one model that is not static, got 'floor', 'arm'": ("<static>true</static>", ""),
     r"model 'arm': its pose is relative to 'table'": ("<pose>0.5", '<pose relative_to="table">0.5'),

@@ -125,6 +125,8 @@ class Submodels:
         """The model that an <include> names, and its file; its meshes are addressed from our folder."""
         uri = include.findtext("uri", "").strip()
         where = f"<include> {show(uri)}"
+        if not uri:
+            raise RobotFileError(self.path, "<include> has no <uri>: name there the model, or its file")
         if uri.startswith(_ONLINE):
             words = f"{where} is in the network; download it and name its folder"
             raise UnsupportedRobot(f"{self.path}: {words}")

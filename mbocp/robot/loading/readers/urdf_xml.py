@@ -67,7 +67,7 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
     if not os.path.lexists(path):
         raise RobotFileError(path, "no such file")
     try:
-        text = read_text(path, expected="a URDF", limit=XML_LIMIT)
+        text = read_text(path, expected="a URDF, SDF or MJCF", limit=XML_LIMIT)
     except Unreadable as error:
         raise RobotFileError(path, error.reason) from error
     return parse_xml(path, text)
