@@ -26,6 +26,7 @@ from rich.table import Table
 from rich.text import Text
 
 from mbocp._dataclass import dataclass
+from mbocp._text import shorten
 from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet, argument, option, output_file
 from mbocp.cli.console import output, plain_table
@@ -221,6 +222,8 @@ def _show(result: StudyResult, table: Path, shown: Shown) -> None:
 
 
 def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, Path]]) -> None:
+    from mbocp.study.summary import word
+
     console = output()
     there = f"{len(result)} of {result.num_tasks} tasks" if not result.is_complete else f"{len(result)} tasks"
     console.print(Text.assemble((result.name, "bold underline"), f"  {there}"))
@@ -234,6 +237,12 @@ def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, P
         console.print(
             Text(f"{sum(ends.values())} of {len(result)} tasks did not converge: {words}", "yellow")
         )
+    bests = [row for row in result.rows if row["index"] in {group.best for group in summary.groups}]
+    if bests:
+        best = min(bests, key=lambda row: row["cost"])
+        values = ", ".join(f"{name} = {word(value)}" for name, value in best["values"].items())
+        found = f"task {best['index']}, cost {best['cost']:.6g}: {shorten(values)}"
+        console.print(Text.assemble(("best  ", "bold"), found), soft_wrap=True)
     for kind, path in written:
         console.print(Text.assemble((f"{kind}  ", "bold"), str(path)), soft_wrap=True)
 

@@ -52,6 +52,8 @@ class Group:
         Over the successes; times are the solver's, without compilation, guess and diagnostics [s].
     others : mapping
         How the rest ended, and how many.
+    best : int or None
+        Index of the success with the least cost.
     """
 
     values: tuple[Any, ...]
@@ -62,6 +64,7 @@ class Group:
     seconds_per_iteration: Spread
     cost: Spread
     others: Mapping[str, int]
+    best: int | None
 
     @property
     def success_rate(self) -> float:
@@ -130,6 +133,7 @@ def word(value: Any) -> str:
 def _group(rows: Sequence[Mapping[str, Any]], by: Sequence[str], goal_distance: float | None) -> Group:
     ends = [_end(row, goal_distance) for row in rows]
     good = [row for row, end in zip(rows, ends, strict=True) if not end]
+    costs = {row["index"]: row["cost"] for row in good if row.get("cost") is not None}
     return Group(
         values=tuple(rows[0].get("values", {}).get(name) for name in by),
         tasks=len(rows),
@@ -139,6 +143,7 @@ def _group(rows: Sequence[Mapping[str, Any]], by: Sequence[str], goal_distance: 
         seconds_per_iteration=Spread.of([_per_iteration(row) for row in good]),
         cost=Spread.of([row.get("cost") for row in good]),
         others=dict(Counter(end for end in ends if end).most_common()),
+        best=min(costs, key=costs.__getitem__, default=None),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._files import parse_toml
-from mbocp._text import show
+from mbocp._text import shorten, show
 from mbocp.exceptions import Unreadable
 from mbocp.robot import Robot
 from mbocp.solution import ActiveLimit, Load, Solution, loads_of
@@ -57,11 +57,28 @@ def numbers_of(results: Mapping[str, Solution]) -> list[list[str]]:
 def differences_of(results: Mapping[str, Solution]) -> list[list[str]]:
     """Rows of a table: a key of the problem files, and what each result has for it, where that differs."""
     keys = [dict(_keys_of(solution)) for solution in results.values()]
+    names = dict.fromkeys(name for each in keys for name in each)
     return [
-        [name, *(show(each[name], _LONGEST) if name in each else "-" for each in keys)]
-        for name in dict.fromkeys(name for each in keys for name in each)
+        [name, *_shown([each.get(name) for each in keys])]
+        for name in names
         if any(each.get(name) != keys[0].get(name) for each in keys)
     ]
+
+
+def _shown(values: Sequence[Any]) -> list[str]:
+    """Values in few digits, where these tell them apart."""
+    short = ["-" if value is None else _short(value) for value in values]
+    return short if len(set(short)) > 1 else [show(value, _LONGEST) for value in values]
+
+
+def _short(value: Any) -> str:
+    if not isinstance(value, list):
+        return f"{value:.6g}" if isinstance(value, float) else show(value, _LONGEST)
+    entries = [_short(entry) for entry in value]
+    is_even = len(entries) > 1 and len(set(entries)) == 1
+    return (
+        f"{entries[0]}, each of {len(entries)}" if is_even else shorten(f"[{', '.join(entries)}]", _LONGEST)
+    )
 
 
 def _keys_of(solution: Solution) -> Iterator[tuple[str, Any]]:

@@ -68,6 +68,9 @@ def test_rows_summary_and_pictures(study: Path, run: Run) -> None:
     assert lines[0].split() == ["study", "4", "tasks"]
     assert lines[1].split()[:4] == ["scheme", "cost.effort", "tasks", "success"]
     assert lines[2].split()[:5] == ["SE1", "0.5", "1", "100.0", "%"]
+    rows = StudyResult.load("rows.jsonl")
+    least = int(rows.column("cost").argmin())
+    assert f"best  task {least}, cost {rows.column('cost')[least]:.6g}: " in done.stdout
     for name in ("rows.jsonl", "bars.png", "rows.csv"):
         assert name in done.stdout
         assert (study / name).stat().st_size > 300

@@ -145,9 +145,9 @@ def test_meshes_stand_in_planning_scenes(planar: Robot, tmp_path: Path) -> None:
     ("name", "text", "words", "reason"),
     [
         ("none.urdf", None, {}, "none.urdf"),
-        ("cell.scene", NEW[:60], {}, "cell.scene.*is no planning scene, or cut off"),
+        ("cell.scene", NEW[:60], {}, "cell.scene.*is no planning scene of MoveIt.*, or cut off"),
         ("cell.scene", OLD.replace("sphere", "cone"), {}, "'post'.*'cone' is not read, but box, sphere"),
-        ("cell.yaml", "world: {}", {}, "is no planning scene"),
+        ("cell.yaml", "- name: post", {}, "is no planning scene of MoveIt, whose objects are in world: coll"),
         ("cell.yaml", "world: {collision_objects: []}", {}, "has no shapes"),
         ("cell.urdf", URDF.replace("fixed", "floating"), {}, "cell.urdf"),
         ("cell.urdf", URDF.replace('"fixed"', '"continuous"'), {}, "link 'post' moves by joint 'j'"),

@@ -115,6 +115,7 @@ def test_groups_are_summed_up_over_their_successes(result: StudyResult) -> None:
     assert slow.cost.mean == pytest.approx(np.mean([0, 2, 4, 7]))
     assert fast.success_rate == pytest.approx(1 / 3)
     assert fast.cost.mean == 1.0
+    assert (slow.best, fast.best) == (0, 1)
     assert math.isnan(fast.cost.deviation)
     json.dumps(summary.to_dict(), allow_nan=False)
 

@@ -14,6 +14,7 @@ from PIL import Image
 
 from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
+from mbocp.solution.later import retold
 from mbocp.solution.solution import ProblemNotShownWarning
 from mbocp.view import browser
 from mbocp.view.report import compare_results, differences_of, write_report
@@ -126,7 +127,7 @@ def pair(tmp_path_factory) -> str:
 def test_two_results_have_their_numbers_side_by_side(pair: str) -> None:
     assert "<tr><td>cost</td><td>1</td><td>0.5</td></tr>" in pair
     assert "<tr><td>duration [s]</td><td>2</td><td>1</td></tr>" in pair
-    assert "<tr><td>horizon.duration</td><td>2.0</td><td>1.0</td></tr>" in pair
+    assert "<tr><td>horizon.duration</td><td>2</td><td>1</td></tr>" in pair
     assert "horizon.steps</td>" not in pair
     assert "clearance" not in pair.split('id="below"')[1].split("</table>")[0]  # neither has one
 
@@ -143,6 +144,19 @@ def test_two_results_are_drawn_on_the_same_axes(pair: str) -> None:
         assert len(set(re.findall("border-color:(#[0-9A-F]{6})", legend))) == 2
     assert "<details open><summary><h2>Configuration [rad]</h2>" in pair
     assert "<h2>Velocity" not in pair  # constant, and the same
+
+
+def test_keys_that_differ_have_as_many_digits_as_tell_them_apart() -> None:
+    texts = (
+        "[cost]\nw = [0.125, 0.125]\nx = 0.1234567\ny = 1.00000001",
+        "[cost]\nw = [0.125, 2.0]\nx = 1.5\ny = 1.0",
+    )
+    one, two = (retold(a_solution("ur5"), problem_text=text) for text in texts)
+    assert differences_of({"a": one, "b": two}) == [
+        ["cost.w", "0.125, each of 2", "[0.125, 2]"],
+        ["cost.x", "0.123457", "1.5"],
+        ["cost.y", "1.00000001", "1.0"],
+    ]
 
 
 def test_results_of_one_problem_differ_in_no_key() -> None:

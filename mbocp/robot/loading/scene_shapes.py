@@ -50,7 +50,8 @@ def _planning_scene(path: Path, reader: Callable[[Path], Iterator[LinkShape]]) -
     except Unreadable as error:
         raise RobotFileError(path, str(error)) from error
     except (KeyError, IndexError, RuntimeError, TypeError, ValueError, AttributeError) as error:
-        reason = f"is no planning scene, or cut off ({shorten(repr(error))})"
+        what = "planning scene of MoveIt, whose objects are in world: collision_objects in YAML"
+        reason = f"is no {what}, or cut off ({shorten(repr(error))})"
         raise RobotFileError(path, reason) from error
 
 
