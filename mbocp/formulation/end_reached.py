@@ -154,8 +154,18 @@ class RatesMissed(NamedTuple):
     is_small: bool = False
 
 
-def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | None:
-    """How the last velocities or momenta miss those of an exact goal, or None where they do not."""
+def miss_of_rates(
+    formulation: Formulation, motion: Motion, *, is_strict: bool = True
+) -> RatesMissed | None:
+    """How the last velocities or momenta miss those of an exact goal, or None where they do not.
+
+    Parameters
+    ----------
+    formulation : Formulation
+    motion : Motion
+    is_strict : bool
+        Whether it counts, too, where it is no more than a scheme may leave.
+    """
     problem = formulation.problem
     robot, goal, q = problem.robot, problem.goal, motion.qs[-1]
     if not (goal.is_exact and goal.rate_active.any()):
@@ -179,9 +189,10 @@ def miss_of_rates(formulation: Formulation, motion: Motion) -> RatesMissed | Non
         (of_joints, along, smallest, largest, _UNSAID if of_joints else _OF_BODIES),
         (False, error - along, by_scheme, by_scheme, across),
     ):
-        worst = int(np.argmax(np.abs(part) / least))
+        told = least if is_strict else most
+        worst = int(np.argmax(np.abs(part) / told))
         size = abs(part[worst])
-        if size > least[worst]:
+        if size > told[worst]:
             off = f"{labels[worst].name} ends {size:.3g} {labels[worst].unit} off goal.{goal.rate}"
             return RatesMissed(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
     return None

@@ -281,8 +281,9 @@ def _resolution(formulation: Formulation, motion: Motion, status: Status, advice
 
 def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
     """Status and advice of a motion that does not end with the velocities that were asked for."""
-    missed = miss_of_rates(formulation, motion) if status is Status.CONVERGED else None
-    if missed is None or missed.is_small:
+    is_done = status is Status.CONVERGED
+    missed = miss_of_rates(formulation, motion, is_strict=False) if is_done else None
+    if missed is None:
         return status, advice
     status = Status.OTHER_ROOT if missed.is_free else Status.UNDER_RESOLVED
     return status, f"{missed.words}; the optimality conditions hold: {advice}"

@@ -212,6 +212,12 @@ def test_what_the_scheme_leaves_across_the_constraints_is_no_other_root() -> Non
     assert "take more steps" in missed.words
     along = null_space(robot.constraint_jacobian(robot.q0), 1e-9)[:, 0]
     assert miss_of_rates(formulated(problem), at_speeds(problem, along + 1e-3 * across)).is_free  # type: ignore[union-attr]
+    both = at_speeds(problem, 1e-3 * along + across)
+    assert miss_of_rates(formulated(problem), both).is_small  # type: ignore[union-attr]
+    large = miss_of_rates(formulated(problem), both, is_strict=False)
+    assert large is not None
+    assert not large.is_free
+    assert miss_of_rates(formulated(problem), at_speeds(problem, 0.0 * across), is_strict=False) is None
 
 
 def test_a_motion_that_is_not_at_rest_has_not_converged(
