@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mbocp.exceptions import DimensionMismatch
+from mbocp._text import show
+from mbocp.exceptions import DimensionMismatch, InvalidValue
 
 Array: TypeAlias = NDArray[np.float64]
 BoolArray: TypeAlias = NDArray[np.bool_]
@@ -33,10 +34,13 @@ def frozen_array(
 
     Raises
     ------
-    DimensionMismatch
-        If the shape is not the expected one.
+    DimensionMismatch, InvalidValue
+        If the shape is not the expected one, or if there are no numbers.
     """
-    array = np.array(value, dtype=np.float64, order="C")
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:  # words, tables or ragged lists
+        raise InvalidValue(name, show(value), "an array of numbers") from error
     if shape is not None and array.shape != shape:
         lengths = zip(shape, array.shape, strict=False)
         if array.ndim != len(shape) or any(asked is not None and asked != n for asked, n in lengths):

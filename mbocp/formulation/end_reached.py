@@ -154,9 +154,7 @@ class RatesMissed(NamedTuple):
     is_small: bool = False
 
 
-def miss_of_rates(
-    formulation: Formulation, motion: Motion, *, is_strict: bool = True
-) -> RatesMissed | None:
+def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool = True) -> RatesMissed | None:
     """How the last velocities or momenta miss those of an exact goal, or None where they do not.
 
     Parameters

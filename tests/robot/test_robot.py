@@ -180,6 +180,11 @@ def test_frames(braced: Robot) -> None:
         braced.frame_id("l33")
 
 
+def test_what_is_no_array_of_numbers_is_told_by_name(braced: Robot) -> None:
+    with pytest.raises(InvalidValue, match=r": q: got 'load', expected an array of numbers"):
+        braced.frame_placement("load", "load")  # type: ignore[arg-type]
+
+
 def test_fingerprint_tells_what_shapes_the_equations(tmp_path: Path) -> None:
     urdf = urdfs.chain(*["revolute"] * 3)
     base = load_robot(urdfs.write(tmp_path, urdf, TOML))

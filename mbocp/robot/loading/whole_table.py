@@ -217,4 +217,5 @@ def _by_size(
                 for name, size, end in zip(names, sizes, ends, strict=True)
                 if size
             }
-    raise DimensionMismatch(key, len(numbers), sum(full), f"joints: {', '.join(names)}")
+    own = ", ".join(name for name, size in zip(names, full, strict=True) if size)
+    raise DimensionMismatch(key, len(numbers), sum(full), f"joints, with those that are locked: {own}")

@@ -334,7 +334,8 @@ def test_objects_that_are_refused(part: dict[str, Any], words: str) -> None:
 
 
 def test_lists_for_parts_that_do_not_fit() -> None:
-    with pytest.raises(DimensionMismatch, match=r"initial\.q\.left.*joints: left/joint_1, left/joint_2"):
+    words = r"initial\.q\.left.*those that are locked: left/joint_1, left/joint_2"
+    with pytest.raises(DimensionMismatch, match=words):
         joined(initial={"q": {"left": [0.1, 0.2]}})
     with pytest.raises(UnknownJoint, match="no joint 'lefd'"):
         joined(initial={"q": {"lefd": [0.1, 0.2, 0.3]}})
