@@ -151,7 +151,7 @@ def test_dask_by_its_option(study: Path, run: Run) -> None:
         (["study.toml", "-o", "rows.jsonl", "--plot", "bars.gif"], "--plot must end in .png"),
         (["study.toml", "-o", "rows.jsonl", "--csv", "rows.txt"], "--csv must end in .csv"),
         (["missing.toml", "-o", "rows.jsonl"], "missing.toml: no such file"),
-        (["pendulum.toml", "-o", "rows.jsonl"], "pendulum.toml: robot: unknown key"),
+        (["pendulum.toml", "-o", "rows.jsonl"], "pendulum.toml: is a problem, expected a study"),
         (
             ["study.toml", "-o", "rows.jsonl", "--by", "cost"],
             "--by cost: is not varied; varied are cost.effort",
