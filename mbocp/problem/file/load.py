@@ -48,13 +48,11 @@ def load_problem(
         )
         raise ProblemFileError(path, f"{reason} is the problem that it solves")
     if is_robot_file(path) and is_file(path):
-        reason = (
-            f"is a robot, expected a problem file (TOML): `mbocp new {path}` writes one with comments; the "
-            "smallest one for it, to be put beside it:"
-        )
-        raise ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
+        raise _robot_error(path)
     document = load_document(path)
-    if "problem" in document and "robot" not in document:
+    if "robot" not in document and path.name == "robot.toml":
+        raise _robot_error(path)
+    if "robot" not in document and "problem" in document:
         reason = f"is a study, expected a problem file: `mbocp study {path} -o rows.jsonl` solves its tasks"
         raise ProblemFileError(path, reason)
     return _problem(document, overrides, path, terms)
@@ -105,7 +103,15 @@ def _problem(
 
 def is_robot_file(path: Path) -> bool:
     """Whether a file is a robot, by its name."""
-    return path.suffix.lower() in _ROBOTS or path.name == "robot.toml"
+    return path.suffix.lower() in _ROBOTS
+
+
+def _robot_error(path: Path) -> ProblemFileError:
+    reason = (
+        f"is a robot, expected a problem file (TOML): `mbocp new {path}` writes one with comments; the "
+        "smallest one for it, to be put beside it:"
+    )
+    return ProblemFileError(path, f"{reason}\n{smallest_problem(path)}")
 
 
 def smallest_problem(path: Path) -> str:
