@@ -237,8 +237,8 @@ def _print(result: StudyResult, summary: Summary, written: Sequence[tuple[str, P
         console.print(
             Text(f"{sum(ends.values())} of {len(result)} tasks did not converge: {words}", "yellow")
         )
-    bests = [row for row in result.rows if row["index"] in {group.best for group in summary.groups}]
-    if bests:
+    of_groups = {group.best for group in summary.groups}
+    if bests := [row for row in result.rows if row["index"] in of_groups]:
         best = min(bests, key=lambda row: row["cost"])
         values = ", ".join(f"{name} = {word(value)}" for name, value in best["values"].items())
         found = f"task {best['index']}, cost {best['cost']:.6g}: {shorten(values)}"

@@ -119,10 +119,8 @@ class Chains:
             moves = ~(is_found | is_lost)
             if not moves.any():
                 break
-            factors, left = (
-                _Factors(self, z / s, is_lost),
-                (self.weights * x + self.linear + forces, s - gaps, broken),
-            )
+            factors = _Factors(self, z / s, is_lost)
+            left = (self.weights * x + self.linear + forces, s - gaps, broken)
             _, _, ds, dz = factors.step(s, z, left, s * z)
             primal, dual = self._lengths(s, ds), self._lengths(z, dz)
             share = np.bincount(owner, (s + primal[owner] * ds) * (z + dual[owner] * dz)) / together
