@@ -123,7 +123,7 @@ def test_what_is_near_is_exact_and_what_is_far_is_between(near: float, seed: int
     np.testing.assert_allclose(pairs.nearest(qs, near), np.minimum(beyond.min(axis=0), near), atol=1e-12)
     np.testing.assert_allclose(pairs.least(qs, near), np.minimum(beyond.min(axis=1), near), atol=1e-12)
     groups = np.column_stack([beyond[:, pairs.pairs[:, 4] == k].min(axis=1) for k in range(5)])
-    found, is_near = pairs.of_groups(qs, near), groups <= near
-    np.testing.assert_allclose(found[is_near], groups[is_near], atol=1e-12)
-    assert (found[~is_near] >= near - 1e-12).all()
-    assert (found <= groups + 1e-12).all()
+    found, is_near = pairs.of_groups(qs, near), groups <= near - 2e-3  # by which edges are rounded at most
+    np.testing.assert_allclose(found[is_near], groups[is_near], atol=2e-3)
+    assert (found[~is_near] >= near - 4e-3).all()
+    assert (found <= groups + 2e-3).all()

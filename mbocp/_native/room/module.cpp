@@ -203,7 +203,7 @@ NB_MODULE(_room, module) {
         .def("values", &mbocp::values, "qs"_a, "near"_a, "pairs"_a,
              "Clearance of pairs at each configuration where it is below `near`, elsewhere a number between [m].")
         .def("groups", &mbocp::groups, "qs"_a, "near"_a,
-             "Least clearance of each group's pairs beyond their margins, in the same way [m].")
+             "The same of each group, its least clearance beyond margins, with sharp edges [m].")
         .def("nearest", &mbocp::nearest, "qs"_a, "near"_a,
              "Least clearance of each pair beyond its margin at all configurations, at most `near` [m].")
         .def("joints", &mbocp::joints, "qs"_a,

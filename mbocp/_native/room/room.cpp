@@ -98,6 +98,15 @@ double from_core(const Vec3& p, const std::array<double, core_size>& core) {
     return std::sqrt(s0 * s0 + s1 * s1 + s2 * s2) - positive(-inner, e2);
 }
 
+// The distance that this rounds.
+double from_sharp_core(const Vec3& p, const std::array<double, core_size>& core) {
+    const auto half = [&](double side) { return std::sqrt(std::max(side * side - core[4] * core[4], 0.0)); };
+    const double g0 = std::sqrt(p[0] * p[0] + core[3] * p[1] * p[1]) - half(core[0]);
+    const double g1 = std::abs(p[1]) - half(core[1]), g2 = std::abs(p[2]) - half(core[2]);
+    const double outside = std::sqrt(square({std::max(g0, 0.0), std::max(g1, 0.0), std::max(g2, 0.0)}));
+    return outside + std::min(std::max({g0, g1, g2}), 0.0);
+}
+
 // How far a point is beyond the plane of a side. Where that is more than epsilon, the distance is less by less than
 // that.
 double beyond_sides(const Vec3& p, const std::array<double, core_size>& core) {
@@ -105,7 +114,7 @@ double beyond_sides(const Vec3& p, const std::array<double, core_size>& core) {
     return std::max({across - core[0], std::abs(p[1]) - core[1], std::abs(p[2]) - core[2]});
 }
 
-bool is_point(const Shape& shape) { return shape.num_planes == 0 && shape.around == 0.0; }
+bool is_point(const Shape& shape) { return shape.place > 0 && shape.num_planes == 0 && shape.around == 0.0; }
 
 Ball ball_around(const std::vector<Vec3>& points) {
     Ball found{{0, 0, 0}, 0.0};
@@ -118,10 +127,11 @@ Ball ball_around(const std::vector<Vec3>& points) {
 
 double dot(const Vec3& a, const Vec3& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-// mbocp.terms.distances.hull_measure
-double from_planes(const Vec3& p, const Plane* planes, int count, double sharpness) {
+// mbocp.terms.distances.hull_measure, or the largest distance that it rounds.
+double from_planes(const Vec3& p, const Plane* planes, int count, double sharpness, Edges edges) {
     double top = -1e300, sum = 0.0;
     for (int k = 0; k < count; ++k) top = std::max(top, dot(planes[k].normal, p) - planes[k].offset);
+    if (edges == Edges::sharp) return top;
     for (int k = 0; k < count; ++k) {
         const double power = sharpness * (dot(planes[k].normal, p) - planes[k].offset - top);
         if (power > -50.0) sum += std::exp(power);  // what is less does not change the sum
@@ -192,14 +202,14 @@ Vec3 Room::in_axes(const Shape& shape, const Placed& placed, const Vec3& away) c
     return turned_back(shape.axes, shape.place == 0 ? away : turned_back(placed.places[shape.place].axes, away));
 }
 
-double Room::from_shape(const Shape& shape, const Vec3& p) const {
-    if (shape.num_planes == 0) return from_core(p, shape.core);
-    return from_planes(p, planes.data() + shape.first_plane, shape.num_planes, shape.sharpness);
+double Room::from_shape(const Shape& shape, const Vec3& p, Edges edges) const {
+    if (shape.num_planes == 0) return edges == Edges::sharp ? from_sharp_core(p, shape.core) : from_core(p, shape.core);
+    return from_planes(p, planes.data() + shape.first_plane, shape.num_planes, shape.sharpness, edges);
 }
 
 // How far a shape is from a point, less `out`, where that is below `near`; else, and with `out` of a ball that has
 // more points in it, something between.
-double Room::reach(int number, const Vec3& point, const Placed& placed, double near, double out) const {
+double Room::reach(int number, const Vec3& point, const Placed& placed, double near, double out, Edges edges) const {
     const Shape& shape = shapes[number];
     const Vec3 away = less(point, placed.middles[number]);
     const double least = std::max(shape.around + out + near, 0.0), to_middle = shape.slope * shape.slope * square(away);
@@ -209,17 +219,17 @@ double Room::reach(int number, const Vec3& point, const Placed& placed, double n
         const double beside = beyond_sides(p, shape.core) - shape.core[4] - out;
         if (beside > std::max(near, 0.0)) return beside;
     }
-    return from_shape(shape, p) - out;
+    return from_shape(shape, p, edges) - out;
 }
 
-double Room::distance(const Pair& pair, const Placed& placed, double near) const {
-    return reach(pair.shape, placed.centers[pair.sphere], placed, near, pair.radius);
+double Room::distance(const Pair& pair, const Placed& placed, double near, Edges edges) const {
+    return reach(pair.shape, placed.centers[pair.sphere], placed, near, pair.radius, edges);
 }
 
 double Room::bound(const Cluster& cluster, const Placed& placed, double near) const {
     const Vec3& ball = placed.balls[cluster.place];
     const double out = balls_[cluster.place].radius + cluster.most;
-    if (cluster.shape >= 0) return reach(cluster.shape, ball, placed, near, out);
+    if (cluster.shape >= 0) return reach(cluster.shape, ball, placed, near, out, Edges::sharp);
     return std::sqrt(square(less(ball, placed.points[cluster.other]))) - points_[cluster.other].radius - out;
 }
 
@@ -244,8 +254,10 @@ void Room::groups(const Placed& placed, double near, double* found) const {
             least = std::min(least, far);
             continue;
         }
-        for (int k : cluster.pairs)
-            least = std::min(least, distance(pairs[k], placed, near + pairs[k].margin) - pairs[k].margin);
+        for (int k : cluster.pairs) {
+            const double margin = pairs[k].margin;
+            least = std::min(least, distance(pairs[k], placed, near + margin, Edges::sharp) - margin);
+        }
     }
 }
 

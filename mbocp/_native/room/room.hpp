@@ -83,6 +83,9 @@ struct Placed {
     std::vector<Vec3> centers, middles, balls, points;  // the last two of each place
 };
 
+// Of shapes: rounded as in rows, so that distances are smooth, or as they are.
+enum class Edges { rounded, sharp };
+
 class Room {
 public:
     std::vector<Joint> joints;  // without the world
@@ -103,7 +106,7 @@ public:
     void gather();
 
     // Clearance of one pair where it is below `near`; something between `near` and the clearance elsewhere [m].
-    double distance(const Pair& pair, const Placed& placed, double near) const;
+    double distance(const Pair& pair, const Placed& placed, double near, Edges edges = Edges::rounded) const;
 
     // What no clearance of a cluster's pairs, beyond their margins, is below [m]; above `near` any such number.
     double bound(const Cluster& cluster, const Placed& placed, double near) const;
@@ -114,7 +117,8 @@ public:
     // The same of all pairs.
     double least(const Placed& placed, double most) const;
 
-    // Least clearances beyond margins of each group [m]; above `near` there is something between `near` and these.
+    // Least clearances beyond margins of each group, with sharp edges [m]; above `near` there is something between
+    // `near` and these.
     void groups(const Placed& placed, double near, double* found) const;
 
     // Lower each number of `found` to the pair's clearance beyond its margin, where that is below `near` [m].
@@ -127,8 +131,8 @@ private:
     std::vector<Ball> balls_, points_;  // around the centres of spheres at each place, the world first, and points
 
     Vec3 in_axes(const Shape& shape, const Placed& placed, const Vec3& away) const;
-    double from_shape(const Shape& shape, const Vec3& p) const;
-    double reach(int shape, const Vec3& point, const Placed& placed, double near, double out) const;
+    double from_shape(const Shape& shape, const Vec3& p, Edges edges) const;
+    double reach(int shape, const Vec3& point, const Placed& placed, double near, double out, Edges edges) const;
 };
 
 }  // namespace mbocp

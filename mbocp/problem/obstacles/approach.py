@@ -22,7 +22,7 @@ from mbocp.robot.nodes import along
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
-_NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
+_NEARS = (0.02, 0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
 _ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at ...
 _ALIKE_MESHES = 100  # ... where both are meshes, which say little more than that they touch
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
@@ -264,7 +264,7 @@ def _bounds(
     pairs, gaps = [clearance.link_pairs[k] for k in kept], _gaps(clearance)
     left = [_gap_of(obstacle) for obstacle in clearance.obstacles]
     sticks = [gaps[a] + (left[b] if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
-    bounds = values[kept] - (_rounding(clearance) + np.array(sticks))[:, None]
+    bounds = values[kept] - np.array(sticks)[:, None]
     margins = clearance.margins[np.unique(clearance.groups, return_index=True)[1][kept]]
     return pairs, bounds, margins, np.inf if len(kept) == len(values) else near - _farthest(clearance)
 
@@ -273,7 +273,7 @@ def _farthest(clearance: Clearance) -> float:
     """Spheres of things that touch, or are nearer than their margin, are nearer than this, beyond it [m]."""
     gaps, lowest = _gaps(clearance), min(float(clearance.margins.min()), 0.0)
     left = map(_gap_of, clearance.obstacles)
-    return _rounding(clearance) + max(gaps) + max([*left, *gaps]) - lowest
+    return max(gaps) + max([*left, *gaps]) - lowest + _ITERATED
 
 
 def _gaps(clearance: Clearance) -> list[float]:
@@ -284,8 +284,3 @@ def _gaps(clearance: Clearance) -> list[float]:
 def _gap_of(obstacle: Obstacle) -> float:
     """How far an obstacle is out of the pieces that stand for it [m]."""
     return 0.0 if obstacle.compound is None else obstacle.compound.uncovered
-
-
-def _rounding(clearance: Clearance) -> float:
-    """By how much the spheres' clearances may be too large [m]."""
-    return max([o.smoothing for o in clearance.obstacles], default=0.0)

@@ -278,7 +278,7 @@ class Clearance(BoundedTerm):
         return self._pair_clearances.values(self.scene_configurations(qs, ts), near, pairs)
 
     def group_values(self, qs: Array, near: float = np.inf, ts: Array | None = None) -> Array:
-        """Least clearance beyond margins of each of `link_pairs`, in the same way, shape (n, any) [m]."""
+        """Least clearance beyond margins of each of `link_pairs`, with sharp edges, shape (n, any) [m]."""
         return self._pair_clearances.of_groups(self.scene_configurations(qs, ts), near)
 
     def nearest_of_pairs(self, qs: Array, near: float, ts: Array | None = None) -> Array:
@@ -415,7 +415,8 @@ class Clearance(BoundedTerm):
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
-        rows = [ClearanceRow.idle() if k < 0 else self._pair_clearances.row(k) for k in self._order]
+        idle = ClearanceRow.idle()
+        rows = [idle if k < 0 else self._pair_clearances.row(k) for k in self._order]
         if not self.movers:
             return self.term.numbers(rows)
         motions = np.hstack([motion.numbers(self._pieces) for motion in self.movers])

@@ -96,7 +96,10 @@ class PairClearances:
         return np.asarray(self._room.values(_flat(qs), near, _flat(chosen))).reshape(len(qs), len(chosen))
 
     def of_groups(self, qs: Array, near: float) -> Array:
-        """Least clearances beyond margins of each group, in the same way, shape (n, groups) [m]."""
+        """Least clearances beyond margins of each group, with sharp edges, shape (n, groups) [m].
+
+        Larger ones than `near` may be any number between `near` and them.
+        """
         count = int(self.pairs[:, 4].max(initial=-1.0)) + 1
         return np.asarray(self._room.groups(_flat(qs), near)).reshape(len(qs), count)
 
