@@ -176,18 +176,23 @@ class _Gaps:
 
     def __init__(self, obstacle: Obstacle, placed: pin.SE3) -> None:
         self._shape = obstacle.geometry, coal.Transform3s(placed.rotation, placed.translation)
-        self._known: dict[bytes, tuple[float, float]] = {}  # by the point: a radius, and the distance of that
+        self._middle = np.array(placed.translation)
+        self._known: dict[bytes, tuple[float, float, float]] = {}  # by the point, see `_smallest`
 
     def of(self, center: Array, radius: float) -> float:
-        """That of a ball; from that of a smaller one around the same point, where it is known."""
-        least, gap = self._known.get(center.tobytes(), (np.inf, np.inf))
-        if radius < least:
-            ball = coal.Transform3s(np.eye(3), np.array(center))
-            request, result = coal.DistanceRequest(), coal.DistanceResult()
-            gap = float(coal.distance(*self._shape, coal.Sphere(float(radius)), ball, request, result))
-            least = radius
-            self._known[center.tobytes()] = radius, gap
-        return gap - (radius - least)
+        """That of a ball, from the smallest one around the same point; 0 where the middle is in it."""
+        key = center.tobytes()
+        if key not in self._known or radius < self._known[key][0]:
+            self._known[key] = self._smallest(center, radius)
+        least, gap, away = self._known[key]
+        return min(gap - (radius - least), 0.0 if away < radius else np.inf)
+
+    def _smallest(self, center: Array, radius: float) -> tuple[float, float, float]:
+        """Radius of a ball, its distance, and that of its centre from the obstacle's middle."""
+        ball = coal.Transform3s(np.eye(3), np.array(center))
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        gap = float(coal.distance(*self._shape, coal.Sphere(float(radius)), ball, request, result))
+        return radius, gap, float(np.linalg.norm(center - self._middle))
 
 
 def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> SelfPairs | None:
