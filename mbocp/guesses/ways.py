@@ -21,7 +21,7 @@ from mbocp.problem import Problem
 from mbocp.problem.goals.frames import RESTARTS, goal_branches
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind, velocity_slice
-from mbocp.robot.nodes import interpolate
+from mbocp.robot.nodes import between, interpolate, steps_between
 from mbocp.robot.poses.pose_search import inside, joint_bounds
 
 Way: TypeAlias = Callable[[Array, Array], Array]
@@ -61,14 +61,15 @@ def through(robot: Robot, corners: Iterable[Array]) -> Way:
     places = list(corners)
 
     def way(q_start: Array, shares: Array) -> Array:
-        legs = list(pairwise([np.asarray(q_start), *places]))
-        lengths = [float(np.linalg.norm(robot.difference(a, b))) for a, b in legs]
-        at = np.concatenate([[0.0], np.cumsum(lengths)]) / max(sum(lengths), _NO_LENGTH)
-        which = np.clip(np.searchsorted(at, shares, side="right") - 1, 0, len(legs) - 1)
+        corners = np.array([q_start, *places])
+        lengths = np.linalg.norm(steps_between(robot, corners), axis=1)
+        at = np.append(0.0, np.cumsum(lengths)) / max(float(lengths.sum()), _NO_LENGTH)
+        which = np.clip(np.searchsorted(at, shares, side="right") - 1, 0, len(lengths) - 1)
         parts = np.clip((shares - at[which]) / np.maximum(at[which + 1] - at[which], _NO_LENGTH), 0.0, 1.0)
-        found = [
-            _on_the_way(robot, *leg, parts[which == k]) for k, leg in enumerate(legs) if (which == k).any()
-        ]
+        if not robot.nc:
+            return between(robot, corners[which], corners[which + 1], parts)
+        legs = enumerate(pairwise(corners))
+        found = [_on_the_way(robot, *leg, parts[which == k]) for k, leg in legs if (which == k).any()]
         return np.vstack([np.zeros((0, robot.nq)), *found])
 
     return way

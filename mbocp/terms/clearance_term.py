@@ -11,6 +11,7 @@ table of hulls.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -79,7 +80,7 @@ class ClearanceRow:
         point = core_of("sphere", (0.0,), 1e-3)
         return cls(0, 0, np.zeros(3), np.array([0.0, 0.0, _FAR]), np.eye(3), point)
 
-    @property
+    @cached_property
     def numbers(self) -> Array:
         """Shape (_NUMBERS,); those of a hull without which it is."""
         core = [self.core.sharpness] if isinstance(self.core, HullCore) else self.core.numbers

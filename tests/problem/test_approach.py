@@ -116,6 +116,7 @@ def test_what_keeps_clear_has_no_approach_below_its_margin(clearance, seed, spre
     t, qs = motion(seed, spread)
     least = all_distances(clearance, t, qs).min()
     moved = copy.copy(clearance)
+    moved.__dict__.pop("_pair_clearances", None)  # which has the margins, too
     moved.__dict__["margins"] = clearance.margins + (least + aside if abs(aside) > 1e-5 else 0.0)
     approach = nearest_approach(moved, t, qs)
     is_clear = approach.distance >= max(approach.margin, 0.0) - 1e-9
@@ -184,16 +185,14 @@ def crowd() -> Clearance:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_is_far_changes_nothing(crowd: Clearance, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tree leaves out most pairs, and nothing that comes nearer than was asked."""
+    """Links whose spheres are far are left out, and nothing that comes nearer than was asked."""
     t, qs = motion(seed, 0.02 + 0.1 * seed)
     near = 0.1
-    kept = crowd.pairs_near(qs, near)
-    assert len(kept) < crowd.num_pairs / 2
-    nearer = np.flatnonzero((crowd.pair_values(qs) < near).any(axis=0))
-    assert set(nearer) <= set(kept)
+    least = (crowd.pair_values(qs) - crowd.margins).min(axis=0)
+    assert np.count_nonzero(least < near) < crowd.num_pairs / 2
+    np.testing.assert_allclose(crowd.nearest_of_pairs(qs, near), np.minimum(least, near), atol=1e-12)
     culled = nearest_approach(crowd, t, qs), clearances_along(crowd, t, qs), keeps_clear(crowd, t, qs, 1e-4)
-    monkeypatch.setattr("mbocp.problem.obstacles.clearance._FEW", crowd.num_pairs)
-    assert crowd.pairs_near(qs, near).size == crowd.num_pairs
+    monkeypatch.setattr("mbocp.problem.obstacles.approach._NEARS", (np.inf,))
     assert culled[0] == nearest_approach(crowd, t, qs)
     np.testing.assert_allclose(culled[1], clearances_along(crowd, t, qs), atol=1e-9)
     assert culled[2] == keeps_clear(crowd, t, qs, 1e-4)

@@ -103,7 +103,7 @@ def test_parts_are_one_obstacle(planar: Robot) -> None:
     p = problem(planar, obstacle=[fork(margin=0.01)])
     clearance = p.clearance
     assert [o.name for o in p.obstacle] == ["fork"]
-    assert set(map(clearance.links_of, range(clearance.num_pairs))) == {"l2 and fork", "l3 and fork"}
+    assert set(map(clearance.names_of, clearance.link_pairs)) == {("l2", "fork"), ("l3", "fork")}
     assert [piece.shape for piece in clearance.pieces] == ["box", "box"]
     names = {label.name for label in clearance.labels} - {"nothing"}
     assert names == {f"distance of l{k}[0] from fork[{n}]" for k in (2, 3) for n in (0, 1)}

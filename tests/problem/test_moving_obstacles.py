@@ -309,7 +309,7 @@ def test_what_is_no_robot_that_moves_is_refused(tmp_path: Path, keys: str, told:
 
 def test_robots_of_a_cell_have_a_distance_of_their_own() -> None:
     clearance = load_problem(CELL).clearance
-    names = [pair.split(" and ") for pair in map(clearance.links_of, range(clearance.num_pairs))]
+    names = [clearance.names_of(clearance.link_pairs[group]) for group in clearance.groups]
     is_both = np.array([a.split("/")[0] != b.split("/")[0] for a, b in names])
     assert (clearance.margins[is_both] == 0.02).all()
     assert (clearance.margins[~is_both] == 0.0).all()

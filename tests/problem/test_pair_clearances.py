@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pinocchio as pin
@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import mbocp
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
-from mbocp.terms.clearance_term import ClearanceRow
+from mbocp.problem.obstacles.pair_clearances import PairClearances, PlacedShape, WaySize
 from mbocp.terms.distances import core_of
 from tests.robot.urdfs import link, robot, write
 
@@ -42,8 +41,9 @@ def test_places_are_pinocchios(tmp_path, floats: bool) -> None:
     frames = tuple(k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY)
     centers, core = rng.normal(size=(len(frames), 3)), core_of("halfspace", (), 2e-3)
     at = np.array([0.0, 0.0, core.middle - 5.0])
-    rows = [ClearanceRow(k, 0, c, at, np.eye(3), core) for k, c in enumerate(centers, start=1)]
-    pairs = PairClearances.of(model, frames, rows, np.full(len(rows), 0.1))
+    table = np.array([[k, 0, 0.1, 0.05, 0] for k in range(len(frames))])
+    plane = PlacedShape(0, at, np.eye(3), core)
+    pairs = PairClearances(model, frames, tuple(enumerate(centers, start=1)), (plane,), table)
     qs = np.array([pin.integrate(model, made.q0, rng.uniform(-1.5, 1.5, model.nv)) for _ in range(20)])
     data, expected = model.createData(), []
     for q in qs:
@@ -51,7 +51,10 @@ def test_places_are_pinocchios(tmp_path, floats: bool) -> None:
         points = [data.oMf[frame].act(c) for frame, c in zip(frames, centers, strict=True)]
         expected.append([point[2] + 5.0 - 0.1 for point in points])
     np.testing.assert_allclose(pairs.values(qs), expected, atol=1e-9)
-    np.testing.assert_allclose(pairs.least(qs, np.zeros(len(rows))), np.min(expected, axis=1), atol=1e-9)
+    least = np.min(expected, axis=1) - 0.05
+    np.testing.assert_allclose(pairs.least(qs), least, atol=1e-9)
+    np.testing.assert_allclose(pairs.of_groups(qs, np.inf)[:, 0], least, atol=1e-9)
+    np.testing.assert_allclose(pairs.nearest(qs, np.inf), np.min(expected, axis=0) - 0.05, atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -98,17 +101,29 @@ def test_what_is_near_is_exact_and_what_is_far_is_between(near: float, seed: int
     model = pin.buildSampleModelManipulator()
     frames = tuple(k for k, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY)
     sizes = {"sphere": 1, "capsule": 2, "box": 3, "cylinder": 2, "halfspace": 0}
-    rows = []
+    spheres, shapes = [], []
     for place in range(1, len(frames) + 1):
         for shape, count in sizes.items():
             core = core_of(shape, rng.uniform(0.05, 0.5, count), 2e-3)
             axes = pin.SE3.Random().rotation
             at = rng.normal(size=3) + core.middle * axes[:, 2]
-            rows.append(ClearanceRow(place, 0, rng.normal(size=3), at, axes, core))
-    pairs = PairClearances.of(model, frames, rows, rng.uniform(0.0, 0.2, len(rows)))
+            spheres.append((place, rng.normal(size=3)))
+            shapes.append(PlacedShape(0, at, axes, core))
+    every = np.array(list(product(range(len(spheres)), range(len(shapes)))))
+    count = len(every)
+    numbers = [rng.uniform(0.0, 0.2, count), rng.uniform(-0.02, 0.1, count), rng.integers(0, 5, count)]
+    pairs = PairClearances(model, frames, tuple(spheres), tuple(shapes), np.column_stack([every, *numbers]))
     qs = np.array([pin.randomConfiguration(model) for _ in range(3)])
     exact, found = pairs.values(qs), pairs.values(qs, near)
     is_near = exact <= near
     assert np.array_equal(found[is_near], exact[is_near])
     assert (found <= exact + 1e-12).all()
     assert (found[~is_near] >= near - 1e-12).all()
+    beyond = exact - pairs.pairs[:, 3]
+    np.testing.assert_allclose(pairs.nearest(qs, near), np.minimum(beyond.min(axis=0), near), atol=1e-12)
+    np.testing.assert_allclose(pairs.least(qs, near), np.minimum(beyond.min(axis=1), near), atol=1e-12)
+    groups = np.column_stack([beyond[:, pairs.pairs[:, 4] == k].min(axis=1) for k in range(5)])
+    found, is_near = pairs.of_groups(qs, near), groups <= near - 2e-3  # by which edges are rounded at most
+    np.testing.assert_allclose(found[is_near], groups[is_near], atol=2e-3)
+    assert (found[~is_near] >= near - 4e-3).all()
+    assert (found <= groups + 2e-3).all()

@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -18,7 +19,7 @@ namespace {
 using Input = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Output = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
 
-constexpr int joint_size = 21, place_size = 13, sphere_size = 4, shape_size = 23, plane_size = 4, pair_size = 3;
+constexpr int joint_size = 21, place_size = 13, sphere_size = 4, shape_size = 23, plane_size = 4, pair_size = 5;
 
 Output array_of(const std::vector<double>& values) {
     auto* data = new double[values.size() + 1];
@@ -89,11 +90,14 @@ Room made(int nq, const Input& joints, const Input& places, const Input& spheres
         const Shape& shape = room.shapes.back();
         check(shape.first_plane + shape.num_planes <= static_cast<int>(room.planes.size()), "planes: too few");
     }
+    constexpr std::size_t most = std::numeric_limits<int>::max();
     const Rows of_pairs(pairs, pair_size, "pairs: the table has no whole rows");
     for (std::size_t k = 0; k < of_pairs.count; ++k) {
         const double* row = of_pairs[k];
-        room.pairs.push_back({index(row[0], room.spheres.size()), index(row[1], room.shapes.size()), row[2]});
+        room.pairs.push_back({index(row[0], room.spheres.size()), index(row[1], room.shapes.size()), row[2], row[3],
+                              index(row[4], most)});
     }
+    room.gather();
     return room;
 }
 
@@ -102,15 +106,39 @@ std::size_t count_of(const Room& room, const Input& qs) {
     return qs.size() / static_cast<std::size_t>(room.nq);
 }
 
-Output values(const Room& room, const Input& qs, double near) {
-    const std::size_t count = count_of(room, qs), width = room.pairs.size();
+// What a function makes of each configuration, `width` numbers of each, as it finds them in `found`.
+template <typename F>
+Output of_each(const Room& room, const Input& qs, std::size_t width, F&& function) {
+    const std::size_t count = count_of(room, qs);
     std::vector<double> found(count * width);
     {
         nb::gil_scoped_release released;
         Placed placed;
-        for (std::size_t k = 0; k < count; ++k)
-            room.values(qs.data() + k * room.nq, placed, near, found.data() + k * width);
+        for (std::size_t k = 0; k < count; ++k) {
+            room.place(qs.data() + k * room.nq, placed);
+            function(placed, found.data() + k * width);
+        }
     }
+    return array_of(found);
+}
+
+Output values(const Room& room, const Input& qs, double near, const Input& pairs) {
+    std::vector<Pair> chosen;
+    for (std::size_t k = 0; k < pairs.size(); ++k)
+        chosen.push_back(room.pairs[static_cast<std::size_t>(index(pairs.data()[k], room.pairs.size()))]);
+    return of_each(room, qs, chosen.size(), [&](const Placed& placed, double* found) {
+        for (const Pair& pair : chosen) *found++ = room.distance(pair, placed, near);
+    });
+}
+
+Output groups(const Room& room, const Input& qs, double near) {
+    return of_each(room, qs, static_cast<std::size_t>(room.num_groups),
+                   [&](const Placed& placed, double* found) { room.groups(placed, near, found); });
+}
+
+Output nearest(const Room& room, const Input& qs, double near) {
+    std::vector<double> found(room.pairs.size(), near);
+    of_each(room, qs, 0, [&](const Placed& placed, double*) { room.lower(placed, near, found.data()); });
     return array_of(found);
 }
 
@@ -130,38 +158,17 @@ Output joints(const Room& room, const Input& qs) {
     return array_of(found);
 }
 
-Output least(const Room& room, const Input& qs, const Input& lower, double most) {
-    const std::size_t count = count_of(room, qs);
-    check(lower.size() == room.pairs.size(), "lower: one number for each pair");
-    std::vector<double> found(count);
-    {
-        nb::gil_scoped_release released;
-        Placed placed;
-        for (std::size_t k = 0; k < count; ++k)
-            found[k] = room.least(qs.data() + k * room.nq, placed, lower.data(), most, -1e300);
-    }
-    return array_of(found);
+Output least(const Room& room, const Input& qs, double most) {
+    return of_each(room, qs, 1, [&](const Placed& placed, double* found) { *found = room.least(placed, most); });
 }
 
-std::vector<double> vector_of(const Input& given, std::size_t size, const char* what) {
-    check(given.size() == size, what);
-    return {given.data(), given.data() + given.size()};
-}
-
-Output way(const Room& room, const Input& ends, const Input& lower, const Input& ranges, const Input& groups,
-           double reserve, double step, double resolution, int most, int cuts, std::uint64_t seed) {
+Output way(const Room& room, const Input& ends, const Input& ranges, const Input& groups, double reserve, double step,
+           double resolution, int most, int cuts, std::uint64_t seed) {
     const std::size_t nq = static_cast<std::size_t>(room.nq);
     check(ends.size() == 2 * nq && ranges.size() == 3 * nq, "ends, ranges: one number for each of a configuration");
     check(groups.size() % 2 == 0 && step > 0.0 && resolution > 0.0, "groups, step, resolution");
     const double *r = ranges.data(), *q0 = ends.data(), *q1 = q0 + nq;
-    SearchOptions options{vector_of(lower, room.pairs.size(), "lower: one number for each pair"),
-                          {r, r + nq},
-                          {r + nq, r + 2 * nq},
-                          {r + 2 * nq, r + 3 * nq},
-                          {},
-                          step,
-                          resolution,
-                          most,
+    SearchOptions options{{r, r + nq}, {r + nq, r + 2 * nq}, {r + 2 * nq, r + 3 * nq}, {}, step, resolution, most,
                           seed};
     for (std::size_t k = 0; k < groups.size(); k += 2) {
         const int first = static_cast<int>(groups.data()[k]), size = static_cast<int>(groups.data()[k + 1]);
@@ -193,13 +200,17 @@ NB_MODULE(_room, module) {
                 new (self) mbocp::Room(mbocp::made(nq, joints, places, spheres, shapes, planes, pairs));
             },
             nb::kw_only(), "nq"_a, "joints"_a, "places"_a, "spheres"_a, "shapes"_a, "planes"_a, "pairs"_a)
-        .def("values", &mbocp::values, "qs"_a, "near"_a,
-             "Clearance of each pair at each configuration where it is below `near`, elsewhere a number between [m].")
+        .def("values", &mbocp::values, "qs"_a, "near"_a, "pairs"_a,
+             "Clearance of pairs at each configuration where it is below `near`, elsewhere a number between [m].")
+        .def("groups", &mbocp::groups, "qs"_a, "near"_a,
+             "The same of each group, its least clearance beyond margins, with sharp edges [m].")
+        .def("nearest", &mbocp::nearest, "qs"_a, "near"_a,
+             "Least clearance of each pair beyond its margin at all configurations, at most `near` [m].")
         .def("joints", &mbocp::joints, "qs"_a,
              "Rotation and origin of each joint, the world first, as 3 x 4 matrices by rows at each configuration.")
-        .def("least", &mbocp::least, "qs"_a, "lower"_a, "most"_a,
-             "Least clearance beyond `lower` at each configuration, at most `most` [m].")
-        .def("way", &mbocp::way, nb::kw_only(), "ends"_a, "lower"_a, "ranges"_a, "groups"_a, "reserve"_a, "step"_a,
-             "resolution"_a, "most"_a, "cuts"_a, "seed"_a,
+        .def("least", &mbocp::least, "qs"_a, "most"_a,
+             "Least clearance beyond margins at each configuration, at most `most` [m].")
+        .def("way", &mbocp::way, nb::kw_only(), "ends"_a, "ranges"_a, "groups"_a, "reserve"_a, "step"_a, "resolution"_a,
+             "most"_a, "cuts"_a, "seed"_a,
              "Corners of a way between the ends that keeps a reserve; empty if none is found.");
 }

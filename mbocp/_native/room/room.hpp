@@ -38,6 +38,22 @@ constexpr int core_size = 5;  // see mbocp.terms.distances
 struct Pair {
     int sphere, shape;
     double radius;  // what is subtracted from the distance of centre and core [m]
+    double margin;  // the least clearance [m]
+    int group;      // of pairs of the same two things
+};
+
+// Pairs of a group and a shape, or the points that are shapes at a place, with spheres at one place: all of them are
+// far where the balls of these places are.
+struct Cluster {
+    int place, shape, other, group;  // no shape, -1: the points at the place `other`
+    double most;                     // largest radius and margin of them, with what distances are rounded by [m]
+    std::vector<int> pairs;          // their numbers
+};
+
+// A ball around what is at a place.
+struct Ball {
+    Vec3 center;
+    double radius;
 };
 
 struct Sphere {
@@ -64,8 +80,11 @@ struct Plane {
 // Memory of one evaluation.
 struct Placed {
     std::vector<Pose> joints, places;
-    std::vector<Vec3> centers, middles;
+    std::vector<Vec3> centers, middles, balls, points;  // the last two of each place
 };
+
+// Of shapes: rounded as in rows, so that distances are smooth, or as they are.
+enum class Edges { rounded, sharp };
 
 class Room {
 public:
@@ -83,17 +102,37 @@ public:
     // Place all spheres and shapes at a configuration.
     void place(const double* q, Placed& placed) const;
 
-    // Clearance of one pair [m].
-    double distance(const Pair& pair, const Placed& placed) const;
+    // Gather pairs in clusters, once all tables are there.
+    void gather();
 
     // Clearance of one pair where it is below `near`; something between `near` and the clearance elsewhere [m].
-    double distance(const Pair& pair, const Placed& placed, double near) const;
+    double distance(const Pair& pair, const Placed& placed, double near, Edges edges = Edges::rounded) const;
 
-    // Such clearances of all pairs [m].
-    void values(const double* q, Placed& placed, double near, double* found) const;
+    // What no clearance of a cluster's pairs, beyond their margins, is below [m]; above `near` any such number.
+    double bound(const Cluster& cluster, const Placed& placed, double near) const;
 
-    // Least clearance beyond `lower`, at most `most` [m]; anything below `enough` ends the search for less.
-    double least(const double* q, Placed& placed, const double* lower, double most, double enough) const;
+    // Least clearance beyond the margins of a cluster's pairs, at most `most` [m].
+    double least(const Cluster& cluster, const Placed& placed, double most) const;
+
+    // The same of all pairs.
+    double least(const Placed& placed, double most) const;
+
+    // Least clearances beyond margins of each group, with sharp edges [m]; above `near` there is something between
+    // `near` and these.
+    void groups(const Placed& placed, double near, double* found) const;
+
+    // Lower each number of `found` to the pair's clearance beyond its margin, where that is below `near` [m].
+    void lower(const Placed& placed, double near, double* found) const;
+
+    std::vector<Cluster> clusters;
+    int num_groups = 0;
+
+private:
+    std::vector<Ball> balls_, points_;  // around the centres of spheres at each place, the world first, and points
+
+    Vec3 in_axes(const Shape& shape, const Placed& placed, const Vec3& away) const;
+    double from_shape(const Shape& shape, const Vec3& p, Edges edges) const;
+    double reach(int shape, const Vec3& point, const Placed& placed, double near, double out, Edges edges) const;
 };
 
 }  // namespace mbocp

@@ -36,7 +36,15 @@ double Search::length(const double* from, const double* to) const {
 }
 
 bool Search::is_clear(const double* q, double reserve) {
-    return room_.least(q, placed_, options_.lower.data(), reserve, reserve) >= reserve;
+    room_.place(q, placed_);
+    for (std::size_t k = 0; k < room_.clusters.size(); ++k) {
+        const std::size_t turn = k == 0 ? hit_ : k == hit_ ? 0 : k;  // what was touched last is touched most often
+        if (room_.least(room_.clusters[turn], placed_, reserve) < reserve) {
+            hit_ = turn;
+            return false;
+        }
+    }
+    return true;
 }
 
 // The end of the line first, then its middle, and then between these: what is not free is found early.

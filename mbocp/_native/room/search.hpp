@@ -10,7 +10,6 @@ namespace mbocp {
 
 // What a search has to know beside the room.
 struct SearchOptions {
-    std::vector<double> lower;                // least clearance of each pair [m]
     std::vector<double> low, high;            // of each number of a configuration
     std::vector<double> size;                 // how far from the line samples are
     std::vector<std::pair<int, int>> groups;  // numbers of unit length: the first, and how many
@@ -46,6 +45,7 @@ private:
     Placed placed_;
     std::uint64_t state_;
     std::vector<double> between_, target_, nearest_;
+    std::size_t hit_ = 0;  // cluster of what was touched last
 
     double uniform();  // in [0, 1)
     void interpolate(const double* from, const double* to, double share, double* found) const;

@@ -12,17 +12,17 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
+from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
-from mbocp.problem.obstacles.clearance import Clearance
-from mbocp.problem.obstacles.shape_distances import LinkPair, ShapeDistances
+from mbocp.problem.obstacles.clearance import Clearance, LinkPair
+from mbocp.problem.obstacles.shape_distances import ShapeDistances
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.model import RobotModel
 from mbocp.robot.nodes import along
 
 _RATE = 1000.0  # poses a second
 _MOST = 50_000  # poses
-_NEARS = (0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
+_NEARS = (0.02, 0.1, 0.4, np.inf)  # [m]: farther spheres are only looked at where nothing is as near
 _ALIKE = 8  # poses on either side of one in which shapes are in each other: not looked at ...
 _ALIKE_MESHES = 100  # ... where both are meshes, which say little more than that they touch
 _ITERATED = 1e-6  # [m] by which distances of shapes may be wrong: the tolerance of coal's iterations
@@ -97,7 +97,7 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float, vs:
     """
     if not clearance.rows or not _goes_on(t, qs):
         return True
-    search = _Search.of(clearance, t, qs, vs, _touching(clearance))
+    search = _Search.of(clearance, t, qs, vs, _farthest(clearance))
     lowered = np.maximum(search.margins, 0.0)
     search.bounds += (search.margins - lowered)[:, None]
     search.margins = lowered
@@ -116,7 +116,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = N
     found = dict[str, float]()
     if not clearance.rows or not _goes_on(t, qs):
         return found
-    search = _Search.of(clearance, t, qs, vs, _touching(clearance))
+    search = _Search.of(clearance, t, qs, vs, _farthest(clearance))
     for k in np.flatnonzero((search.bounds < -search.margins[:, None]).any(axis=1)):
         bounds, margins = search.bounds[[k]], search.margins[[k]]
         nearest = replace(search, pairs=[search.pairs[k]], bounds=bounds, margins=margins).nearest(
@@ -125,12 +125,6 @@ def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = N
         if nearest is not None:
             found[nearest.between] = -nearest.distance
     return found
-
-
-def _touching(clearance: Clearance) -> float:
-    """Spheres of things that touch, or are nearer than their margin, are nearer than this [m]."""
-    gaps = 2.0 * max(_gaps(clearance)) + max(map(_gap_of, clearance.obstacles), default=0.0)
-    return max(float(clearance.margins.max()), 0.0) + _rounding(clearance) + gaps
 
 
 def clearances_along(clearance: Clearance, t: Array, qs: Array) -> Array:
@@ -218,7 +212,7 @@ class _Search:
         if best is None:
             return None
         k, n, distance = best if is_any else self._deepest(*best, shapes)
-        names, is_obstacle = _names(self.clearance, self.pairs[k]), self.pairs[k][2]
+        names, is_obstacle = self.clearance.names_of(self.pairs[k]), self.pairs[k][2]
         return Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
 
     def _deepest(self, k: int, n: int, distance: float, shapes: ShapeDistances) -> tuple[int, int, float]:
@@ -265,33 +259,21 @@ def _bounds(
 
     Beyond what follows are all pairs that are not among these.
     """
-    chosen = clearance.pairs_near(qs, near, times)
-    gaps, columns = _gaps(clearance), _pairs(clearance, chosen)
+    values = clearance.group_values(qs, near, times).T
+    kept = np.flatnonzero((values < near).any(axis=1))
+    pairs, gaps = [clearance.link_pairs[k] for k in kept], _gaps(clearance)
     left = [_gap_of(obstacle) for obstacle in clearance.obstacles]
-    rounding, margins = _rounding(clearance), clearance.margins
-    farthest = margins.max(initial=0.0) + rounding + max(gaps) + max([*left, *gaps])
-    beyond = np.inf if len(chosen) == clearance.num_pairs else near - float(farthest)
-    pairs, order = list(columns), [row for rows in columns.values() for row in rows]
-    if not pairs:
-        return [], np.zeros((0, len(qs))), np.zeros(0), beyond
-    values = clearance.pair_values(qs, near, times, chosen).T - margins[chosen][:, None]
-    first = np.cumsum([0, *(len(rows) for rows in columns.values())])[:-1]
     sticks = [gaps[a] + (left[b] if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
-    found = np.minimum.reduceat(values[order], first, axis=0) - rounding - np.array(sticks)[:, None]
-    return pairs, found, margins[chosen[order]][first], beyond
+    bounds = values[kept] - np.array(sticks)[:, None]
+    margins = clearance.margins[np.unique(clearance.groups, return_index=True)[1][kept]]
+    return pairs, bounds, margins, np.inf if len(kept) == len(values) else near - _farthest(clearance)
 
 
-def _pairs(clearance: Clearance, chosen: IntArray) -> dict[LinkPair, list[int]]:
-    """Pairs of a link and an obstacle or link, with the places of their spheres' pairs among chosen ones."""
-    columns: dict[LinkPair, list[int]] = {}
-    for row, pair in enumerate(chosen.tolist()):
-        is_obstacle = pair < len(clearance.pairs)
-        sphere, other = (
-            clearance.pairs[pair] if is_obstacle else clearance.sphere_pairs[pair - len(clearance.pairs)]
-        )
-        second = clearance.owners[other] if is_obstacle else clearance.spheres[other][0]
-        columns.setdefault((clearance.spheres[sphere][0], second, is_obstacle), []).append(row)
-    return columns
+def _farthest(clearance: Clearance) -> float:
+    """Spheres of things that touch, or are nearer than their margin, are nearer than this, beyond it [m]."""
+    gaps, lowest = _gaps(clearance), min(float(clearance.margins.min()), 0.0)
+    left = map(_gap_of, clearance.obstacles)
+    return max(gaps) + max([*left, *gaps]) - lowest + _ITERATED
 
 
 def _gaps(clearance: Clearance) -> list[float]:
@@ -302,13 +284,3 @@ def _gaps(clearance: Clearance) -> list[float]:
 def _gap_of(obstacle: Obstacle) -> float:
     """How far an obstacle is out of the pieces that stand for it [m]."""
     return 0.0 if obstacle.compound is None else obstacle.compound.uncovered
-
-
-def _rounding(clearance: Clearance) -> float:
-    """By how much the spheres' clearances may be too large [m]."""
-    return max([o.smoothing for o in clearance.obstacles], default=0.0)
-
-
-def _names(clearance: Clearance, pair: LinkPair) -> tuple[str, str]:
-    links, (link, number, is_obstacle) = clearance.robot.collision_spheres, pair
-    return links[link].link, clearance.obstacles[number].name if is_obstacle else links[number].link

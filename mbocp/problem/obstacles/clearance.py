@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray
 from mbocp._dataclass import dataclass
-from mbocp.problem.obstacles.pair_clearances import PairClearances, WaySize
+from mbocp.problem.obstacles.pair_clearances import PairClearances, PlacedShape, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
@@ -24,10 +24,11 @@ from mbocp.terms.clearance_term import ClearanceRow, ClearanceTerm, HullSlots, c
 from mbocp.terms.distances import MOST_PLANES, Core, HullCore, core_of
 from mbocp.terms.span import Span
 
-_FEW = 500  # pairs that are all looked at
+LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whether it is an obstacle
+
 _OF_ALL_PAIRS = (
-    *("pieces", "owners", "movers", "scene", "_frames", "planes", "_hulls", "_every", "margins"),
-    *("_pair_clearances", "_still", "_still_clearances"),
+    *("pieces", "owners", "movers", "scene", "_frames", "planes", "_hulls", "margins", "_by_links"),
+    *("_pair_clearances", "_kinds", "_still", "_still_clearances", "_sphere_names"),
 )
 _IDLE = Label("nothing", "m")  # a row that is not needed
 _AWAY = 10.0  # [m]: its value
@@ -119,15 +120,31 @@ class Clearance(BoundedTerm):
         """Of spheres and obstacles, then of spheres."""
         return len(self.pairs) + len(self.sphere_pairs)
 
-    def links_of(self, pair: int) -> str:
-        """Both names of a pair, as `mbocp.problem.obstacles.approach.Approach` says them."""
-        if pair < len(self.pairs):
-            sphere, k = self.pairs[pair]
-            other = self.obstacles[self.owners[k]].name
-        else:
-            sphere, second = self.sphere_pairs[pair - len(self.pairs)]
-            other = self._links[self.spheres[second][0]].link
-        return f"{self._links[self.spheres[sphere][0]].link} and {other}"
+    @cached_property
+    def _by_links(self) -> tuple[tuple[LinkPair, ...], IntArray]:
+        numbers: dict[LinkPair, int] = {}
+        every = chain(
+            ((self.spheres[a][0], self.owners[k], True) for a, k in self.pairs),
+            ((self.spheres[a][0], self.spheres[b][0], False) for a, b in self.sphere_pairs),
+        )
+        groups = [numbers.setdefault(key, len(numbers)) for key in every]
+        return tuple(numbers), np.array(groups, dtype=np.intp)
+
+    @property
+    def link_pairs(self) -> tuple[LinkPair, ...]:
+        """Links, each with an obstacle or another link, that have pairs: the groups of these."""
+        return self._by_links[0]
+
+    @property
+    def groups(self) -> IntArray:
+        """Which of the `link_pairs` each pair is of, shape (num_pairs,)."""
+        return self._by_links[1]
+
+    def names_of(self, pair: LinkPair) -> tuple[str, str]:
+        """Of a link, and of an obstacle or another link."""
+        link, number, is_obstacle = pair
+        other = self.obstacles[number].name if is_obstacle else self._links[number].link
+        return self._links[link].link, other
 
     @property
     def reserves(self) -> Array:
@@ -187,30 +204,25 @@ class Clearance(BoundedTerm):
         return int(self.scene.frames[self.frame_of(obstacle)].parentJoint) > 0
 
     @cached_property
-    def _every(self) -> tuple[tuple[ClearanceRow, ...], Array]:
-        """A row for each pair, and what is subtracted from its distance [m]."""
+    def _pair_clearances(self) -> PairClearances:
         place = {frame: k for k, frame in enumerate(self._frames, start=1)}
-        spheres = [(self._links[link], number) for link, number in self.spheres]
-        point = core_of("sphere", (0.0,), SMOOTHING)
-        shapes: list[tuple[int, Array, Array, Core | HullCore]] = []
+        kept = [(self._links[link], number) for link, number in self.spheres]
+        spheres = [(place[link.frame], link.centers[number]) for link, number in kept]
+        radii, shapes = np.array([link.radii[number] for link, number in kept]), list[PlacedShape]()
         for number, obstacle in enumerate(self.pieces):
             core, middle = self._core(number)
             at, other = self.placement_of(obstacle), 0
             if self._is_carried(obstacle):
                 at, other = obstacle.offset, place[self.frame_of(obstacle)]
-            shapes.append((other, at.act(middle), at.rotation, core))
-        rows, radii = [], []
-        for a, k in self.pairs:
-            link, number = spheres[a]
-            rows.append(ClearanceRow(place[link.frame], shapes[k][0], link.centers[number], *shapes[k][1:]))
-            radii.append(link.radii[number] + shapes[k][3].radius)
-        for a, b in self.sphere_pairs:
-            (one, number), (other_link, second) = spheres[a], spheres[b]
-            centers = one.centers[number], other_link.centers[second]
-            places = place[one.frame], place[other_link.frame]
-            rows.append(ClearanceRow(*places, *centers, np.eye(3), point))
-            radii.append(one.radii[number] + other_link.radii[second])
-        return tuple(rows), np.array(radii)
+            shapes.append(PlacedShape(other, at.act(middle), at.rotation, core))
+        radii_of_shapes = np.array([*(shape.core.radius for shape in shapes), *radii])
+        point, axes, first = core_of("sphere", (0.0,), SMOOTHING), np.eye(3), len(shapes)
+        shapes += [PlacedShape(*sphere, axes, point) for sphere in spheres]
+        pairs = [*self.pairs, *((a, first + b) for a, b in self.sphere_pairs)]
+        sphere, shape = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        kept_radii = radii[sphere] + radii_of_shapes[shape]
+        table = np.column_stack([sphere, shape, kept_radii, self.margins, self.groups])
+        return PairClearances(self.scene, self._frames, tuple(spheres), tuple(shapes), table)
 
     @cached_property
     def planes(self) -> dict[int, Planes]:
@@ -243,10 +255,6 @@ class Clearance(BoundedTerm):
         return core, np.array([0.0, 0.0, core.middle])
 
     @cached_property
-    def _pair_clearances(self) -> PairClearances:
-        return PairClearances.of(self.scene, self._frames, *self._every)
-
-    @cached_property
     def margins(self) -> Array:
         """Least clearance of each pair, shape (num_pairs,) [m]."""
         of_obstacles = [self.pieces[k].margin for _, k in self.pairs]
@@ -267,16 +275,18 @@ class Clearance(BoundedTerm):
 
         What is larger than `near`, which takes most of the time, may be any number between `near` and it.
         """
-        is_all = pairs is None or len(pairs) == self.num_pairs
-        return self._pair_clearances.values(
-            self.scene_configurations(qs, ts), near, None if is_all else pairs
-        )
+        return self._pair_clearances.values(self.scene_configurations(qs, ts), near, pairs)
 
-    def pairs_near(self, qs: Array, near: float, ts: Array | None = None) -> IntArray:
-        """All pairs that come nearer than `near` [m] at some configurations, and some others."""
-        if self.num_pairs <= _FEW or near == np.inf:
-            return np.arange(self.num_pairs)
-        return self._pair_clearances.near(self.scene_configurations(qs, ts), near)
+    def group_values(self, qs: Array, near: float = np.inf, ts: Array | None = None) -> Array:
+        """Least clearance beyond margins of each of `link_pairs`, with sharp edges, shape (n, any) [m]."""
+        return self._pair_clearances.of_groups(self.scene_configurations(qs, ts), near)
+
+    def nearest_of_pairs(self, qs: Array, near: float, ts: Array | None = None) -> Array:
+        """Least clearance of each pair beyond its margin, at most `near`, shape (num_pairs,) [m].
+
+        Of all configurations with their times.
+        """
+        return self._pair_clearances.nearest(self.scene_configurations(qs, ts), near)
 
     def joint_placements(self, places: Array) -> Array:
         """Rotation and origin of each joint of the scene, shape (n, njoints, 3, 4) [m]."""
@@ -284,14 +294,14 @@ class Clearance(BoundedTerm):
 
     def least(self, qs: Array, most: float = np.inf, ts: Array | None = None) -> Array:
         """Least clearance of all pairs beyond its margin, `most` where it is larger, shape (n,) [m]."""
-        return self._pair_clearances.least(self.scene_configurations(qs, ts), self.margins, most)
+        return self._pair_clearances.least(self.scene_configurations(qs, ts), most)
 
     def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
         """Corners of a way between two configurations that keeps a reserve beyond all margins, or None.
 
         What moves by the time does not count. See `PairClearances.way`.
         """
-        return self._still_clearances.way(ends, self.margins[self._still], ranges, reserve, seed, size)
+        return self._still_clearances.way(ends, ranges, reserve, seed, size)
 
     @cached_property
     def _still(self) -> IntArray:
@@ -303,10 +313,8 @@ class Clearance(BoundedTerm):
     def _still_clearances(self) -> PairClearances:
         if not self.movers:
             return self._pair_clearances
-        rows, radii = self._every
         frames = self._frames[: len(self._frames) - len(self.movers)]
-        still = [rows[k] for k in self._still]
-        return PairClearances.of(self.robot.model, frames, still, radii[self._still])
+        return self._pair_clearances.of_pairs(self._still, self.robot.model, frames)
 
     @cached_property
     def _groups(self) -> tuple[tuple[int, ...], ...]:
@@ -319,11 +327,15 @@ class Clearance(BoundedTerm):
         return tuple((*kind, *[-1] * (n - len(kind))) for kind, n in zip(kinds, slots, strict=True))
 
     def _by_kind(self, pairs: Sequence[int]) -> tuple[list[int], ...]:
-        kinds: tuple[list[int], ...] = ([], [], [])
-        for k in pairs:
-            row = self._every[0][k]
-            kinds[2 if isinstance(row.core, HullCore) else int(row.other > 0)].append(k)
-        return kinds
+        every = np.array(pairs, dtype=np.intp)
+        return tuple(every[self._kinds[every] == kind].tolist() for kind in range(3))
+
+    @cached_property
+    def _kinds(self) -> IntArray:
+        """Of each pair: about a shape that stands still, about another, about a hull."""
+        found = self._pair_clearances
+        kinds = [2 if isinstance(s.core, HullCore) else int(s.place > 0) for s in found.shapes]
+        return np.array(kinds, dtype=np.intp)[found.pairs[:, 1].astype(np.intp)]
 
     def _slots(self, kinds: Sequence[Sequence[int]]) -> list[int]:
         """How many rows there are of each kind for chosen pairs."""
@@ -356,7 +368,7 @@ class Clearance(BoundedTerm):
         """Of all hulls, or of those that have rows where there are many."""
         if len(self._hulls) <= _FEW_HULLS:
             return list(self._hulls.values())
-        cores = [self._every[0][k].core for k in self._order if k >= 0]
+        cores = [self._pair_clearances.row(k).core for k in self._order if k >= 0]
         return list({id(core): core for core in cores if isinstance(core, HullCore)}.values())
 
     @property
@@ -370,8 +382,12 @@ class Clearance(BoundedTerm):
         """Name and unit of each row."""
         return tuple(_IDLE if k < 0 else Label(f"distance of {self._words(k)}", "m") for k in self._order)
 
+    @cached_property
+    def _sphere_names(self) -> tuple[str, ...]:
+        return tuple(f"{self._links[link].link}[{number}]" for link, number in self.spheres)
+
     def _words(self, pair: int) -> str:
-        names = [f"{self._links[link].link}[{number}]" for link, number in self.spheres]
+        names = self._sphere_names
         if pair < len(self.pairs):
             a, k = self.pairs[pair]
             return f"{names[a]} from {self.pieces[k].name}"
@@ -392,13 +408,15 @@ class Clearance(BoundedTerm):
     @property
     def inner_bounds(self) -> tuple[Array, Array]:
         """Bounds of the expression: of distances of centres from cores."""
-        radii = np.array([0.0 if k < 0 else self._every[1][k] for k in self._order])
+        pairs = self._pair_clearances.pairs
+        radii = np.array([0.0 if k < 0 else pairs[k, 2] for k in self._order])
         return self.lower + radii, self.upper
 
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
-        rows = [ClearanceRow.idle() if k < 0 else self._every[0][k] for k in self._order]
+        idle = ClearanceRow.idle()
+        rows = [idle if k < 0 else self._pair_clearances.row(k) for k in self._order]
         if not self.movers:
             return self.term.numbers(rows)
         motions = np.hstack([motion.numbers(self._pieces) for motion in self.movers])

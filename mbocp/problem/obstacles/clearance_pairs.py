@@ -20,7 +20,7 @@ from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
-from mbocp.robot import LinkSpheres, Robot
+from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
@@ -86,9 +86,15 @@ def _balls(robot: Robot, limits: Bounds, obstacles: Sequence[Obstacle]) -> dict[
             f"{what}: robot {robot.name!r} has no collision geometry: its file has none; add it, "
             "or give [[collision_sphere]] in its robot.toml"
         )
-    return {
-        (i, j): _reach(robot, link, j, limits) for i, link in enumerate(links) for j in range(len(link.radii))
-    }
+    lower, upper = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
+    found = dict[_Sphere, _Ball]()
+    for i, link in enumerate(links):
+        at, length = reach(robot.model, link.joint, np.zeros(3), lower, upper)
+        for j, radius in enumerate(link.radii.tolist()):
+            center = robot.model.frames[link.frame].placement.act(np.array(link.centers[j]))
+            far = length + float(np.linalg.norm(center))
+            found[i, j] = (at, far + radius) if link.joint else (center, radius)
+    return found
 
 
 def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]) -> dict[_Sphere, str]:
@@ -100,12 +106,12 @@ def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]
         }
     frame = robot.model.frames[robot.frame_id(piece.frame)]
     carrier, placed = int(frame.parentJoint), frame.placement * piece.placement
-    joints = [link.joint for link in robot.collision_spheres]
+    joints, gaps = [link.joint for link in robot.collision_spheres], _Gaps(piece, placed)
     far = _beyond_balls(piece, placed, balls) if piece.stands and not piece.movable else set()
     return {
         sphere: _FAR
         if sphere in far and joints[sphere[0]]
-        else _never_meet(robot, joints[sphere[0]], carrier, piece, placed, ball)
+        else _never_meet(robot, joints[sphere[0]], carrier, piece, ball, gaps)
         for sphere, ball in balls.items()
     }
 
@@ -126,17 +132,7 @@ def _common(reasons: Sequence[Mapping[_Sphere, str]]) -> dict[_Sphere, str]:
     return {sphere: told if all(o[sphere] for o in others) else "" for sphere, told in first.items()}
 
 
-def _reach(robot: Robot, link: LinkSpheres, number: int, limits: Bounds) -> _Ball:
-    """Centre [m] and radius [m] of a ball that a sphere never leaves."""
-    center = robot.model.frames[link.frame].placement.act(np.array(link.centers[number]))
-    lower, upper = np.asarray(limits.q_lower), np.asarray(limits.q_upper)
-    at, radius = reach(robot.model, link.joint, center, lower, upper)
-    return at, radius + float(link.radii[number])
-
-
-def _never_meet(
-    robot: Robot, joint: int, carrier: int, obstacle: Obstacle, placed: pin.SE3, ball: _Ball
-) -> str:
+def _never_meet(robot: Robot, joint: int, carrier: int, obstacle: Obstacle, ball: _Ball, gaps: _Gaps) -> str:
     """Why a sphere on a joint never meets an obstacle on another; empty if it may."""
     parents, (at, radius) = robot.model.parents, ball
     if joint == carrier:
@@ -145,9 +141,7 @@ def _never_meet(
         return "on the link next to its own"
     if carrier or obstacle.movable or not np.isfinite(radius):
         return ""
-    if obstacle.margin >= 0.0 and np.linalg.norm(at - placed.translation) < radius:
-        return ""
-    return _FAR if _distance(obstacle, placed, at, radius) > obstacle.margin else ""
+    return _FAR if gaps.of(at, radius) > obstacle.margin else ""
 
 
 def _never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ball) -> str:
@@ -167,7 +161,8 @@ def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) 
     size = max(radius for _, radius in reaches)
     if np.linalg.norm(reaches[0][0] - placed.translation) <= _ASTRAY * size:
         return  # soon told of the many pieces of a large scene
-    gap = min(_distance(obstacle, placed, *ball) for ball in reaches)
+    gaps = _Gaps(obstacle, placed)
+    gap = min(gaps.of(*ball) for ball in reaches)
     if gap > _ASTRAY * size:
         warn_caller(
             f"obstacle {obstacle.name!r}: {gap:.4g} m beyond all that robot {robot.name!r} reaches, whose "
@@ -176,11 +171,28 @@ def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) 
         )
 
 
-def _distance(obstacle: Obstacle, placed: pin.SE3, center: Array, radius: float) -> float:
-    shape = coal.Transform3s(placed.rotation, placed.translation)
-    ball = coal.Transform3s(np.eye(3), np.array(center))
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    return float(coal.distance(obstacle.geometry, shape, coal.Sphere(float(radius)), ball, request, result))
+class _Gaps:
+    """Distances of a placed obstacle from balls, most of which are around the same few points [m]."""
+
+    def __init__(self, obstacle: Obstacle, placed: pin.SE3) -> None:
+        self._shape = obstacle.geometry, coal.Transform3s(placed.rotation, placed.translation)
+        self._middle = np.array(placed.translation)
+        self._known: dict[bytes, tuple[float, float, float]] = {}  # by the point, see `_smallest`
+
+    def of(self, center: Array, radius: float) -> float:
+        """That of a ball, from the smallest one around the same point; 0 where the middle is in it."""
+        key = center.tobytes()
+        if key not in self._known or radius < self._known[key][0]:
+            self._known[key] = self._smallest(center, radius)
+        least, gap, away = self._known[key]
+        return min(gap - (radius - least), 0.0 if away < radius else np.inf)
+
+    def _smallest(self, center: Array, radius: float) -> tuple[float, float, float]:
+        """Radius of a ball, its distance, and that of its centre from the obstacle's middle."""
+        ball = coal.Transform3s(np.eye(3), np.array(center))
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        gap = float(coal.distance(*self._shape, coal.Sphere(float(radius)), ball, request, result))
+        return radius, gap, float(np.linalg.norm(center - self._middle))
 
 
 def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> SelfPairs | None:

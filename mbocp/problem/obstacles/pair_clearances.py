@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray
+from mbocp._arrays import Array, IntArray
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import NativeMismatch
 from mbocp.problem.obstacles.joint_table import joint_table, placement_numbers
 from mbocp.robot.joints import joint_kind
 from mbocp.terms.clearance_term import ClearanceRow
-from mbocp.terms.distances import CORE, HullCore
+from mbocp.terms.distances import CORE, Core, HullCore
 
 if TYPE_CHECKING:
     from mbocp._native._room import Room
-
-
-_LOOKED_AT = 200  # configurations at which centres of spheres are in a tree
 
 
 @dataclass(frozen=True)
@@ -44,27 +41,13 @@ class WaySize:
     cuts: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Shapes:
-    """Shapes of pairs: one at a distance r of its middle is slope r - around away at least, less all radii.
+class PlacedShape(NamedTuple):
+    """A shape: what carries it, the middle of its core and its axes, columns, there [m], and its core."""
 
-    Attributes
-    ----------
-    middles : ndarray, shape (n, 3)
-        In the world, of those that stand there [m].
-    slopes, around : ndarray, shape (n,)
-        Around includes the largest radius [m].
-    moves : ndarray of bool, shape (n,)
-        Whether it moves.
-    of_pairs : ndarray of int, shape (P,)
-        Shape of each pair.
-    """
-
-    middles: Array
-    slopes: Array
-    around: Array
-    moves: BoolArray
-    of_pairs: IntArray
+    place: int
+    at: Array
+    axes: Array
+    core: Core | HullCore
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,101 +58,65 @@ class PairClearances:
     ----------
     model : pin.Model
     frames : tuple of int
-        The places 1, 2, ... of the rows; the place 0 is the world.
-    rows : tuple of ClearanceRow
-        A pair each.
-    radii : ndarray, shape (P,)
-        What is subtracted from distances of centres from cores [m].
+        The places 1, 2, ... of spheres and shapes; the place 0 is the world.
+    spheres : tuple of (int, ndarray)
+        Place, and centre there, shape (3,) [m].
+    shapes : tuple of PlacedShape
+    pairs : ndarray, shape (P, 5)
+        Sphere; shape; what is subtracted from the distance of centre and core [m]; margin [m]; and the group,
+        which pairs of the same two things have in common.
     """
 
     model: pin.Model
     frames: tuple[int, ...]
-    rows: tuple[ClearanceRow, ...]
-    radii: Array
+    spheres: tuple[tuple[int, Array], ...]
+    shapes: tuple[PlacedShape, ...]
+    pairs: Array
 
-    @classmethod
-    def of(
-        cls, model: pin.Model, frames: tuple[int, ...], rows: Sequence[ClearanceRow], radii: Array
-    ) -> PairClearances:
-        """Of rows."""
-        return cls(model, frames, tuple(rows), radii)
+    def of_pairs(self, pairs: IntArray, model: pin.Model, frames: tuple[int, ...]) -> PairClearances:
+        """Some of the pairs, and what they need, in a model whose first frames are all that carry them."""
+        table = self.pairs[pairs]
+        kept_spheres, table[:, 0] = np.unique(table[:, 0].astype(np.intp), return_inverse=True)
+        kept_shapes, table[:, 1] = np.unique(table[:, 1].astype(np.intp), return_inverse=True)
+        spheres, shapes = (self.spheres[k] for k in kept_spheres), (self.shapes[k] for k in kept_shapes)
+        return PairClearances(model, frames, tuple(spheres), tuple(shapes), table)
+
+    def row(self, pair: int) -> ClearanceRow:
+        """What solvers see of a pair."""
+        sphere, shape = self.pairs[pair, :2].astype(np.intp)
+        (place, center), (other, *placed) = self.spheres[sphere], self.shapes[shape]
+        return ClearanceRow(place, other, center, *placed)
 
     def values(self, qs: Array, near: float = np.inf, pairs: IntArray | None = None) -> Array:
         """Clearances of pairs, by default of all, shape (n, pairs) [m].
 
         Larger ones than `near` may be any number between `near` and them.
         """
-        room = self._room if pairs is None else self._room_of_pairs(pairs)
-        width = len(self.rows if pairs is None else pairs)
-        return np.asarray(room.values(_flat(qs), near)).reshape(len(qs), width)
+        chosen = np.arange(len(self.pairs)) if pairs is None else pairs
+        return np.asarray(self._room.values(_flat(qs), near, _flat(chosen))).reshape(len(qs), len(chosen))
 
-    def near(self, qs: Array, near: float) -> IntArray:
-        """Pairs that may be nearer than `near` [m] at some of n configurations, and all that move both.
+    def of_groups(self, qs: Array, near: float) -> Array:
+        """Least clearances beyond margins of each group, with sharp edges, shape (n, groups) [m].
 
-        A tree of the spheres' centres tells how far each shape is from the nearest of them.
+        Larger ones than `near` may be any number between `near` and them.
         """
-        from scipy.spatial import cKDTree  # slow to import, and wanted only where there are many pairs
+        count = int(self.pairs[:, 4].max(initial=-1.0)) + 1
+        return np.asarray(self._room.groups(_flat(qs), near)).reshape(len(qs), count)
 
-        found, count = self._shapes, len(qs)
-        joints = self.joint_placements(qs)
-        centers = np.concatenate(
-            [(joints[:, j].reshape(-1, 4) @ at).reshape(count, 3, -1) for j, at in self._spheres.items()],
-            axis=2,
-        )
-        stride = -(-count // _LOOKED_AT)
-        looked_at = np.minimum(np.arange(count) // stride * stride + stride // 2, count - 1)
-        ways = centers - centers[looked_at]
-        moved = float(np.einsum("nkj,nkj->nj", ways, ways).max()) ** 0.5
-        points = centers[np.unique(looked_at)].transpose(0, 2, 1).reshape(-1, 3)
-        tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # it is asked a few times alone
-        away = tree.query(found.middles)[0] - moved
-        return np.flatnonzero((found.moves | (found.slopes * away - found.around < near))[found.of_pairs])
-
-    @cached_property
-    def _of_spheres(self) -> tuple[list[ClearanceRow], IntArray]:
-        """A row for each sphere, and the sphere of each pair."""
-        return _distinct(self.rows, lambda row: (row.place, row.center.tobytes()))
-
-    @cached_property
-    def _of_shapes(self) -> tuple[list[ClearanceRow], IntArray]:
-        """A row for each shape, and the shape of each pair."""
-        return _distinct(
-            self.rows, lambda row: (row.other, row.at.tobytes(), row.axes.tobytes(), id(row.core))
-        )
-
-    @cached_property
-    def _spheres(self) -> dict[int, Array]:
-        """Centres of the spheres on each joint that has some, shape (4, any) with ones in the end [m]."""
-        frames = [None, *(self.model.frames[k] for k in self.frames)]
-        found: dict[int, list[Array]] = {}
-        for row in self._of_spheres[0]:
-            frame = frames[row.place]
-            center = np.array(row.center) if frame is None else frame.placement.act(np.array(row.center))
-            found.setdefault(0 if frame is None else frame.parentJoint, []).append(np.append(center, 1.0))
-        return {joint: np.column_stack(centers) for joint, centers in found.items()}
-
-    @cached_property
-    def _shapes(self) -> _Shapes:
-        rows, of_pairs = self._of_shapes
-        reach = np.array([_reach(row) for row in rows]).reshape(-1, 2)
-        radii = np.full(len(rows), -np.inf)
-        np.maximum.at(radii, of_pairs, self.radii)
-        middles, moves = np.array([row.at for row in rows]), np.array([row.other > 0 for row in rows])
-        return _Shapes(middles, reach[:, 0], reach[:, 1] + radii, moves, of_pairs)
+    def nearest(self, qs: Array, near: float) -> Array:
+        """Least clearance of each pair beyond its margin at all of these, at most `near`, shape (P,) [m]."""
+        return np.asarray(self._room.nearest(_flat(qs), near))
 
     def joint_placements(self, qs: Array) -> Array:
         """Rotation and origin of each joint at each configuration, shape (n, njoints, 3, 4) [m]."""
-        found = _room_of(self.model).joints(_flat(qs))
-        return np.asarray(found).reshape(len(qs), self.model.njoints, 3, 4)
+        return np.asarray(self._room.joints(_flat(qs))).reshape(len(qs), self.model.njoints, 3, 4)
 
-    def least(self, qs: Array, lower: Array, most: float = np.inf) -> Array:
-        """Least clearance beyond `lower` at each configuration, `most` where it is larger, shape (n,) [m]."""
-        return np.asarray(self._room.least(_flat(qs), _flat(lower), most))
+    def least(self, qs: Array, most: float = np.inf) -> Array:
+        """Least clearance beyond margins at each configuration, `most` where it is larger, shape (n,) [m]."""
+        return np.asarray(self._room.least(_flat(qs), most))
 
-    def way(
-        self, ends: Array, lower: Array, ranges: Array, reserve: float, seed: int, size: WaySize
-    ) -> Array | None:
-        """Corners of a way that keeps a reserve beyond `lower`, shape (n, nq); None if none is found.
+    def way(self, ends: Array, ranges: Array, reserve: float, seed: int, size: WaySize) -> Array | None:
+        """Corners of a way that keeps a reserve beyond margins, shape (n, nq); None if none is found.
 
         Two trees of configurations grow from both ends towards random places and each other until they meet
         (RRT-Connect); then corners are cut. The same seed has the same way.
@@ -177,8 +124,6 @@ class PairClearances:
         Parameters
         ----------
         ends : ndarray, shape (2, nq)
-        lower : ndarray, shape (P,)
-            Least clearances [m].
         ranges : ndarray, shape (3, nq)
             Lower and upper limits of configurations, and how far from the line between the ends random places
             are.
@@ -193,7 +138,6 @@ class PairClearances:
         """
         found = self._room.way(
             ends=_flat(ends),
-            lower=_flat(lower),
             ranges=_flat(ranges),
             groups=self._groups,
             reserve=reserve,
@@ -216,56 +160,28 @@ class PairClearances:
 
     @cached_property
     def _room(self) -> Room:
-        return self._room_of_pairs(np.arange(len(self.rows)))
-
-    def _room_of_pairs(self, pairs: IntArray) -> Room:
-        """Some of the pairs, with the spheres and shapes that these have."""
-        places, spheres, shapes, planes = self._tables
-        kept_spheres, sphere = np.unique(self._of_spheres[1][pairs], return_inverse=True)
-        kept_shapes, shape = np.unique(self._of_shapes[1][pairs], return_inverse=True)
-        table = np.column_stack([sphere, shape, self.radii[pairs]])
-        return _room_of(self.model, places, spheres[kept_spheres], shapes[kept_shapes], planes, table)
-
-    @cached_property
-    def _tables(self) -> tuple[Array, Array, Array, Array]:
-        """Of places, spheres and shapes, a row each, and of planes."""
-        places = [
-            [self.model.frames[k].parentJoint, *placement_numbers(self.model.frames[k].placement)]
-            for k in self.frames
-        ]
-        rows = self._of_shapes[0]
-        cores = {id(row.core): row.core for row in rows if isinstance(row.core, HullCore)}
+        try:
+            from mbocp._native import _room
+        except ImportError as error:
+            raise NativeMismatch(
+                f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
+            ) from error
+        frames = [self.model.frames[k] for k in self.frames]
+        cores = {id(shape.core): shape.core for shape in self.shapes if isinstance(shape.core, HullCore)}
         ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])
         first = dict(zip(cores, ends[:-1].tolist(), strict=True))
-        spheres = np.array([(row.place, *row.center) for row in self._of_spheres[0]]).reshape(-1, 4)
-        shapes = np.array([_shape(row, first) for row in rows]).reshape(-1, 13 + CORE + 5)
-        planes = np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())])
-        return np.array(places, dtype=np.float64), spheres, shapes, planes
+        return _room.Room(
+            nq=self.model.nq,
+            joints=_flat(joint_table(self.model)),
+            places=_flat([[frame.parentJoint, *placement_numbers(frame.placement)] for frame in frames]),
+            spheres=_flat([(place, *center) for place, center in self.spheres]),
+            shapes=_flat([_shape(shape, first) for shape in self.shapes]),
+            planes=np.concatenate([np.zeros(0), *(core.planes.ravel() for core in cores.values())]),
+            pairs=_flat(self.pairs),
+        )
 
 
-def _distinct(
-    rows: Sequence[ClearanceRow], key: Callable[[ClearanceRow], Hashable]
-) -> tuple[list[ClearanceRow], IntArray]:
-    """The first row of each key, and which of these each row is like."""
-    numbers: dict[Hashable, int] = {}
-    found = np.array([numbers.setdefault(key(row), len(numbers)) for row in rows], dtype=np.intp)
-    return [rows[k] for k in np.unique(found, return_index=True)[1]], found
-
-
-def _room_of(model: pin.Model, *tables: Array | Sequence[object]) -> Room:
-    """A room of places, spheres, shapes, planes and pairs; of joints alone without them."""
-    try:
-        from mbocp._native import _room
-    except ImportError as error:
-        raise NativeMismatch(
-            f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
-        ) from error
-    names = ("places", "spheres", "shapes", "planes", "pairs")
-    given = dict(zip(names, map(_flat, tables or [[]] * len(names)), strict=True))
-    return _room.Room(nq=model.nq, joints=_flat(joint_table(model)), **given)
-
-
-def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:
+def _shape(shape: PlacedShape, first: dict[int, int]) -> tuple[float, ...]:
     """Place, middle, axes, core, planes, and how near a point is at least.
 
     Planes of a hull are the first and how many, with their sharpness. A point at a distance r from the middle
@@ -273,25 +189,25 @@ def _shape(row: ClearanceRow, first: dict[int, int]) -> tuple[float, ...]:
 
     Parameters
     ----------
-    row : ClearanceRow
+    shape : PlacedShape
     first : mapping of int to int
         First plane of each hull, by the identity of its core.
     """
-    placed = (row.other, *row.at.tolist(), *row.axes.ravel().tolist())
-    if isinstance(row.core, HullCore):
-        count = len(row.core.planes)
-        return (*placed, *[0.0] * CORE, first[id(row.core)], count, row.core.sharpness, *_reach(row))
-    return (*placed, *row.core.numbers.tolist(), 0, 0, 0.0, *_reach(row))
+    placed = (shape.place, *shape.at.tolist(), *shape.axes.ravel().tolist())
+    if isinstance(shape.core, HullCore):
+        count = len(shape.core.planes)
+        return (*placed, *[0.0] * CORE, first[id(shape.core)], count, shape.core.sharpness, *_reach(shape))
+    return (*placed, *shape.core.numbers.tolist(), 0, 0, 0.0, *_reach(shape))
 
 
-def _reach(row: ClearanceRow) -> tuple[float, float]:
+def _reach(shape: PlacedShape) -> tuple[float, float]:
     """Slope and around."""
-    if isinstance(row.core, HullCore):
-        return row.core.slope, float(row.core.planes[:, 3].max())
-    core = row.core.numbers
+    if isinstance(shape.core, HullCore):
+        return shape.core.slope, float(shape.core.planes[:, 3].max())
+    core = shape.core.numbers
     sides = core[:3] * np.array([1.0, 1.0 - core[3], 1.0])  # across a cylinder its radius counts alone
     return 1.0, float(np.linalg.norm(sides))
 
 
-def _flat(table: Array | Sequence[object]) -> Array:
+def _flat(table: Array | IntArray | Sequence[object]) -> Array:
     return np.ascontiguousarray(table, dtype=np.float64).ravel()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
+from mbocp._arrays import Array
 from mbocp.problem.obstacles.approach import poses_between
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import along, between
@@ -48,8 +48,8 @@ def with_first_reserve(problem: Problem, ts: Array, qs: Array) -> Problem:
     if rows is None or not _is_exact(rows):
         return problem
     middles = between(problem.robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
-    near, half = float(rows.margins.max(initial=0.0)) + _NEAR, (ts[:-1] + ts[1:]) / 2.0
-    pairs, wanted = rows.pairs_near(qs, near, ts), np.full(rows.num_pairs, _RESERVE)
+    half, wanted = (ts[:-1] + ts[1:]) / 2.0, np.full(rows.num_pairs, _RESERVE)
+    pairs = np.flatnonzero(rows.nearest_of_pairs(qs, _BESIDE, ts) < _BESIDE)
     values = rows.pair_values(qs, ts=ts, pairs=pairs)
     cut = np.minimum(values[:-1], values[1:]) - rows.pair_values(middles, ts=half, pairs=pairs)
     wanted[pairs] += _CLOSER * np.maximum(cut.max(axis=0), 0.0)
@@ -125,29 +125,25 @@ def _lacking(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[st
 
     A pair that has had no row is short of what the motion cuts off between nodes: its row keeps the rest.
     """
-    near = float(rows.margins.max(initial=0.0)) + _MOST
     times, sampled = poses_between(rows.robot, t, qs, vs)
-    pairs, least = _least(rows, times, sampled, near)
-    words, more = np.array([rows.links_of(k) for k in pairs]), np.zeros(rows.num_pairs)
-    has_row = np.ones(len(pairs), dtype=np.bool_) if rows.chosen is None else np.isin(pairs, rows.chosen)
-    cut = np.zeros(len(pairs))
-    if not has_row.all():
-        at_nodes = rows.pair_values(qs, near, t, pairs).min(axis=0) - rows.margins[pairs]
-        cut = np.maximum(at_nodes - least, 0.0)
-    for touching, depth in depths.items():
-        meant = words == touching
-        nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
-        more[pairs[nearest]] = np.where(has_row, depth, cut)[nearest] + _SPARE
+    least = rows.nearest_of_pairs(sampled, _MOST, times)
+    more, is_near = np.zeros(rows.num_pairs), least < _MOST
+    has_row = np.ones(rows.num_pairs, dtype=np.bool_)
+    cut = np.zeros(rows.num_pairs)
+    if rows.chosen is not None:
+        has_row[:] = False
+        has_row[list(rows.chosen)] = True
+        cut = np.maximum(rows.nearest_of_pairs(qs, _MOST, t) - least, 0.0)
+    for group, pair in enumerate(rows.link_pairs):
+        depth = depths.get(" and ".join(rows.names_of(pair)))
+        if depth is not None:
+            meant = is_near & (rows.groups == group)
+            nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
+            more[nearest] = np.where(has_row, depth, cut)[nearest] + _SPARE
     if _is_exact(rows):
         lack = _RESERVE + np.where(has_row, -least, cut)
-        more[pairs] = np.maximum(more[pairs], np.where(least < 0.0, lack, 0.0))
+        more = np.maximum(more, np.where(least < 0.0, lack, 0.0))
     return more
-
-
-def _least(clearance: Clearance, ts: Array, qs: Array, near: float) -> tuple[IntArray, Array]:
-    """Pairs that come nearer than `near` [m], and some others; least clearance of each beyond its margin."""
-    pairs = clearance.pairs_near(qs, near, ts)
-    return pairs, clearance.pair_values(qs, near, ts, pairs).min(axis=0) - clearance.margins[pairs]
 
 
 def largest_reserve(problem: Problem) -> float:
@@ -177,9 +173,8 @@ def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, res
 
 def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
     """Pairs that come near along some configurations at their times, and others as far as there are rows."""
-    pairs, least = _least(clearance, ts, qs, float(clearance.margins.max(initial=0.0)) + _BESIDE)
-    order = np.argsort(least, kind="stable")
-    nearest = pairs[order].tolist()
+    least = clearance.nearest_of_pairs(qs, _BESIDE, ts)
+    nearest = np.argsort(least, kind="stable").tolist()
     count = int(np.clip(np.count_nonzero(least < _NEAR), 1, _MOST_PAIRS))
     return clearance.fill(nearest[:count] or [0], nearest[count : np.count_nonzero(least < _BESIDE)])
 
@@ -193,12 +188,11 @@ def missing_pairs(problem: Problem, ts: Array, qs: Array, vs: Array | None = Non
     shares = np.tile(np.arange(_BETWEEN) / _BETWEEN, len(qs) - 1)
     times = np.append((1.0 - shares) * ts[first] + shares * ts[first + 1], ts[-1])
     sampled = along(problem.robot, ts, qs, vs, times)
-    near = float(clearance.margins.max(initial=0.0)) + _NEAR
-    pairs, least = _least(clearance, times, sampled, near)
-    least[np.isin(pairs, rows.chosen)] = np.inf
+    least = clearance.nearest_of_pairs(sampled, _NEAR, times)
+    least[list(rows.chosen)] = np.inf
     if least.min(initial=np.inf) >= 0.0:
         return ()
-    order = pairs[np.argsort(least, kind="stable")]
+    order = np.argsort(least, kind="stable")
     ends = [np.count_nonzero(least < limit) for limit in (_MISSED, _NEAR)]
     every = rows.fill([*rows.chosen, *order[: ends[0]].tolist()], order[ends[0] : ends[1]].tolist())
     return tuple(set(every) - set(rows.chosen))

@@ -11,13 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.problem.obstacles.clearance import Clearance
+from mbocp.problem.obstacles.clearance import Clearance, LinkPair
 from mbocp.robot.large import working_data
 
 _CONTACTS = 100  # of two meshes that are looked at
 
 Shape = tuple[int, pin.SE3, coal.CollisionGeometry]  # a joint, where on it, and what
-LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whether it is an obstacle
 
 
 class ShapeDistances:

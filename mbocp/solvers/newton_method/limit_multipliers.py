@@ -45,16 +45,15 @@ def begin(
     ProblemError
         If there are limits that the barrier cannot keep.
     """
-    augmentation = first_augmentation(programme)
+    augmentation, native = first_augmentation(programme), _load(programme, iterate, threads)
     if iterate.bounds is None or not _has_limits(programme):
-        return newton.begin(_load(programme, iterate, threads), augmentation)
+        return newton.begin(native, augmentation)
     for is_centred in (True, False):
-        state = resume(newton, programme, iterate, is_centred=is_centred, threads=threads)
+        state = _resume(newton, native, programme, iterate, is_centred=is_centred)
         if newton.is_near(state):
             return state
     if iterate.is_rest:
-        return resume(newton, programme, iterate, is_centred=True, rise=_REST_RISE, threads=threads)
-    native = _load(programme, iterate, threads)
+        return _resume(newton, native, programme, iterate, is_centred=True, rise=_REST_RISE)
     barrier = _WARM_FACTOR * native.first_barrier()
     _start_warm(native, programme, iterate.bounds, barrier)
     return newton.resume(native, augmentation, barrier, is_free=barrier > 0.0)
@@ -66,10 +65,8 @@ def resume(
     iterate: Iterate,
     *,
     is_centred: bool,
-    rise: float = 1.0,
-    threads: int = 1,
 ) -> KernelNewtonState:
-    """State at a solution, or near one, with the iterate's own multipliers and `rise` times the last barrier.
+    """State at a solution, or near one, with the iterate's own multipliers and the last barrier.
 
     The slacks are where the rows are. With `is_centred` those that are too close to their bounds, and
     multipliers that are too small, are raised until no product of the two is below the barrier parameter: a
@@ -80,7 +77,20 @@ def resume(
     ProblemError
         If there are limits that the barrier cannot keep.
     """
-    native, barrier = _load(programme, iterate, threads), 0.0
+    return _resume(newton, _load(programme, iterate), programme, iterate, is_centred=is_centred)
+
+
+def _resume(
+    newton: KernelNewton,
+    native: KernelProgramme,
+    programme: StagewiseProgramme,
+    iterate: Iterate,
+    *,
+    is_centred: bool,
+    rise: float = 1.0,
+) -> KernelNewtonState:
+    """The same with `rise` times that barrier, of a kernel programme that has the iterate."""
+    barrier = 0.0
     if _has_limits(programme):
         barrier = rise * newton.last_barrier(native)
         rows = _take_multipliers(native, programme, iterate, barrier)
