@@ -117,6 +117,8 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
         expected = f"tables, each [[{'.'.join(part for part in loc if isinstance(part, str))}]]"
     if kind == NO_KIND:
         expected = f"a {item['msg']}"
+    if kind == "literal_error":
+        expected = InvalidValue.of_literal(item).expected
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
     return f"got {show(got, _MAX_VALUE_LENGTH)}, expected {expected}"
