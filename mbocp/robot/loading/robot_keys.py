@@ -223,7 +223,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     rotations: Annotated[
         Rotations | None,
         Key(
-            "what explicit schemes integrate: [rotations](robots.md#rotations)",
+            "what explicit schemes [integrate](robots.md#rotations)",
             default=f'{_OWN}, else `"quaternion"`',
         ),
     ] = None
