@@ -74,9 +74,9 @@ _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 # Words of other tools, each with the keys of the same meaning; the first that the table has is named.
 OTHER_WORDS = {
     **dict.fromkeys(("torque", "torques", "force", "tau"), ("effort",)),
-    **dict.fromkeys(("speed", "speeds", "v", "qd"), ("velocity", "v")),
-    **dict.fromkeys(("q", "joints", "qpos", "positions", "position"), ("position", "q")),
-    **dict.fromkeys(("accel", "qdd", "a"), ("acceleration", "a")),
+    **dict.fromkeys(("speed", "speeds", "vel", "velocities", "v", "qd"), ("velocity", "v")),
+    **dict.fromkeys(("q", "joints", "qpos", "pos", "positions", "position"), ("position", "q")),
+    **dict.fromkeys(("acc", "accel", "accelerations", "qdd", "a"), ("acceleration", "a")),
     **dict.fromkeys(("torque_rate", "torque_rates"), ("effort_rate",)),
     **dict.fromkeys(("xyz", "translation"), ("position",)),
     **dict.fromkeys(("quaternion", "quat", "rotation"), ("orientation",)),

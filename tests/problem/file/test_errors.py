@@ -132,6 +132,8 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             "phase.0.payload",
             r"a \[\[robot\.part\]\] with its mass, which \[\[phase\.hold\]\] joins to the tool",
         ),
+        ("goal.vel=0", "goal.vel", "unknown key, did you mean 'v'"),
+        ("limits.acc=3", "limits.acc", "unknown key, did you mean 'acceleration'"),
         ("goal={}", "", ""),
         (
             "cost.effort=0",
