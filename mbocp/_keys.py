@@ -10,7 +10,7 @@ import re
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.fields import FieldInfo
@@ -267,6 +267,8 @@ def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _words(arguments[0], arguments[1:])
+    if origin is Literal:
+        return ", ".join(f'`"{word}"`' for word in arguments)
     if origin in (Union, types.UnionType):
         return ", or ".join(_words(one) for one in arguments if one is not types.NoneType)
     if origin is list:

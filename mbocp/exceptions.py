@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +108,12 @@ class InvalidValue(MbocpError):
         hint = suggest(got, allowed) if isinstance(got, str) else ""
         near = f" ({hint})" if hint.startswith("did you mean") else ""
         return cls(name, show(got), f"{listed}{near}{'; ' + note if note else ''}")
+
+    @classmethod
+    def of_literal(cls, error: Mapping[str, Any]) -> InvalidValue:
+        """Return the error for pydantic's of a word that is none of a Literal."""
+        words = re.findall("'(.*?)'", error["ctx"]["expected"])
+        return cls.of_choice(".".join(map(str, error["loc"])), error["input"], words)
 
     @classmethod
     def of_missing(cls, extra: str, error: ImportError) -> InvalidValue:

@@ -8,7 +8,7 @@ from dataclasses import field
 from functools import cached_property
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +20,17 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource
 from mbocp.robot.joints import JointPlace
 from mbocp.robot.loops.kinds.constraint import Constraint
-from mbocp.robot.parts import Actuation, Connector, Drive, Label, Limits, Motor, QuarticSpring, SpringDamper
+from mbocp.robot.parts import (
+    Actuation,
+    Connector,
+    Drive,
+    Label,
+    Limits,
+    Motor,
+    QuarticSpring,
+    Rotations,
+    SpringDamper,
+)
 from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
@@ -38,7 +48,6 @@ from mbocp.symbolic import (
 
 _VELOCITY_UNITS = {"m": "m/s", "rad": "rad/s"}
 _MOMENTUM_UNITS = {"m": "N s", "rad": "N m s"}
-_ROTATIONS = ("quaternion", "dcm")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,9 +139,8 @@ class RobotModel:
     stored: RobotFiles | None = None
 
     def __post_init__(self) -> None:
-        if self.rotations not in _ROTATIONS:
-            allowed = " or ".join(map(repr, _ROTATIONS))
-            raise InvalidValue(f"robot {self.name!r}: rotations", repr(self.rotations), allowed)
+        if self.rotations not in (known := get_args(Rotations)):
+            raise InvalidValue.of_choice(f"robot {self.name!r}: rotations", self.rotations, known)
         freeze(self, "q0", (self.nq,), f"{self.name}: q0")
         frozen_array(
             self.actuation.selection, shape=(self.nv, None), name=f"{self.name}: actuation.selection"

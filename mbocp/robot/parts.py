@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from dataclasses import field
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from mbocp._arrays import Array, freeze, frozen_array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import InvalidValue
+
+Rotations: TypeAlias = Literal["quaternion", "dcm"]  # what explicit schemes integrate
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ v_0^2 / 2A - h v_0 / 2, and every other motion needs v_0^2 / 2A.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TypeAlias
@@ -43,6 +44,7 @@ from mbocp.robot.nodes import are_chords
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]
 
 AT_REST = 1e-6  # [rad/s, m/s]: ends are met to the tolerance of a solver
+_SMALL_LEAP = 0.05  # of the largest speed of joints, as other excesses between nodes that are let pass
 _STEPS_TO_MIDDLES = 10  # in which a motion that begins with a velocity comes to the middles of its steps
 _GAUSS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 # By which nodes of a mean are apart, a part of its width at most: jerks have round-off by the cube of it.
@@ -75,6 +77,20 @@ class Curves:
     def has_impacts(self) -> bool:
         """Whether velocities leap."""
         return bool((np.diff(self.nodes) == 0.0).any())
+
+    def without_small_leaps(self, units: Sequence[str]) -> Curves:
+        """Those that go on with the velocity after a leap which is within what steps are wrong by."""
+        largest, kinds = np.abs(self.v).max(axis=0), np.array(units)
+        sizes = [max(_SMALL_LEAP * float(largest[kinds == kind].max()), AT_REST) for kind in units]
+        is_small = (np.abs(np.diff(self.v, axis=0)) <= sizes).all(axis=1)
+        kept = np.append((np.diff(self.nodes) > 0.0) | ~is_small, True)
+        return Curves(self.nodes[kept], self.q[kept], self.v[kept])
+
+    @property
+    def rests(self) -> IntArray:
+        """Nodes on the way at which all joints come to rest, or begin to move again."""
+        rests = np.abs(self.v).max(axis=1) < AT_REST
+        return 1 + np.flatnonzero(rests[1:-1] & ~(rests[:-2] & rests[2:]))
 
     @property
     def has_chords(self) -> bool:
@@ -153,14 +169,29 @@ class Curves:
         return Curves(self.nodes, np.vstack([self.q[:1], q[1:]]), np.vstack([self.v[:1], v[1:]]))
 
     def spline(self) -> Curves:
-        """The cubic spline through the positions, with the velocities of both ends."""
+        """The cubic spline through the positions, with the velocities of both ends and of rests between."""
         from scipy.interpolate import CubicSpline  # slow to import, and no solve wants it
 
-        ends = ((1, self.v[0]), (1, self.v[-1]))
-        return Curves(self.nodes, self.q, CubicSpline(self.nodes, self.q, bc_type=ends)(self.nodes, 1))
+        v = self.v.copy()
+        for part in self._from_rest_to_rest():
+            t, q, ends = self.nodes[part], self.q[part], ((1, v[part][0]), (1, v[part][-1]))
+            v[part] = CubicSpline(t, q, bc_type=ends)(t, 1)
+        return Curves(self.nodes, self.q, v)
 
     def mean(self, width: float) -> Curves:
-        """The moving mean over a time [s] of cubics from rest to rest, longer by that time."""
+        """The moving mean over a time [s] of cubics from rest to rest, longer by that time for each rest."""
+        parts = [Curves(self.nodes[k], self.q[k], self.v[k]) for k in self._from_rest_to_rest()]
+        means = [part._mean(width, after=k * width) for k, part in enumerate(parts)]
+        rows = ([one[min(k, 1) :] for k, one in enumerate(of)] for of in zip(*means, strict=True))
+        nodes, *values = map(np.concatenate, rows)  # the node between two parts is that of the former
+        return Curves(nodes - nodes[0], *values)
+
+    def _from_rest_to_rest(self) -> list[slice]:
+        """Nodes of the motion from each rest to the next."""
+        return [slice(first, last + 1) for first, last in pairwise((0, *self.rests, len(self.nodes) - 1))]
+
+    def _mean(self, width: float, after: float) -> tuple[Array, ...]:
+        """Nodes, positions, velocities and accelerations."""
         nodes = np.unique(np.concatenate([self.nodes, self.nodes + width]))  # the mean ends at its time
         nodes = nodes[np.diff(nodes, prepend=-np.inf) > min(_PART * width, _NEAREST)]
         nodes[-1] = self.nodes[-1] + width
@@ -169,7 +200,7 @@ class Curves:
         within = [nodes[:-1] + share * lengths for share in _GAUSS]
         ways = np.mean([self._leads(times, width)[0] for times in within], axis=0) * lengths[:, None]
         q = self.q[0] + np.vstack([np.zeros_like(self.q[:1]), np.cumsum(ways, axis=0)])
-        return Curves(nodes - nodes[0], q, *self._leads(nodes, width))
+        return after + nodes, q, *self._leads(nodes, width)
 
     def slow(self, factor: float) -> Curves:
         """The same way in more time."""

@@ -125,6 +125,11 @@ def what_helps(sent: Sent, excesses: Sequence[Excess]) -> str:
     """Say what may keep a motion within limits that it leaves as it is sent, the worst first."""
     if sent.is_nearest and excesses[0].kind in ("position", "speed", "acceleration"):
         return "the state in which it begins leads there: begin slower, or with less acceleration"
+    if sent.curves.has_impacts and excesses[0].kind in ("acceleration", "jerk"):
+        return 'its velocities leap, at impacts: let holds begin at rest, or meeting = "soft"'
+    if sent.mean and excesses[0].kind == "path":
+        words = f"accelerations that change from step to step are smoothed over {1e3 * sent.mean:.0f} ms"
+        return f"take more steps, or give cost.acceleration a weight: {words}"
     return "take more steps"
 
 
@@ -239,7 +244,10 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
         return sent.excesses
     if unknown:
         names = list_names(unknown, _MOST_NAMES)
-        warn_caller(f"not looked at as it is sent, positions do not say it: {names}", NotCheckedWarning)
+        warn_caller(
+            f"checked at the nodes alone, since more than the joints that are sent decides it: {names}",
+            NotCheckedWarning,
+        )
     return (*sent.excesses, *excesses)
 
 

@@ -162,6 +162,7 @@ def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Cur
     bounds |= {kind: solution.facts.bounds_of_rate(kind)[:, at_v] for kind in rates}
     units = tuple(solution.labels.v[place].unit for place in at_v)
     curves = Curves(solution.t - solution.t[0], np.column_stack(positions), solution.vs[:, at_v])
+    curves = curves.without_small_leaps(units)
     lag = 0.0
     if curves.has_chords and not curves.has_impacts:
         curves, lag = curves.through_middles()

@@ -60,6 +60,8 @@ class Sent:
         Whether it is the nearest motion within limits from the state at its start.
     lag : float
         Time by which positions follow the controls of the solution before all that [s].
+    rests : tuple of float
+        Times of the motion before all that, on the way, at which one mean ends and the next begins [s].
     """
 
     solution: SolutionData
@@ -72,6 +74,7 @@ class Sent:
     excesses: tuple[Excess, ...]
     is_nearest: bool = False
     lag: float = 0.0
+    rests: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,11 +92,15 @@ class Sent:
 
     def times_of(self, t: Array) -> Array:
         """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
-        return self.slower * (t - self.solution.t[0] + self.lag + self.mean / 2.0)
+        since = t - self.solution.t[0] + self.lag
+        before, after = (np.searchsorted(self.rests, since + sign * _SAME) for sign in (-1, 1))
+        return self.slower * (since + self.mean * (1.0 + before + after) / 2.0)
 
     def controls(self, times: Array) -> Array:
         """Controls of the solution at times of the sent motion [s], shape (k, nu): means where it is one."""
-        nodes, middle = self.solution.t, self.solution.t[0] + times / self.slower - self.mean / 2.0
+        nodes, since = self.solution.t, times / self.slower
+        ends = self.mean * np.arange(1, len(self.rests) + 1) + self.rests
+        middle = nodes[0] + since - self.mean * (np.searchsorted(ends, since) + 0.5)
         before = nodes[np.maximum(np.searchsorted(nodes, middle + _SAME, side="right") - 1, 0)]
         middle = np.where(np.abs(before - middle) < _SAME, before, middle)  # times of nodes may be rounded
         offsets = self.mean * ((np.arange(_PLACES) + 0.5) / _PLACES - 0.5) if self.mean else [0.0]
@@ -153,7 +160,8 @@ def motion_as_sent(
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
         times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
-    fitted = (found.mean, found.slower, tuple(excesses), found.is_nearest, lag)
+    rests = tuple(cubics.nodes[cubics.rests].tolist()) if found.mean else ()
+    fitted = (found.mean, found.slower, tuple(excesses), found.is_nearest, lag, rests)
     return Sent(solution, joints.names, units, curves, times, *fitted)
 
 

@@ -94,7 +94,7 @@ YAML = """world:
       primitives: [{type: box, dimensions: [1, 0.5, 0.1]}]
       primitive_poses: [{position: [0, 0, 0.1], orientation: [0, 0, 0, 1]}]
     - id: post
-      pose: {position: {x: 0.3, y: 0, z: 0.3}, orientation: {x: 0, y: 0, z: 0, w: 1}}
+      pose: {position: {z: 0.3, x: 0.3, y: 0}, orientation: {w: 1, x: 0, y: 0, z: 0}}
       primitives: [{type: cylinder, dimensions: [0.4, 0.05]}, {type: sphere, dimensions: [0.06]}]
       primitive_poses: [{position: [0, 0, 0]}, {position: [0, 0, 0.2]}]
 """
@@ -128,16 +128,24 @@ def test_all_formats_say_the_same(planar: Robot, tmp_path: Path, name: str) -> N
 MESH = "4 4\n0 0 0\n0.1 0 0\n0 0.1 0\n0 0 0.1\n0 2 1\n0 1 3\n0 3 2\n1 2 3\n"
 
 
-def test_meshes_stand_in_planning_scenes(planar: Robot, tmp_path: Path) -> None:
+YAML_MESH = """world: {collision_objects: [{id: wedge, mesh_poses: [{position: [1, 0, 0]}], meshes: [{
+  vertices: [[0, 0, 0], {z: 0, x: 0.1, y: 0}, [0, 0.1, 0], [0, 0, 0.1]],
+  triangles: [[0, 2, 1], [0, 1, 3], {vertex_indices: [0, 3, 2]}, [1, 2, 3]]}]}]}
+"""
+
+
+@pytest.mark.parametrize("suffix", [".scene", ".yaml"])
+def test_meshes_stand_in_planning_scenes(planar: Robot, tmp_path: Path, suffix: str) -> None:
     text = f"cell\n* wedge\n1\nmesh\n{MESH}1 0 0\n0 0 0 1\n0 0 0 0\n.\n"
-    (tmp_path / "cell.scene").write_text(text)
-    p = problem(planar, obstacle=[scene(tmp_path / "cell.scene", name="cell", position=[4.0, 0.0, 0.0])])
+    file = tmp_path / f"cell{suffix}"
+    file.write_text(text if suffix == ".scene" else YAML_MESH)
+    p = problem(planar, obstacle=[scene(file, name="cell", position=[4.0, 0.0, 0.0])])
     (found,) = p.obstacle
     assert (found.name, found.shape) == ("cell/wedge", "mesh")
     assert found.hull is not None
     assert found.hull.volume == pytest.approx(1e-3 / 6.0)
     np.testing.assert_allclose(found.position, [5.0, 0.0, 0.0])
-    (tmp_path / "cell.scene").unlink()
+    file.unlink()
     assert problem_to_toml(parse_problem(problem_to_toml(p))) == problem_to_toml(p)
 
 

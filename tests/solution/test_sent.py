@@ -92,6 +92,31 @@ def test_a_limit_of_jerk_takes_the_least_mean() -> None:
     assert motion.efforts[len(motion.t) // 2, 0] == pytest.approx(0.0, abs=1.1)
 
 
+@pytest.mark.parametrize("leap", [0.02, 0.5])
+def test_a_motion_that_rests_on_the_way_rests_there_as_it_is_sent(leap: float) -> None:
+    """Up and down again; between them is a step of no duration, as where an arm lets go of what it holds."""
+    up = swing(jerk=400.0, steps=40)
+    t, qs = np.concatenate([up.t, 1.0 + up.t]), np.vstack([up.qs, 1.0 - up.qs])
+    vs, us = np.vstack([up.vs, -up.vs]), np.vstack([up.us, up.us[:1], -up.us])
+    vs[40] = leap
+    column = [Column("j", "rad")], [Column("j", "rad/s")], [Column("j", "N m")]
+    made = replace(fabricate(*column, num_steps=81), t=t, qs=qs, vs=vs, us=us, facts_kept=up.facts_kept)
+    sent = motion_as_sent(made, 500.0, fit=True)
+    if leap == 0.5:  # more than what steps are wrong by
+        assert sent.mean == 0.0
+        assert "its velocities leap" in what_helps(sent, sent.excesses)
+        return
+    assert sent.excesses == ()
+    assert sent.mean > 0.0
+    rest = sent.times_of(np.array([1.0]))
+    assert rest[0] == pytest.approx(sent.slower * (1.0 + sent.mean))
+    np.testing.assert_allclose(np.hstack(sent.curves.at(rest)[:2]), [[1.0, 0.0]], atol=1e-6)
+    samples = np.concatenate([[0.0, 0.0], sent.curves.at(sent.times)[0][:, 0], [0.0, 0.0]])
+    assert np.abs(np.diff(samples, 3)).max() <= 400.0 / 500.0**3 * (1 + 1e-6)
+    early, late = sent.controls(np.array([0.25, sent.curves.nodes[-1] - 0.25]))[:, 0]
+    assert (early, late) == (4.0, 4.0)
+
+
 def test_where_means_take_too_long_the_nearest_motion_is_sent() -> None:
     """The mean would take 8/70 s more, above a tenth; a ramp from 0 to 4 takes 4/70 s."""
     sent = motion_as_sent(swing(jerk=70.0), 1000.0, fit=True)

@@ -74,9 +74,9 @@ _HIDDEN = frozenset({"qp"})  # where a plain list of weights lands
 # Words of other tools, each with the keys of the same meaning; the first that the table has is named.
 OTHER_WORDS = {
     **dict.fromkeys(("torque", "torques", "force", "tau"), ("effort",)),
-    **dict.fromkeys(("speed", "speeds", "v", "qd"), ("velocity", "v")),
-    **dict.fromkeys(("q", "joints", "qpos", "positions", "position"), ("position", "q")),
-    **dict.fromkeys(("accel", "qdd", "a"), ("acceleration", "a")),
+    **dict.fromkeys(("speed", "speeds", "vel", "velocities", "v", "qd"), ("velocity", "v")),
+    **dict.fromkeys(("q", "joints", "qpos", "pos", "positions", "position"), ("position", "q")),
+    **dict.fromkeys(("acc", "accel", "accelerations", "qdd", "a"), ("acceleration", "a")),
     **dict.fromkeys(("torque_rate", "torque_rates"), ("effort_rate",)),
     **dict.fromkeys(("xyz", "translation"), ("position",)),
     **dict.fromkeys(("quaternion", "quat", "rotation"), ("orientation",)),
@@ -117,6 +117,8 @@ def _reason(model: type[BaseModel], item: Mapping[str, Any]) -> str:
         expected = f"tables, each [[{'.'.join(part for part in loc if isinstance(part, str))}]]"
     if kind == NO_KIND:
         expected = f"a {item['msg']}"
+    if kind == "literal_error":
+        expected = InvalidValue.of_literal(item).expected
     if kind in ("too_short", "too_long"):
         expected = f"a list of {item['ctx'].get('min_length', item['ctx'].get('max_length'))}"
     return f"got {show(got, _MAX_VALUE_LENGTH)}, expected {expected}"

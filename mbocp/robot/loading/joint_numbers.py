@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,7 @@ from mbocp.robot.resistance import FRICTION_SPEED, JointResistance
 from mbocp.robot.warnings import NotModelledWarning
 
 _NO_LIMIT = 1e300  # Pinocchio's "no limit" is the largest double
-FRICTION_MODELS = ("none", "smooth")
+FrictionModel: TypeAlias = Literal["none", "smooth"]
 _MAX_NAMES = 6  # in a message
 
 
@@ -139,8 +140,8 @@ class Losses:
     joints: frozenset[str] | None = None
 
     def __post_init__(self) -> None:
-        if self.friction is not None and self.friction not in FRICTION_MODELS:
-            raise InvalidValue("friction", repr(self.friction), " or ".join(map(repr, FRICTION_MODELS)))
+        if self.friction is not None and self.friction not in (known := get_args(FrictionModel)):
+            raise InvalidValue.of_choice("friction", self.friction, known)
         if not (np.isfinite(self.friction_speed) and self.friction_speed > 0):
             raise InvalidValue("friction_speed", self.friction_speed, "a positive finite number")
 

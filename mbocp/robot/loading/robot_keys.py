@@ -15,14 +15,23 @@ import pinocchio as pin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
-from mbocp._keys import Declared, Key, Kind, Takes
+from mbocp._keys import Declared, Key, Kind
 from mbocp._numbers import finite_number, named_numbers
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
 from mbocp.robot.loading.addresses import absolute
-from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, MotorTable, PayloadTable, ShapeTable
+from mbocp.robot.loading.joint_numbers import FrictionModel
+from mbocp.robot.loading.robot_tables import (
+    ElasticTable,
+    InertiasTable,
+    MotorTable,
+    PayloadTable,
+    Positive,
+    ShapeTable,
+)
 from mbocp.robot.loading.table_types import Orientation, Position, refusal
+from mbocp.robot.parts import Rotations
 from mbocp.robot.payload import SHAPES, Payload
 from mbocp.robot.placed import SEPARATOR
 
@@ -99,15 +108,11 @@ class ReadingKeys(Declared):
         Key("whether [viscous damping](robots.md#damping-and-friction) acts", default=f"{_OWN}, else true"),
     ] = None
     friction: Annotated[
-        str | None,
-        Takes('`"smooth"`, `"none"`', {"enum": ["smooth", "none"]}),
-        Key(
-            "whether its Coulomb friction acts",
-            default=f"{_OWN}, else left out, and told",
-        ),
+        FrictionModel | None,
+        Key("whether its Coulomb friction acts", default=f"{_OWN}, else left out, and told"),
     ] = None
     friction_speed: Annotated[
-        Number | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
+        Positive | None, Key("speed over which friction is smoothed", "rad/s, m/s", f"{_OWN}, else 0.1")
     ] = None
     arguments: Annotated[Arguments | None, Key("of a [xacro file](robots.md#xacro)", "", _OWN)] = None
     package_dirs: Annotated[list[str], Key("where `package://` leads", "", "none", "list of paths")] = Field(
@@ -216,11 +221,10 @@ class RobotKeys(ReadingKeys, _HeadKeys):
         Key("in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
     ] = None
     rotations: Annotated[
-        str | None,
+        Rotations | None,
         Key(
-            "what explicit schemes integrate: [rotations](robots.md#rotations)",
+            "what explicit schemes [integrate](robots.md#rotations)",
             default=f'{_OWN}, else `"quaternion"`',
-            takes='`"quaternion"` or `"dcm"`',
         ),
     ] = None
     numbers: Annotated[

@@ -26,7 +26,7 @@ from mbocp.robot.payload import INERTIA_KEYS, MAX_VALUE, SHAPES, Payload
 _INERTIA = f"3 numbers ixx, iyy, izz, 6 numbers {', '.join(INERTIA_KEYS)}, or a table of these"
 _SUFFIX = "_motor"
 
-_Positive = Annotated[float, Kind("number > 0", finite_number, float), Field(gt=0, le=MAX_VALUE)]
+Positive = Annotated[float, Kind("number > 0", finite_number, float), Field(gt=0, le=MAX_VALUE)]
 _NotNegative = Annotated[float, Kind("number >= 0", finite_number, float), Field(ge=0, le=MAX_VALUE)]
 
 
@@ -160,24 +160,24 @@ class ElasticTable(KeyTable):
     """A joint between which and its motor there are a spring and a damper."""
 
     joint: Annotated[str, Key("a revolute or prismatic joint")]
-    stiffness: Annotated[_Positive, Key("of the spring between joint and motor", "N m/rad, N/m")]
+    stiffness: Annotated[Positive, Key("of the spring between joint and motor", "N m/rad, N/m")]
     damping: Annotated[_NotNegative, Key("of the damper beside it", "N m s/rad, N s/m")] = 0.0
-    motor_inertia: Annotated[_Positive, Key("of the rotor, behind the gear", "kg m^2, kg")]
+    motor_inertia: Annotated[Positive, Key("of the rotor, behind the gear", "kg m^2, kg")]
 
 
 class MotorTable(KeyTable):
     """A motor that turns a joint by a gear; its control is the torque before the gear."""
 
     joint: Annotated[str, Key("a joint that turns, and has a motor")]
-    gear_ratio: Annotated[_Positive, Key("turns of the motor for one of the joint")] = 1.0
+    gear_ratio: Annotated[Positive, Key("turns of the motor for one of the joint")] = 1.0
     inertia: Annotated[
         _NotNegative | None, Key("of the rotor, before the gear", "kg m^2", "that of its files")
     ] = None
     effort: Annotated[
-        _Positive | None, Key("largest torque of the motor", "N m", "the joint's by gear_ratio")
+        Positive | None, Key("largest torque of the motor", "N m", "the joint's by gear_ratio")
     ] = None
     speed: Annotated[
-        _Positive | None, Key("largest speed of the motor", "rad/s", "the joint's times gear_ratio")
+        Positive | None, Key("largest speed of the motor", "rad/s", "the joint's times gear_ratio")
     ] = None
 
 
@@ -205,7 +205,7 @@ def motor_of(joint: str) -> str:
 class LinkTable(Table):
     """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
 
-    mass: Annotated[_Positive, Measured("kg")]
+    mass: Annotated[Positive, Measured("kg")]
     com: Position | None = None
     inertia: Inertia | None = None
 
@@ -240,9 +240,9 @@ class InertiasTable(KeyTable):
     """Where masses and inertias of links come from that the file does not give."""
 
     density: Annotated[
-        _Positive | None, Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3")
+        Positive | None, Key("of [links without inertias](robots.md#robots-without-inertias)", "kg/m^3")
     ] = None
-    mass: Annotated[_Positive | None, Key("of the whole robot, from which the density follows", "kg")] = None
+    mass: Annotated[Positive | None, Key("of the whole robot, from which the density follows", "kg")] = None
     links: Annotated[
         Any,
         Kind("table", _links, dict[str, dict[str, Any]]),

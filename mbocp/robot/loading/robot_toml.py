@@ -22,6 +22,7 @@ from mbocp._files import read_toml
 from mbocp._measured import Measured
 from mbocp._text import find_repeated
 from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.robot.loading.joint_numbers import FrictionModel
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, MotorTable, PayloadTable
 from mbocp.robot.loading.table_types import (
@@ -43,6 +44,7 @@ from mbocp.robot.loading.table_types import (
 )
 from mbocp.robot.loops.constraints import CONSTRAINTS
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
+from mbocp.robot.parts import Rotations
 
 if TYPE_CHECKING:
     ConstraintTable: TypeAlias = ConstraintKeys
@@ -228,11 +230,11 @@ class RobotTable(Table):
     dynamics: bool | None = None
     inertias: InertiasTable | None = None
     damping: bool | None = None
-    friction: Literal["none", "smooth"] | None = None
+    friction: FrictionModel | None = None
     friction_speed: Annotated[PositiveNumber, Measured("m/s, rad/s")] | None = None
     arguments: dict[str, str | bool | int | float] | None = None
     spherical: list[str] = Field(default=[])
-    rotations: Literal["quaternion", "dcm"] | None = None
+    rotations: Rotations | None = None
     undriven: Literal["free", "hold"] = "free"
     trace: list[str] | None = None
     actuation: ActuationTable = ActuationTable.model_construct()

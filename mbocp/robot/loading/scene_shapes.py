@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,19 +86,22 @@ def _of_yaml(path: Path) -> Iterator[LinkShape]:
         made = [_primitive(path, name, one["type"], map(float, one["dimensions"])) for one in solids]
         meshes = thing.get("meshes") or ()
         for mesh in meshes:
-            corners = [[float(corner[axis]) for axis in "xyz"] for corner in mesh["vertices"]]
-            faces = [[int(k) for k in face["vertex_indices"]] for face in mesh["triangles"]]
-            made.append(mesh_of(np.array(corners), np.array(faces)))
+            corners = [_row(corner, "xyz") for corner in mesh["vertices"]]
+            faces = [face["vertex_indices"] if isinstance(face, dict) else face for face in mesh["triangles"]]
+            made.append(mesh_of(np.array(corners), np.array(faces, dtype=int)))
         poses = [_pose(place) for place in (*places, *(thing.get("mesh_poses") or ()))]
         for number, (geometry, at) in enumerate(zip(made, poses, strict=True)):
             yield _shape(name, number, geometry, base * at)
 
 
 def _pose(given: Mapping[str, Any]) -> pin.SE3:
-    """Of lists, as MotionBenchMaker writes them, or of tables of x, y, z and w."""
     position, turn = given.get("position", [0.0] * 3), given.get("orientation", [0.0, 0.0, 0.0, 1.0])
-    numbers = [list(one.values()) if isinstance(one, dict) else one for one in (position, turn)]
-    return _placement([float(x) for one in numbers for x in one])
+    return _placement([*_row(position, "xyz"), *_row(turn, "xyzw")])
+
+
+def _row(given: Mapping[str, Any] | Sequence[Any], names: str) -> list[float]:
+    """Numbers of a list, as MotionBenchMaker writes them, or of a table of x, y, z and w in any order."""
+    return [float(x) for x in (map(given.__getitem__, names) if isinstance(given, Mapping) else given)]
 
 
 def _placement(numbers: list[float]) -> pin.SE3:

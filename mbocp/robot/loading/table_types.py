@@ -22,7 +22,7 @@ from mbocp._keys import Kind
 from mbocp._measured import Measured
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import has_control_characters, show
-from mbocp.exceptions import RobotError, suggest
+from mbocp.exceptions import InvalidValue, RobotError, suggest
 
 _MAX_VALUE = 1e15  # of numbers in the equations, as in files of robots
 _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
@@ -169,8 +169,7 @@ def _reason(error: Any, allowed: Allowed) -> str:
     if kind == "union_tag_invalid":
         return f"unknown type {show(context['tag'])}, known: {_plain(context['expected_tags'])}"
     if kind == "literal_error":
-        what = "unknown type" if error["loc"][-1] == "type" else "got"
-        return f"{what} {show(got)}, known: {_plain(context['expected'])}"
+        return f"got {show(got)}, expected {InvalidValue.of_literal(error).expected}"
     if kind == "model_type":
         return f"got {show(got)}, expected a table"
     message = error["msg"].removeprefix("Value error, ")

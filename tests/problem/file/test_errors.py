@@ -123,12 +123,17 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             r"""got 'exakt', expected "exact" \| .* \(did you mean 'exact'\?\)""",
         ),
         ("goal.enforce=true", "goal.enforce", r'got True, expected "exact" \| "penalty"'),
-        ("robot.friction=false", "robot.friction", r'got False, expected "smooth" \| "none"'),
+        ("robot.friction=false", "robot.friction", r'got False, expected "none" \| "smooth"'),
+        ("robot.friction=smoth", "robot.friction", r"\| \"smooth\" \(did you mean 'smooth'\?\)"),
+        ("robot.friction_speed=0", "robot.friction_speed", "got 0, expected a number greater than 0"),
+        ("robot.rotations=euler", "robot.rotations", r'got \'euler\', expected "quaternion" \| "dcm"'),
         (
             "phase=[{name='carry', steps=3, duration=1, payload=[{mass=1}]}]",
             "phase.0.payload",
             r"a \[\[robot\.part\]\] with its mass, which \[\[phase\.hold\]\] joins to the tool",
         ),
+        ("goal.vel=0", "goal.vel", "unknown key, did you mean 'v'"),
+        ("limits.acc=3", "limits.acc", "unknown key, did you mean 'acceleration'"),
         ("goal={}", "", ""),
         (
             "cost.effort=0",

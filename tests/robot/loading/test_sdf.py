@@ -12,6 +12,8 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import Robot, gather, load_robot, load_stored
+from mbocp.robot.loading.readers import sdf
+from mbocp.robot.loading.readers.sdf_xml import parse_sdf
 from mbocp.robot.robot_facts import find_oddities
 from mbocp.robot.warnings import ImpossibleInertiaWarning, MissingMeshWarning, NotModelledWarning
 
@@ -94,6 +96,15 @@ def test_numbers_are_those_of_the_urdf_of_the_same_robot(tmp_path: Path) -> None
     np.testing.assert_allclose(robot.model.damping, [0.4, 0.0])
     np.testing.assert_allclose(robot.visual_model.geometryObjects[0].meshColor, [1, 0, 0, 1])
     assert robot.collision_spheres[0].radii == [0.2]
+
+
+def test_a_file_is_parsed_once_to_be_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, parsed = load(tmp_path, ARM), list[Path]()
+    monkeypatch.setattr(
+        sdf, "parse_sdf", lambda path, folders: parsed.append(path) or parse_sdf(path, folders)
+    )
+    gather(robot.spec)
+    assert parsed == [tmp_path / "robot.sdf"]
 
 
 def test_a_model_without_a_joint_to_the_world_floats(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -57,10 +58,11 @@ class SdfReader:
     """
 
     folders: Sequence[Path] = ()
+    _known: dict[Path, Sdf] = field(default_factory=dict, repr=False)
 
     def read(self, path: Path, name: str, how: Reading) -> Description:
         """Read a robot; joints that mimic others are coupled to them unless `mimic` is False."""
-        sdf, left_out = parse_sdf(path, self.folders), LeftOut()
+        sdf, left_out = self._parse(path), LeftOut()
         links = read_links(sdf, how.folders, left_out)
         found = read_joints(sdf, links, left_out)
         couplings = [] if how.mimic is False else found.couplings
@@ -73,24 +75,29 @@ class SdfReader:
 
     def companions(self, path: Path) -> tuple[Path, ...]:
         """Files of the models that it includes."""
-        includes = parse_sdf(path, self.folders).includes
+        includes = self._parse(path).includes
         return tuple(dict.fromkeys(resolve(each, path.parent, self.folders) for each in includes))
 
     def addresses(self, path: Path) -> tuple[str, ...]:
         """Addresses of the models that it includes, and of all meshes, each once."""
-        sdf = parse_sdf(path, self.folders)
+        sdf = self._parse(path)
         uris = (mesh.findtext("uri") or "" for mesh in sdf.element.iter("mesh"))
         return tuple(dict.fromkeys((*sdf.includes, *(uri.strip() for uri in uris))))
 
     def oddities(self, path: Path) -> Iterator[Oddity]:
         """Joints that cannot move, and links with the mass that Gazebo gives those that say none."""
-        sdf, left_out = parse_sdf(path, self.folders), LeftOut()
+        sdf, left_out = self._parse(path), LeftOut()
         for link in sdf.element.iterfind("link"):
             if link.find("inertial") is None:
                 words = "no <inertial>: it has 1 kg and 1 kg m^2 about each axis"
                 yield Oddity(words, link=link.get("name", ""))
         links = read_links(sdf, (), left_out)
         yield from oddities_of(read_joints(sdf, links, left_out).bodies)
+
+    def _parse(self, path: Path) -> Sdf:
+        if path not in self._known:
+            self._known[path] = parse_sdf(path, self.folders)
+        return self._known[path]
 
 
 def read_links(sdf: Sdf, folders: Sequence[Path], left_out: LeftOut) -> dict[str, TreeBody]:
