@@ -34,11 +34,12 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_jacobian
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
-from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placement_of
+from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placements_of
 from mbocp.robot.poses.pose_search import JointBounds, joint_bounds, reach
 from mbocp.robot.walking import walking_bodies
 
 _TOLERANCE = 1e-9  # [m, rad]
+_FITTED = 1e-12  # [m, rad] within which holds are kept: another step would change nothing of a solve
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
 _QUATERNION = 4  # numbers; pairs of cosine and sine have one sign
 _DECIDED = 1e-6  # part of a joint in the motions that are left when motors stand still
@@ -46,15 +47,16 @@ _DECIDED = 1e-6  # part of a joint in the motions that are left when motors stan
 
 @dataclass(frozen=True, eq=False)
 class _Ties:
-    """What holds at an instant."""
+    """What holds at an instant, from where it was at the nodes before, whose configurations are known."""
 
     table: SwitchTable
     own: BoolArray
     rows: BoolArray
     anchors: IntArray
+    qs: Array
 
     @classmethod
-    def at(cls, table: SwitchTable, node: int) -> _Ties:
+    def at(cls, table: SwitchTable, node: int, qs: Array) -> _Ties:
         """Of the step to a node, and what is to coincide because it is taken on before the next one."""
         last = len(table.rows)
         after = next((n for n in range(node, last) if not table.is_impact[n]), last - 1)
@@ -63,40 +65,34 @@ class _Ties:
         for begin in table.begins:
             if node <= begin.step <= after and not begin.frame.is_anchored and begin.frame in table.held:
                 rows |= _rows_of(table, begin.frame) & table.rows[begin.step]
-        return cls(table, own, rows, np.where(table.rows[node - 1], table.anchors[node - 1], -1))
+        return cls(table, own, rows, np.where(table.rows[node - 1], table.anchors[node - 1], -1), qs)
 
     @property
     def count(self) -> int:
         """Number of rows."""
         return int(self.own.sum() + self.rows.sum())
 
-    def residual(self, q: Array, qs: Array) -> Array:
-        """Rows at a configuration, held from nodes whose configurations are known, shape (count,).
+    def residual(self, q: Array) -> Array:
+        """Rows at a configuration, shape (count,).
 
         Those of attitudes are rotation vectors, as their equations vanish at half turns, too.
         """
-        robot, found = self.table.robot, np.zeros(len(self.rows))
+        found = np.zeros(len(self.rows))
         for anchor in np.unique(self.anchors[self.rows]):
             mine = self.rows & (self.anchors == anchor)
-            known = q if anchor < 0 else qs[anchor]
+            known = q if anchor < 0 else self.qs[anchor]
             found[mine] = self.table.residuals(q[None], known[None])[0][mine]
-        for constraint, at in self._attitudes:
-            turn = _turn(robot, constraint, q)
-            if self.anchors[at.start] >= 0:
-                turn = _turn(robot, constraint, qs[self.anchors[at.start]]).T @ turn
-            found[at] = pin.log3(turn)
-        own = closure_by_angle(robot, q)[0][self._kept_rows]
+        for (_, at), before, turn in zip(self._attitudes, self._turns_before, self._turns(q), strict=True):
+            found[at] = pin.log3(before.T @ turn)
+        own = closure_by_angle(self.table.robot, q)[0][self._kept_rows]
         return np.concatenate([own, found[self.rows]])
 
     def jacobian(self, q: Array) -> Array:
         """Their derivative, of rotation vectors the angular velocity, shape (count, nv)."""
-        robot = self.table.robot
-        found = self.table.jacobians(q[None])[0]
-        for constraint, at in self._attitudes:
-            in_a, in_b = (
-                frame_jacobian(robot.model, q, frame, pin.LOCAL)[3:] for frame in constraint.frame_ids
-            )
-            found[at] = in_a - _turn(robot, constraint, q).T @ in_b
+        robot, found = self.table.robot, self.table.jacobians(q[None])[0]
+        for (constraint, at), turn in zip(self._attitudes, self._turns(q), strict=True):
+            in_a, in_b = (frame_jacobian(robot.model, q, k, pin.LOCAL)[3:] for k in constraint.frame_ids)
+            found[at] = in_a - turn.T @ in_b
         own = closure_by_angle(robot, q)[1]()[self._kept_rows]
         return np.vstack([own, found[self.rows]])
 
@@ -111,17 +107,29 @@ class _Ties:
         kept = attitude_rows(frame.constraint for frame in self.table.held)
         return [(constraint, at) for constraint, at in kept if self.rows[at].any()]
 
-    def fit(self, q: Array, qs: Array) -> Array:
+    @cached_property
+    def _turns_before(self) -> list[Array]:
+        """Of each of these, the attitude in which it is held."""
+        anchors = [self.anchors[at.start] for _, at in self._attitudes]
+        turns = {anchor: self._turns(self.qs[anchor]) for anchor in set(anchors) if anchor >= 0}
+        return [turns[anchor][k] if anchor >= 0 else np.eye(3) for k, anchor in enumerate(anchors)]
+
+    def _turns(self, q: Array) -> list[Array]:
+        """Of each of these, axes of its first frame in those of the second, shape (3, 3)."""
+        pairs = [constraint.frame_ids for constraint, _ in self._attitudes]
+        return [place.rotation for place in placements_of(self.table.robot.model, q, pairs)]
+
+    def fit(self, q: Array) -> Array:
         """The configuration moved so that the rows hold, shape (nq,)."""
         robot, rows = self.table.robot, range(self.count)
 
         def what(_: object, at: Array) -> tuple[Array, Callable[[], Array]]:
-            return self.residual(at, qs), lambda: self.jacobian(at)
+            return self.residual(at), lambda: self.jacobian(at)
 
-        follows, J = _follows(robot), self.jacobian(q)
-        if np.linalg.matrix_rank(J[:, follows], RANK_TOLERANCE) == np.linalg.matrix_rank(J, RANK_TOLERANCE):
-            q = reduce_rows(robot, q, follows, rows, what)
-        return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what)
+        follows = _follows(robot)
+        if follows.any() and _suffices(self.jacobian(q), follows):
+            q = reduce_rows(robot, q, follows, rows, what, _FITTED)
+        return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what, _FITTED)
 
     def lead(self, q: Array, before: Array) -> Array:
         """The configuration, with joints that motors decide by what holds where they were before.
@@ -130,15 +138,17 @@ class _Ties:
         rows of a weld vanish, too.
         """
         robot, follows = self.table.robot, _follows(self.table.robot)
+        if not follows.any():
+            return q
         open_ways = null_space(self.jacobian(before)[:, follows], RANK_TOLERANCE)
         decided = np.zeros(robot.nv, dtype=np.bool_)
         decided[follows] = np.abs(open_ways).max(axis=1, initial=0.0) < _DECIDED
         names = [name for name in robot.joint_names if decided[robot.velocity_indices(name)].all()]
         return _with(robot, q, before, names)
 
-    def apart(self, q: Array, qs: Array) -> float:
+    def apart(self, q: Array) -> float:
         """The largest residual [m, rad]."""
-        return float(np.abs(self.residual(q, qs)).max(initial=0.0))
+        return float(np.abs(self.residual(q)).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +157,6 @@ class _StopRows:
 
     poses: PoseRows
     ties: _Ties
-    qs: Array
 
     @property
     def model(self) -> pin.Model:
@@ -156,7 +165,7 @@ class _StopRows:
 
     def residual(self, q: Array) -> Array:
         """Rows of the poses, and weighted ones of what holds."""
-        return np.append(self.poses.pose_residual(q), CLOSURE_WEIGHT * self.ties.residual(q, self.qs))
+        return np.append(self.poses.pose_residual(q), CLOSURE_WEIGHT * self.ties.residual(q))
 
     def jacobian(self, q: Array) -> Array:
         """Their derivative."""
@@ -182,22 +191,22 @@ class _Stops:
         found, before = [raw[0]], raw[0].q
         for stop in raw[1:]:
             q, before = _going_on(robot, found[-1].q, before, stop), stop.q
-            ties = _Ties.at(self.table, stop.node)
+            ties = _Ties.at(self.table, stop.node, qs)
             if landing := self.landings.get(stop.node):
-                q = self._land(ties, landing, stop.goal, qs)
+                q = self._land(ties, landing, stop.goal)
             elif ties.count:
-                q = self._settle(ties, q, found[-1].q, stop.goal, qs)
+                q = self._settle(ties, q, found[-1].q, stop.goal)
             qs[instant(self.table.is_impact, stop.node)] = q
             found.append(Stop(stop.node, q, stop.goal))
         return found
 
-    def _settle(self, ties: _Ties, q: Array, before: Array, goal: Goal | None, qs: Array) -> Array:
+    def _settle(self, ties: _Ties, q: Array, before: Array, goal: Goal | None) -> Array:
         """A configuration that fits, at what is asked for where that can be."""
         robot = self.problem.robot
         if goal is None or not (goal.q_active.any() or goal.poses):
-            return ties.fit(q, qs)
+            return ties.fit(q)
         targets = [frame.target for frame in goal.poses]
-        rows, written = _StopRows(PoseRows(robot, targets), ties, qs), robot.joints_with(goal.q_active)
+        rows, written = _StopRows(PoseRows(robot, targets), ties), robot.joints_with(goal.q_active)
         bounds = self._bounds
         best: Array | None = None
         for start in self._starts(q, before, written):
@@ -210,17 +219,17 @@ class _Stops:
                 break
         if best is not None:
             q = _with(robot, bounds.unwind(best, before), q, written)
-        return ties.fit(q, qs)
+        return ties.fit(q)
 
-    def _land(self, ties: _Ties, landing: Landing, goal: Goal | None, qs: Array) -> Array:
+    def _land(self, ties: _Ties, landing: Landing, goal: Goal | None) -> Array:
         """A configuration in which feet land where they are wanted: by the legs, or by all joints."""
         robot, said = self.problem.robot, () if goal is None else goal.poses
         targets = [frame.target for frame in said] + list(landing.targets)
-        rows, bounds = _StopRows(PoseRows(robot, targets), ties, qs), self._bounds
+        rows, bounds = _StopRows(PoseRows(robot, targets), ties), self._bounds
         q, has_arrived = reach(rows, bounds.clip(landing.q), bounds, walking_bodies(robot), _TOLERANCE)
         if not has_arrived:
             q, _ = reach(rows, q, bounds, np.zeros(robot.nv, dtype=np.bool_), _TOLERANCE)
-        return ties.fit(q, qs)
+        return ties.fit(q)
 
     def _starts(self, q: Array, before: Array, written: Sequence[str]) -> Iterator[Array]:
         """The line's configuration, the stop before, random ones; with the joints that are written."""
@@ -271,9 +280,9 @@ def carry(problem: Problem, qs: Array) -> Array:
         if table.is_impact[node - 1]:
             found[node] = found[node - 1]
             continue
-        ties = _Ties.at(table, node)
-        if ties.count and ties.apart(qs[node], found) > _TOLERANCE:
-            found[node] = ties.fit(ties.lead(qs[node], found[node - 1]), found)
+        ties = _Ties.at(table, node, found)
+        if ties.count and ties.apart(qs[node]) > _TOLERANCE:
+            found[node] = ties.fit(ties.lead(qs[node], found[node - 1]))
         found[node] = _with_signs(problem.robot, found[node], found[node - 1])
     return found
 
@@ -291,11 +300,6 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     scaled = np.linalg.solve(root, J.T).T  # J L^-T
     leap = np.linalg.lstsq(scaled, J @ v, rcond=1e-10)[0]
     return v - np.linalg.solve(root.T, leap)
-
-
-def _turn(robot: Robot, constraint: Constraint, q: Array) -> Array:
-    """Axes of the first frame of a constraint in those of the second, shape (3, 3)."""
-    return placement_of(robot.model, q, *constraint.frame_ids).rotation
 
 
 def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
@@ -322,6 +326,12 @@ def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
         if at.stop - at.start == _QUATERNION and found[at] @ before[at] < 0.0:
             found[at] = -found[at]
     return found
+
+
+def _suffices(J: Array, chosen: BoolArray) -> bool:
+    """Whether some velocity components can do what all can of some rows."""
+    few, all_of_them = (np.linalg.matrix_rank(part, RANK_TOLERANCE) for part in (J[:, chosen], J))
+    return bool(few == all_of_them)
 
 
 def _follows(robot: Robot) -> BoolArray:

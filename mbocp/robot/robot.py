@@ -22,7 +22,7 @@ from mbocp.robot.loops import projection
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.payload import Payload, attach
 from mbocp.robot.poses.inverse_kinematics import InverseKinematics, LimitChoice, solve_inverse_kinematics
-from mbocp.robot.poses.pose_rows import placement_of
+from mbocp.robot.poses.pose_rows import placements_of
 from mbocp.robot.poses.target import Targets
 from mbocp.robot.resistance import resistance_forces
 from mbocp.robot.warnings import NormalisationWarning
@@ -201,7 +201,7 @@ class Robot(Mechanism):
             The reference frame.
         """
         at = self.q0 if q is None else self._vector(q, self.nq, "q")
-        return placement_of(self.model, at, self.frame_id(frame), self.frame_id(relative_to))
+        return placements_of(self.model, at, [(self.frame_id(frame), self.frame_id(relative_to))])[0]
 
     def inverse_kinematics(
         self,

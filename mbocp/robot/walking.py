@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from mbocp._arrays import BoolArray
 from mbocp.robot.robot import Robot
 
+_KEPT = 16  # robots
 
+
+@lru_cache(maxsize=_KEPT)
 def walking_bodies(robot: Robot) -> BoolArray:
     """Return which velocity components are those of bodies that stand on legs, shape (nv,).
 
@@ -19,4 +24,5 @@ def walking_bodies(robot: Robot) -> BoolArray:
         own, *carried = (robot.velocity_indices(model.names[k]) for k in model.subtrees[joint])
         if not model.parents[joint] and not has_motor[own].any():
             found[own] = any(has_motor[at].any() for at in carried)
+    found.setflags(write=False)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -80,7 +81,7 @@ class SwitchTable:
         """Which rows of the held frames say where these are, and not that they stay, shape (rows,)."""
         return np.array([not frame.is_anchored for frame in self.held for _ in frame.rows], dtype=np.bool_)
 
-    @property
+    @cached_property
     def anchors(self) -> Array:
         """The node from which each row is held, by step, shape (N, rows); -1 where it does not act."""
         found = np.full(self.rows.shape, -1)

@@ -138,7 +138,12 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
 
 
 def reduce_rows(
-    robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequence[int], what: _Residual
+    robot: Mechanism,
+    q: Array,
+    free: NDArray[np.bool_],
+    rows: Sequence[int],
+    what: _Residual,
+    enough: float = _ROUND_OFF,
 ) -> Array:
     """Reduce some rows of a residual as far as possible, by the free velocity components.
 
@@ -150,6 +155,8 @@ def reduce_rows(
     what : callable
         From the mechanism and q to the residual and a function that computes its derivative, with columns in
         tangent coordinates.
+    enough : float
+        Residual below which it ends [m, rad].
 
     Returns
     -------
@@ -157,21 +164,24 @@ def reduce_rows(
         Moved by steps that are the shortest in the norm of the mass matrix.
     """
     chosen, damping, stalled = list(rows), 0.0, 0
-    residual = what(robot, q)[0][chosen]
+    found, derivative = what(robot, q)
+    residual = found[chosen]
     for _ in range(_MAX_ITERATIONS):
-        if np.abs(residual).max(initial=0.0) < _ROUND_OFF or stalled == _MAX_STALLED:
+        if np.abs(residual).max(initial=0.0) < enough or stalled == _MAX_STALLED:
             break
-        jacobian = what(robot, q)[1]()[chosen][:, free]
+        jacobian = derivative()[chosen][:, free]
         step = np.zeros(robot.nv)
         step[free] = _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian, -residual, damping)
         step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max(initial=0.0)), _MAX_STEP))
         tried = robot.integrate(q, step)
-        after = what(robot, tried)[0][chosen]
+        found, derivative_there = what(robot, tried)
+        after = found[chosen]
         with np.errstate(over="ignore", invalid="ignore"):  # squares of lengths beyond 1e154 m: no progress
             share = np.linalg.norm(after) / np.linalg.norm(residual)
         if share < 1.0:
             stalled = stalled + 1 if share > _STALL_RATIO else 0
-            q, residual, damping = tried, after, damping / 10.0 if damping > 1e-8 else 0.0
+            q, residual, derivative = tried, after, derivative_there
+            damping = damping / 10.0 if damping > 1e-8 else 0.0
         elif np.abs(residual).max() < _CLOSURE_TOLERANCE or damping > 1e3:
             break
         else:
@@ -186,6 +196,8 @@ def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
 
 def closure_by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
     """Like `_by_rows`, with rotation vectors in place of the rows that keep an attitude."""
+    if not robot.constraints:
+        return _by_rows(robot, q)
     model, data = robot.model, working_data(robot.model)
     pin.framesForwardKinematics(model, data, q)
     residual, kept = np.array(robot.closure_residual(q)), []

@@ -150,8 +150,10 @@ class PoseRows:
         return np.vstack([turned @ lines, turned @ (moved[3:] - base[3:])])
 
 
-def placement_of(model: pin.Model, q: Array, frame: int, reference: int) -> pin.SE3:
-    """Placement of a frame in the axes of another."""
+def placements_of(model: pin.Model, q: Array, pairs: Sequence[tuple[int, ...]]) -> list[pin.SE3]:
+    """Placements of frames in the axes of others."""
+    if not pairs:
+        return []
     data = working_data(model)
     pin.framesForwardKinematics(model, data, q)
-    return data.oMf[reference].actInv(data.oMf[frame])
+    return [data.oMf[reference].actInv(data.oMf[frame]) for frame, reference in pairs]
