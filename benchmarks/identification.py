@@ -84,6 +84,7 @@ def regress(found: Identification, log: Log) -> Array:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first run")
     parser.add_argument("--position-noise", type=float, default=1e-4)
     parser.add_argument("--short", action="store_true", help="logs of one period at 50 Hz")
     parser.add_argument("--robots", nargs="+", choices=CASES, default=list(CASES))
@@ -91,9 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one_core()
     show(header())
     for name in asked.robots:
-        rows = np.array(
-            [run(name, seed, asked.position_noise, short=asked.short) for seed in range(asked.runs)]
-        )
+        seeds = range(asked.first, asked.first + asked.runs)
+        rows = np.array([run(name, seed, asked.position_noise, short=asked.short) for seed in seeds])
         errors = rows.std(axis=0, ddof=1) / np.sqrt(asked.runs)
         *shares, squares, off, plain, left, taken = rows.mean(axis=0)
         numbers = (

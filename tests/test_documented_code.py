@@ -92,8 +92,9 @@ def known() -> dict[str, bool]:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the code of a page runs: with the examples, and with the files that it is about."""
-    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    """Where the code of a page runs: with examples and robots, and with the files that it is about."""
+    for name in ("examples", "robots"):
+        (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

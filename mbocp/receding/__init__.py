@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.receding.estimator import Estimate as Estimate
+    from mbocp.receding.estimate import Estimate as Estimate
     from mbocp.receding.estimator import MovingHorizonEstimator as MovingHorizonEstimator
     from mbocp.receding.horizon import HorizonStep as HorizonStep
     from mbocp.receding.horizon import RecedingHorizon as RecedingHorizon

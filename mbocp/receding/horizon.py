@@ -18,8 +18,10 @@ from mbocp.formulation.updates import ParameterUpdates
 from mbocp.guesses.in_turn import solve_from_guesses
 from mbocp.job import Job
 from mbocp.problem import Problem
+from mbocp.problem._checks import check_integer
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
+from mbocp.receding.given import MICROSECOND, MOST_ITERATIONS, iterations_of, numbers_of, time_of
 from mbocp.receding.moving import MovingStages
 from mbocp.receding.refusals import check_can_recede, check_functions
 from mbocp.receding.saved import check_savable, write_horizon
@@ -32,9 +34,7 @@ from mbocp.solvers import Status
 from mbocp.solvers.receding import RecedingSettings, loop_of, receding_horizon
 from mbocp.solvers.strategies.patience import Patience
 
-_MICROSECOND = 1e-6  # [s]
 _WHOLE = 1e-6  # of a step: times that are as good as whole ones
-_MAX_ITERATIONS = 1_000_000  # of one step: more are a mistake, and take minutes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +102,10 @@ class RecedingHorizon:
     Raises
     ------
     ProblemError
-        If the problem belongs to given times that cannot move, or finds its own; its phases cannot follow
-        themselves; or `iterations` is out of range.
+        If the problem belongs to given times that cannot move, or finds its own; or its phases cannot follow
+        themselves.
+    InvalidValue
+        If `iterations` is out of range.
     SolverError
         If the problem cannot be solved from its start.
     """
@@ -119,7 +121,7 @@ class RecedingHorizon:
     ) -> None:
         self.problem = problem_from(problem)
         check_can_recede(self.problem)
-        self._iterations = _check_iterations(iterations)
+        self._iterations = check_integer("iterations", iterations, 1, MOST_ITERATIONS)
         formulation, _ = formulate_with_independent_ends(self.problem, math.inf)
         self._formulation = with_compiled_functions(formulation)
         check_functions(self._formulation)
@@ -286,25 +288,14 @@ class RecedingHorizon:
 
     def _take_state(self, q: Any, v: Any) -> list[str]:
         """Copy a state to where the kernel reads it; words for what cannot be, and NaN in its place."""
-        robot, at = self.problem.robot, self._state
-        try:
-            arrays = (np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64))
-        except (TypeError, ValueError):
-            at[0] = math.nan
-            return ["q and v: not arrays of numbers"]
-        wrong = [
-            f"{name}: got shape {array.shape}, expected ({size},)"
-            for name, array, size in zip("qv", arrays, (robot.nq, robot.nv), strict=True)
-            if array.shape != (size,)
-        ]
-        if wrong:
+        robot, at, wrong = self.problem.robot, self._state, list[str]()
+        q0, v0 = numbers_of("q", q, robot.nq, wrong), numbers_of("v", v, robot.nv, wrong)
+        if q0 is None or v0 is None:
             at[0] = math.nan
         elif self._is_plain:
-            at[: robot.nq], at[robot.nq :] = arrays
-        elif all(np.isfinite(array).all() for array in arrays):
-            at[:] = self._formulation.start_state(*arrays)
+            at[: robot.nq], at[robot.nq :] = q0, v0
         else:
-            at[0] = math.nan
+            at[:] = self._formulation.start_state(q0, v0)
         return wrong
 
     def _forget_barrier(self) -> None:
@@ -354,27 +345,14 @@ class RecedingHorizon:
         self, dt: float | None, time_limit: float | None, iterations: int | None
     ) -> tuple[float, float, int, list[str]]:
         """Steps to move by, time limit [s], Newton steps, and words for what cannot be."""
-        wrong, steps, limit, count = [], 1.0, math.inf, self._iterations
-        try:
-            steps = 1.0 if dt is None else float(dt) / self.problem.dt
-            limit = math.inf if time_limit is None else float(time_limit) * _MICROSECOND
-            count = self._iterations if iterations is None else int(iterations)
-        except (TypeError, ValueError, OverflowError):
-            wrong.append("dt, time_limit or iterations: not numbers")
-        if not (math.isfinite(steps) and steps >= 0.0):
-            wrong.append(f"dt: got {dt}, expected a time >= 0 [s]")
-            steps = 1.0
+        wrong, unit = list[str](), self.problem.dt
+        steps = time_of("dt", dt, unit, "s", wrong) / unit
         if self._stages is not None and abs(steps - round(steps)) > _WHOLE:
-            step = f"{self.problem.dt:g} s, the step by which phases and via points move"
+            step = f"{unit:g} s, the step by which phases and via points move"
             wrong.append(f"dt: got {dt}, expected a multiple of {step}")
             steps = float(max(round(steps), 1))
-        if not 0 <= count <= _MAX_ITERATIONS:
-            wrong.append(f"iterations: got {iterations}, expected 0 to {_MAX_ITERATIONS}")
-            count = self._iterations
-        if math.isnan(limit):
-            wrong.append(f"time_limit: got {time_limit}, expected a time [us]")
-            limit = 0.0
-        return steps, limit, count, wrong
+        limit = time_of("time_limit", time_limit, math.inf, "us", wrong) * MICROSECOND
+        return steps, limit, iterations_of(iterations, self._iterations, wrong), wrong
 
     def _pass_numbers(self) -> None:
         numbers = self._numbers
@@ -404,12 +382,6 @@ class RecedingHorizon:
             )
             q, v = motion.qs, motion.vs
         return HorizonStep(status, u, K, q, v, us, gains)
-
-
-def _check_iterations(iterations: int) -> int:
-    if not 1 <= iterations <= _MAX_ITERATIONS:
-        raise ProblemError(f"iterations: got {iterations}, expected 1 to {_MAX_ITERATIONS}")
-    return int(iterations)
 
 
 def _solve(formulation: Formulation, warm_start: Solution | None) -> Iterate:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,3 +80,11 @@ class LinearStage:
 def lower_root(columns: Array) -> Array:
     """Lower triangle L with L L' = R'R."""
     return np.asarray(np.linalg.qr(columns, mode="r")).T
+
+
+def filter_stage(stage: Callable[[], LinearStage], mean: Array, root: Array) -> tuple[Array, Array]:
+    """Mean and root after a stage; NaN where its functions are not finite or its steps have no solution."""
+    try:
+        return stage().filter(mean, root)
+    except (np.linalg.LinAlgError, RuntimeError):
+        return np.full_like(mean, np.nan), np.full_like(root, np.nan)

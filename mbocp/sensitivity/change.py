@@ -11,18 +11,22 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.build import parameter_values
+from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.formulate import implied_end_rows, pieces_of
+from mbocp.formulation.gains import has_joint_states
 from mbocp.formulation.layout import places
 from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.state_bounds import state_bounds
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.evaluation import call
+from mbocp.terms.frame_end import FrameEnd
 
 # Differences of fourth order: of numbers that depend on the move linearly or smoothly, right to 1e-11.
 _STEP = 2.0**-9
 _WEIGHTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
 _SAME = 1e-12
+_PLAIN = (ControlValues, FrameEnd)  # features and ends that know no length of steps, and limits as they are
 POINTS = tuple((at * _STEP, weight / _STEP) for at, weight in _WEIGHTS)  # moves, and their weights
 
 
@@ -106,6 +110,17 @@ def change_along(formulation: Formulation, *moves: Callable[[float], Problem]) -
         return Change(*(sum(w * getattr(n, f.name) for w, n in points) for f in fields(Change)))
 
     return Change.join([change(move) for move in moves])
+
+
+def has_plain_numbers(formulation: Formulation) -> bool:
+    """Whether lengths of steps stand in "dt" alone, and limits in bounds of their own alone.
+
+    It is so of states of joints where no features, path constraints or ends have numbers of their own: terms
+    of the cost know neither, see `TermNumbers`.
+    """
+    signature = formulation.pieces.signature
+    others = [one for one in (*signature.ends, *signature.features) if not isinstance(one, _PLAIN)]
+    return has_joint_states(formulation) and not (formulation.problem.inequalities or others)
 
 
 def says_all(formulation: Formulation, change: Change, steps: Array, moved: Problem) -> bool:

@@ -31,6 +31,8 @@ _STEPS = 8  # of Newton's method from the end of a solve; one or two are typical
 _STILL = 1e-10  # a step of it, by the size of what it moves
 _FAR = 1e-2  # the first one, likewise: the solution is one of other conditions
 
+_Limits = tuple[Array, Array, BoolArray, Array]
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -128,17 +130,18 @@ def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
         kkt = Kkt.near(optimum, most_steps=_STEPS, still=_STILL, far=_FAR)
         if optimum.programme.bounds.is_empty:
             return Found(formulation, kkt, ())
-        optimum = _correct(kkt.optimum)
+        limits = _limits(kkt.optimum)
+        optimum = _correct(kkt.optimum, limits)
         if np.array_equal(optimum.held, kkt.optimum.held):
-            return Found(formulation, kkt, _degenerate(optimum))
+            return Found(formulation, kkt, _degenerate(optimum, limits))
     raise SolverError(
         "sensitivities: it is in doubt which limits are active at the solution, which has no derivative there"
     )
 
 
-def _correct(optimum: Optimum) -> Optimum:
+def _correct(optimum: Optimum, limits: _Limits) -> Optimum:
     """With limits let go that would have to pull the other way, and with those active that are not kept."""
-    lower, upper, is_equation, values = _limits(optimum)
+    lower, upper, is_equation, values = limits
     is_upper = optimum.sides == upper
     pulls = np.where(is_upper, optimum.ws, -optimum.ws)
     keeps = optimum.held & ((pulls >= 0.0) | is_equation)
@@ -149,9 +152,9 @@ def _correct(optimum: Optimum) -> Optimum:
     return replace(optimum, held=held, sides=np.where(held, sides, 0.0), ws=np.where(held, optimum.ws, 0.0))
 
 
-def _degenerate(optimum: Optimum) -> tuple[str, ...]:
+def _degenerate(optimum: Optimum, limits: _Limits) -> tuple[str, ...]:
     """Limits that are active with next to no multiplier, or nearly active."""
-    lower, upper, is_equation, values = _limits(optimum)
+    lower, upper, is_equation, values = limits
     room = np.minimum(upper - values, values - lower)
     largest = max(np.abs(optimum.ws).max(initial=0.0), np.abs(optimum.iterate.ms).max(initial=0.0))
     has_none = np.abs(optimum.ws) <= _WEAK * largest
@@ -165,7 +168,7 @@ def _degenerate(optimum: Optimum) -> tuple[str, ...]:
     )
 
 
-def _limits(optimum: Optimum) -> tuple[Array, Array, BoolArray, Array]:
+def _limits(optimum: Optimum) -> _Limits:
     """Lower and upper bounds, which are equations, and the values that they bound."""
     bounds = optimum.programme.bounds
     return (

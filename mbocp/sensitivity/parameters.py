@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.change import Change, change_along, says_all
+from mbocp.sensitivity.change import Change, change_along, has_plain_numbers, says_all
 from mbocp.sensitivity.of_ends import GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_frames import GoalOfFrame
 from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
@@ -123,6 +123,8 @@ class Limit(Parameter):
         """Of bounds of the same numbers, if these are all; else of what formulating anew makes of each."""
         value, problem = self.value, self.problem
         found = self._of_bounds()
+        if has_plain_numbers(self.formulation):
+            return found
         looser = 1.0 if self._field.endswith("upper") else -1.0
         steps = looser * np.linspace(_LITTLE, 2.0 * _LITTLE, len(value))
         if says_all(self.formulation, found, steps, self.put(problem, value + steps)):
@@ -193,6 +195,8 @@ class Duration(Parameter):
         """Of the length of a step, if that is all; else of all that depends on it or tells the time."""
         T, problem, found = self.problem.duration, self.problem, self._none
         found.theta[0, places(self.formulation.pieces.parameters.theta)["dt"]] = problem.dt / T
+        if has_plain_numbers(self.formulation):
+            return found
         if says_all(self.formulation, found, np.array([_LITTLE * T]), self.put(problem, T * (1.0 + _LITTLE))):
             return found
         moved = change_along(self.formulation, lambda size: self.put(problem, T * (1.0 + size)))

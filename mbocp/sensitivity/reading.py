@@ -209,18 +209,20 @@ class Reader:
         stretch : float
             In the share by which all given lengths of steps grow.
         """
-        formulation, nodes, motion, at = self.formulation, self._nodes, self.motion, self.formulation.layout
-        problem = formulation.problem
-        of_states = np.hstack([bars.get(name, np.zeros_like(motion.vs)) for name in ("qs", "vs")])
+        formulation, motion, at = self.formulation, self.motion, self.formulation.layout
+        problem, iterate = formulation.problem, self.optimum.iterate
         values = bars.get("u_values", np.zeros_like(motion.values))
         dts = bars.get("dts", np.zeros_like(motion.dts))
-        us = np.zeros_like(self.optimum.iterate.us)
-        if self._first is not None:
-            us[0] = self._first.T @ of_states[0]
-            of_states[0] = 0.0
-        xs = np.einsum("nij,ni->nj", nodes.in_states, of_states)
-        of_us = np.einsum("nij,ni->nj", nodes.in_us, of_states)
-        of_us[-2] += of_us[-1]
+        xs, us = np.zeros((len(iterate.xs), at.ndx)), np.zeros_like(iterate.us)
+        of_us = np.zeros((len(xs), problem.robot.nu))
+        if bars.keys() & {"qs", "vs"}:
+            of_states = np.hstack([bars.get(name, np.zeros_like(motion.vs)) for name in ("qs", "vs")])
+            if self._first is not None:
+                us[0] = self._first.T @ of_states[0]
+                of_states[0] = 0.0
+            xs = np.einsum("nij,ni->nj", self._nodes.in_states, of_states)
+            of_us = np.einsum("nij,ni->nj", self._nodes.in_us, of_states)
+            of_us[-2] += of_us[-1]
         if "us" in bars:
             np.add.at(of_us, self._steps, bars["us"])
         control_values = formulation.pieces.signature.control_values

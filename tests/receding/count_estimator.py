@@ -22,7 +22,8 @@ def main() -> None:
     q, rng = np.array(arm.q0), np.random.default_rng(0)
     for _ in range(30):
         estimator.update(q + 1e-4 * rng.standard_normal(6), np.zeros(6), dt=0.01)
-    native, theta, rho, x = estimator._horizon, estimator._theta, estimator._rows.ravel(), estimator._x
+    native, theta, x = estimator._horizon, estimator._theta, estimator._x
+    rho = estimator._samples.rows.ravel()
     none = np.zeros(0)
     before = count()
     for k in range(SAMPLES):

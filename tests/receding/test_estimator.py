@@ -359,7 +359,7 @@ BAD_SAMPLES = {
     "dt: got -1, expected a time >= 0": {"dt": -1},
     "dt: got 0, expected the time since": {"dt": 0},
     "time_limit: got soon, expected a time >= 0": {"time_limit": "soon"},
-    "iterations: got -2, expected 0 to 1000000": {"iterations": -2},
+    "iterations: got -2, expected a whole number of at least 0": {"iterations": -2},
 }
 
 

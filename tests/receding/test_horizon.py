@@ -265,13 +265,13 @@ GOOD = np.zeros(6)
 BAD_INPUTS = {
     "q: got shape (5,), expected (6,)": {"q": np.zeros(5)},
     "v: got shape (2, 3), expected (6,)": {"v": np.zeros((2, 3))},
-    "q or v: not finite": {"q": np.full(6, math.nan)},
-    "q and v: not arrays of numbers": {"v": "fast"},
+    "q: not finite": {"q": np.full(6, math.nan)},
+    "v: not an array of numbers": {"v": "fast"},
     "dt: got -1.0, expected a time >= 0 [s]": {"dt": -1.0},
-    "dt, time_limit or iterations: not numbers": {"dt": "soon"},
+    "dt: got soon, expected a time >= 0 [s]": {"dt": "soon"},
     "time_limit: got nan": {"time_limit": math.nan},
-    "iterations: got 1000000000000, expected 0 to": {"iterations": 10**12},
-    "iterations: got -3, expected 0 to": {"iterations": -3},
+    "iterations: got 1000000000000, expected a whole number of at least 0": {"iterations": 10**12},
+    "iterations: got -3, expected a whole number of at least 0": {"iterations": -3},
     "goal.q: got shape (3,), expected (6,)": {"goal": np.zeros(3)},
     "goal.q: got [inf": {"goal": np.full(6, math.inf)},
     "goal: no 'qq' in that of the problem": {"goal": {"qq": GOOD}},
@@ -448,7 +448,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("iterations", [0, -3, 10**12])
 def test_iterations_of_a_horizon_are_at_least_one(problem, iterations):
-    with pytest.raises(ProblemError, match=f"iterations: got {iterations}, expected 1 to"):
+    with pytest.raises(InvalidValue, match=f"iterations: got {iterations}, expected a whole number of at"):
         RecedingHorizon(problem, iterations=iterations)
 
 

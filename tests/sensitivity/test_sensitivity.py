@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import casadi as ca
@@ -17,7 +17,7 @@ from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.layout import places
 from mbocp.robot.named_numbers import opened_for
 from mbocp.sensitivity import DegenerateLimitWarning, of_robot
-from mbocp.sensitivity.change import change_along
+from mbocp.sensitivity.change import change_along, has_plain_numbers
 from mbocp.sensitivity.kkt import Parts
 from mbocp.sensitivity.parameters import parameters_of
 from mbocp.terms import path_constraint, running_cost
@@ -290,6 +290,20 @@ def test_numbers_are_those_of_a_problem_formulated_anew():
                 parameter.word,
                 name,
             )
+
+
+@pytest.mark.parametrize("changes", [{}, {"integrator.scheme": "gauss2"}, {"limits.effort_rate": 300.0}])
+def test_lengths_of_steps_and_limits_stand_alone_where_numbers_are_plain(changes):
+    problem = mbocp.load_problem(EXAMPLES / "arms/ur5_limits.toml", {"horizon.steps": 5, **changes})
+    formulation = formulate_with_independent_ends(problem, math.inf)[0]
+    assert has_plain_numbers(formulation) == ("limits.effort_rate" not in changes)
+    for parameter in parameters_of(formulation, ["horizon.duration", "limits.velocity.upper"]):
+        found, by = parameter.change(), np.ones(len(parameter.names))
+        move = partial(lambda one, size: one.put(problem, one.value + size), parameter)
+        expected = change_along(formulation, move)
+        for name in ("start", "theta", "rho", "rho_terminal", "lower", "upper"):
+            whole = by @ getattr(found, name).reshape(len(by), -1)
+            assert np.allclose(whole, getattr(expected, name).ravel(), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("path", ["four_bar", "stewart"])
