@@ -235,11 +235,14 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
     try:
         excesses, unknown = check_sent(sent, problem_to_check(solution, load_robot))
     except MbocpError as error:
-        warn_caller(f"efforts and paths are not looked at as they are sent: {error}", NotCheckedWarning)
+        warn_caller(
+            f"efforts and path constraints are not checked as the motion is sent: {error}", NotCheckedWarning
+        )
         return sent.excesses
     if unknown:
         names = list_names(unknown, _MOST_NAMES)
-        warn_caller(f"not looked at as it is sent, positions do not say it: {names}", NotCheckedWarning)
+        told = f"not checked as the motion is sent, since positions of joints do not tell these: {names}"
+        warn_caller(told, NotCheckedWarning)
     return (*sent.excesses, *excesses)
 
 
