@@ -116,8 +116,7 @@ class MovedStart(Feature):
 
     def _names(self, problem: Problem) -> list[str]:
         robot = problem.robot
-        parts = (("position", robot.move_labels), ("velocity", robot.v_labels))
-        names = [f"{part} of {label.name}" for part, labels in parts for label in labels]
+        names = [f"{part} of {label.name}" for part in ("position", "velocity") for label in robot.v_labels]
         return [f"start {names[i]}" for i in self.directions]
 
     def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
