@@ -89,7 +89,7 @@ def accuracy_of(
     ends, end_speeds, parts, own = followed
     errors = np.abs(flow.differences(ends, qs[1:]))
     ways = np.abs(flow.differences(qs[:-1], qs[1:])).sum(axis=0)
-    names = [label.name for label in robot.v_labels]
+    names = [label.name for label in robot.move_labels]
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])
     replay = partial(course.replay, qs[0], speeds[0], motion.us_in_powers, dts)

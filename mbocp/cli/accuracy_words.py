@@ -45,9 +45,10 @@ def accuracy_words(solution: Solution) -> str:
     if not found.is_known:
         return ""
     units = {column.name: column.unit.removesuffix("/s") for column in solution.labels.v}
+    units |= {column.name: column.unit for column in solution.labels.q}  # not root_joint.rx
 
     def size(value: float, joint: str) -> str:
-        return f"{value:.2g} {units.get(joint, '')}".rstrip() + f" ({joint})"
+        return f"{value:.2g} {units.get(joint, 'rad' * bool(joint))}".rstrip() + f" ({joint})"
 
     missed = "more than can be told, for errors grow too fast"
     if math.isfinite(found.replay_error):

@@ -24,8 +24,8 @@ def goal_error(solution: Solution, problem: Problem) -> str:
     of_v = robot.v_labels
     parts = []
     if goal.q_active.any():
-        of_q = [Label(label.name, label.unit.removesuffix("/s")) for label in of_v]
-        parts.append(f"off by {_worst(robot.difference(goal.q, solution.q_final), goal.q_active, of_q)}")
+        away = robot.difference(goal.q, solution.q_final)
+        parts.append(f"off by {_worst(away, goal.q_active, robot.move_labels)}")
     if goal.rate == "p" and goal.rate_active.any():
         away = solution.p_final - goal.value
         parts.append(f"momentum by {_worst(away, goal.rate_active, robot.p_labels)}")
@@ -64,9 +64,8 @@ def _cycle_error(solution: Solution, problem: Problem) -> str:
     start, end = ((solution.qs[n], solution.vs[n]) for n in (0, -1))
     defect = periodic.defect(robot, start, end)
     worst = int(np.abs(defect).argmax())
-    label = robot.v_labels[worst % robot.nv]
-    unit = label.unit.removesuffix("/s") if worst < robot.nv else label.unit
-    words = f"a cycle, closed to {abs(defect[worst]):.2e} {unit} at {label.name}"
+    label = (*robot.move_labels, *robot.v_labels)[worst]
+    words = f"a cycle, closed to {abs(defect[worst]):.2e} {label.unit} at {label.name}"
     apart = [
         f"{name} moves by {(end[0] - start[0])[robot.configuration_indices(name)].item():.6g}"
         for name in periodic.apart

@@ -50,7 +50,13 @@ def take_end_of(problem: Problem, carried: Carried) -> Problem:
 
 
 def restore(
-    carried: Carried, dts: Array, motion: Iterate, formulation: Formulation, steps: IntArray
+    carried: Carried,
+    dts: Array,
+    motion: Iterate,
+    formulation: Formulation,
+    steps: IntArray,
+    *,
+    is_later: bool,
 ) -> Iterate | None:
     """An iterate as it was, or its last steps; of a later part within limits its multipliers with the motion.
 
@@ -67,6 +73,8 @@ def restore(
         Of a problem that may differ in all numbers, in its costs and in its path constraints.
     steps : ndarray of int, shape (N,)
         Which of its steps the middle of each step of the motion is in.
+    is_later : bool
+        Whether the motion begins after its start.
     """
     programme, problem, at = formulation.programme, formulation.problem, formulation.layout
     if len(carried.iterate.ms) != len(dts) or carried.meaning != _meaning(formulation):
@@ -79,7 +87,7 @@ def restore(
         iterate, motion, at
     )
     is_alike = bool(np.all((lengths <= 2.0 * before) & (before <= 2.0 * lengths)))
-    if not (is_part or (first and is_alike and iterate.bounds is not None)):
+    if not (is_part or (is_later and is_alike and iterate.bounds is not None)):
         return None
     unit = problem.dt * iterate.xs[1, at.states["h"]] / before[0] if "h" in at.states else np.ones(0)
     is_whole = is_part and first == 0 and np.allclose(unit, 1.0, rtol=_SAME, atol=0.0)
@@ -89,7 +97,7 @@ def restore(
         iterate, at, {**_units_of(iterate, motion, at), "h": unit, "t": unit * len(steps) / len(dts)}
     )
     iterate = _from_start(iterate, formulation) if first else iterate
-    return replace(iterate, xs=frozen_array(xs), us=frozen_array(us))
+    return replace(iterate, xs=frozen_array(xs), us=frozen_array(us), is_rest=is_later)
 
 
 def _is_of(iterate: Iterate, motion: Iterate, at: StateLayout) -> bool:
@@ -137,7 +145,7 @@ def _from_start(iterate: Iterate, formulation: Formulation) -> Iterate:
             names = {label.name for label in limit.labels}
             path[0, [name in names for name in formulation.programme.path_names]] *= part
         bounds = replace(bounds, path=path)
-    return replace(iterate, ms=ms, bounds=bounds, is_rest=True)
+    return replace(iterate, ms=ms, bounds=bounds)
 
 
 def _meaning(formulation: Formulation) -> str:

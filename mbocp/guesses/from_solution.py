@@ -65,7 +65,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     motion = _motion(saved, formulation, places)
     iterate = formulation.iterate_of(motion, lams)
     if saved.iterate is not None:
-        kept = restore(saved.iterate, np.diff(saved.t), iterate, formulation, places.middle)
+        own, is_later = np.diff(saved.t), bool(nodes[0] > 0.0)
+        kept = restore(saved.iterate, own, iterate, formulation, places.middle, is_later=is_later)
         if kept is not None:
             return kept
     if has_multipliers:

@@ -174,8 +174,8 @@ def _check_distance(robot: Robot, base: Array, q: Array, active: BoolArray, key:
     away = np.where(active, np.abs(robot.difference(base, q)), 0.0)
     worst = int(away.argmax())
     if away[worst] > MAX_PATH_LENGTH:
-        is_goal, label = key == "goal.q", robot.v_labels[worst]
-        begin, unit = "the start" if is_goal else "the initial pose", label.unit.removesuffix("/s")
+        is_goal, label = key == "goal.q", robot.move_labels[worst]
+        begin, unit = "the start" if is_goal else "the initial pose", label.unit
         raise (UnreachableGoal if is_goal else InconsistentStart)(
             f"{key}: {label.name} is {away[worst]:.3g} {unit} from {begin} of robot {robot.name!r}, and "
             f"ways with closed loops are followed over {MAX_PATH_LENGTH:g} {unit} at most; give a nearer "
@@ -225,5 +225,5 @@ def _turn(robot: Robot, q_start: Array, q: Array) -> Array:
 def _short(robot: Robot, q: Array, target: Array, active: BoolArray) -> str:
     missing = np.where(active, robot.difference(q, target), 0.0)
     worst = int(np.abs(missing).argmax())
-    label = robot.v_labels[worst]
-    return f"{label.name} {abs(missing[worst]):.3g} {label.unit.removesuffix('/s')} off"
+    label = robot.move_labels[worst]
+    return f"{label.name} {abs(missing[worst]):.3g} {label.unit} off"

@@ -168,8 +168,8 @@ class Problem(ProblemData):
         ----------
         **changes
             Fields of this class, or words of `create`: of a table only the keys that are given change
-            (``cost={"velocity": 1.0}``), `guess`, `via` and `path` are replaced as a whole. A `frame` takes
-            the place of a `q` of the goal that gives every joint.
+            (``cost={"velocity": 1.0}``), `guess`, `via` and `path` are replaced as a whole, so are `limits`
+            that give a `profile`. A `frame` takes the place of a `q` of the goal that gives every joint.
 
         Raises
         ------

@@ -195,6 +195,18 @@ def position_labels(model: pin.Model) -> tuple[Label, ...]:
     )
 
 
+_MOVES = {f"{of_v}{axis}": f"{of_q}{axis}" for of_v, of_q in (("v", ""), ("w", "r")) for axis in "xyz"}
+
+
+def move_labels(model: pin.Model) -> tuple[Label, ...]:
+    """One label for each direction in which q moves: ``x`` in place of ``vx``, ``rx`` in place of ``wx``."""
+    return tuple(
+        Label(_join(model.names[joint], _MOVES.get(suffix, suffix)), displacement)
+        for joint in range(1, model.njoints)
+        for suffix, displacement in joint_kind(model, joint).v
+    )
+
+
 def velocity_labels(model: pin.Model, units: dict[str, str]) -> tuple[Label, ...]:
     """One label for each number of v.
 

@@ -204,6 +204,11 @@ class RobotModel:
         return joints.position_labels(self.model)
 
     @cached_property
+    def move_labels(self) -> tuple[Label, ...]:
+        """Name and unit of each direction in which q moves, shape (nv,)."""
+        return joints.move_labels(self.model)
+
+    @cached_property
     def v_labels(self) -> tuple[Label, ...]:
         """Name and unit of each number of v."""
         return joints.velocity_labels(self.model, _VELOCITY_UNITS)

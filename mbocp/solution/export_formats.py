@@ -240,14 +240,14 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
     try:
         excesses, unknown = check_sent(sent, problem_to_check(solution, load_robot))
     except MbocpError as error:
-        warn_caller(f"efforts and paths are not looked at as they are sent: {error}", NotCheckedWarning)
+        warn_caller(
+            f"efforts and path constraints are not checked as the motion is sent: {error}", NotCheckedWarning
+        )
         return sent.excesses
     if unknown:
         names = list_names(unknown, _MOST_NAMES)
-        warn_caller(
-            f"checked at the nodes alone, since more than the joints that are sent decides it: {names}",
-            NotCheckedWarning,
-        )
+        told = f"checked at the nodes alone, since positions of joints do not tell them between: {names}"
+        warn_caller(told, NotCheckedWarning)
     return (*sent.excesses, *excesses)
 
 

@@ -14,7 +14,7 @@ from mbocp.solution.solution import Solution
 
 _AGREES = 0.05  # of the motion's extent and of its largest velocity: what a start is away from it at most
 _NEARER = 0.5  # of its distance from the motion's start, or the motion is taken from there
-_LEAST = 0.5  # [steps]: a start that is hardly later is the motion's own
+_LEAST = 0.1  # [steps]: a start that is hardly later is the motion's own
 
 
 @dataclass(frozen=True, eq=False)

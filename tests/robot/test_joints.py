@@ -43,6 +43,10 @@ def test_labels(mixed: Robot) -> None:
         "j1 [rad/s]", "j2 [rad/s]", "j3 [m/s]", "j4.vx [m/s]", "j4.vy [m/s]", "j4.wz [rad/s]",
         "j5.vx [m/s]", "j5.vy [m/s]", "j5.vz [m/s]", "j5.wx [rad/s]", "j5.wy [rad/s]", "j5.wz [rad/s]",
     ]  # fmt: skip
+    assert [str(label) for label in mixed.move_labels] == [
+        "j1 [rad]", "j2 [rad]", "j3 [m]", "j4.x [m]", "j4.y [m]", "j4.rz [rad]",
+        "j5.x [m]", "j5.y [m]", "j5.z [m]", "j5.rx [rad]", "j5.ry [rad]", "j5.rz [rad]",
+    ]  # fmt: skip
     assert [label.unit for label in mixed.p_labels[:4]] == ["N m s", "N m s", "N s", "N s"]
     assert [str(label) for label in mixed.u_labels] == ["j1 [N m]", "j2 [N m]", "j3 [N]"]
 

@@ -88,7 +88,9 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     )
     with (
         pytest.warns(UserWarning, match="efforts are those of the solution, not of what is sent"),
-        pytest.warns(UserWarning, match=r"efforts and paths are not looked at .*gone.urdf: no such file"),
+        pytest.warns(
+            UserWarning, match=r"efforts and path constraints are not checked .*gone.urdf: no such file"
+        ),
     ):
         export(gone.save(tmp_path / "b.h5"), tmp_path / "b.csv", interpolation="quintic", **given)
     assert (tmp_path / "b.csv").exists()

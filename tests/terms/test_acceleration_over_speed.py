@@ -177,7 +177,7 @@ def test_a_profile_has_them_over_speed_and_payload(tmp_path: Path) -> None:
         for path, other in zip(one.frame_constraints, alone.frame_constraints, strict=True):
             np.testing.assert_allclose(path.number("values"), other.number("values"))
     half = of_profile(tmp_path, 2.0, [LIGHT, HEAVY], both).frame_constraints
-    assert [path.name for path in half] == ["acceleration of joint1", "acceleration of joint2"]
+    assert [path.name for path in half] == ["own's acceleration of joint1", "own's acceleration of joint2"]
     np.testing.assert_allclose(half[0].number("values"), degree * np.array([1000.0, 950.0, 200.0]))
     with pytest.raises(
         ProblemError, match="acceleration of joint1: got accelerations that fall less steeply"
@@ -190,7 +190,7 @@ def test_they_are_kept_as_a_motion_is_sent(tmp_path: Path, controls: str) -> Non
     """By differences of samples at 1 kHz; a motion that is sent faster leaves them, and says so."""
     problem = of_profile(tmp_path, 1.0, LIGHT, "speed = [0, 90, 360]", controls=controls)
     s = mbocp.solve(problem, check=True)
-    assert any(limit.name.startswith("acceleration of joint1") for limit in s.active_limits)
+    assert any(limit.name.startswith("own's acceleration of joint1") for limit in s.active_limits)
     q = samples_of(s.export(tmp_path / "kept.csv", rate=1000.0))[1]
     degree = np.pi / 180.0
     v, a = np.diff(q, axis=0) * 1e3, np.diff(q, 2, axis=0) * 1e6
@@ -200,5 +200,7 @@ def test_they_are_kept_as_a_motion_is_sent(tmp_path: Path, controls: str) -> Non
         assert (np.abs(a[:, k]) <= 1.002 * most + 1e-3).all()
     sent = motion_as_sent(s, 1000.0)
     fast = Follower.of(replace(sent, curves=sent.curves.slow(0.9)), problem.robot)
-    assert "acceleration of joint1 slowing down" in {one.name for one in path_excesses(fast, problem)[0]}
+    assert "own's acceleration of joint1 slowing down" in {
+        one.name for one in path_excesses(fast, problem)[0]
+    }
     assert not path_excesses(Follower.of(sent, problem.robot), problem)[0]

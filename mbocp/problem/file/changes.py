@@ -17,6 +17,7 @@ from mbocp.problem.cost import Cost
 from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
+from mbocp.problem.file.profile import is_of_profile
 from mbocp.problem.file.read_tables import READ
 from mbocp.problem.file.schema import ProblemTable
 from mbocp.problem.goals.goal import Goal
@@ -144,6 +145,10 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
         for key in (*stand_in, *(("phases_unweighted",) if name == "phase" else ())):
             values.pop(key, None)
         found[name] = _changed_table(name, found.get(name), plain(value))
+    if "profile" in tables.get("limits", {}):  # with its rows; a result keeps those of its own as numbers
+        found["path"] = [row for row in found.get("path", ()) if not is_of_profile(row.get("name", ""))]
+        if "said_path" in values:
+            values["said_path"] = tuple(row for row in values["said_path"] if not is_of_profile(row.name))
     if "phase" in tables:  # it says how long all is, and what is held
         found["horizon"] = _without(found.get("horizon", {}), "duration", "steps", "lengths")
         values = {key: value for key, value in values.items() if key not in ("said_holds", "said_releases")}
@@ -154,7 +159,7 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
 def _changed_table(name: str, old: Any, table: Any) -> Any:
     if name in _WHOLE:
         return table
-    if old is None:
+    if old is None or (name == "limits" and "profile" in table):
         old = {"velocity": AUTO} if name == "cost" else {}
     if isinstance(old, str):
         old = {SHORT[name]: old}

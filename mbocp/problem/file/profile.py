@@ -6,6 +6,7 @@ A profile speaks of joints by name. Those of a robot may have a prefix, or sever
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain
@@ -37,6 +38,7 @@ _OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
     "effort": Motor,
     "acceleration": AccelerationOverSpeed,
 }  # by key
+_NAME = re.compile(r".+'s (braking|motor|acceleration) of .+")  # of its path constraints, in results, too
 _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
@@ -186,7 +188,7 @@ class Profile:
             if len(lines) and self._has(key, motor, robot, controls):
                 found.append(
                     {
-                        "name": f"{term.kind} of {name}",
+                        "name": self._name(term.kind, name),
                         "kind": term.kind,
                         "frame": motor,
                         "curve": lines.tolist(),
@@ -205,7 +207,7 @@ class Profile:
         }
         return [
             {
-                "name": f"braking of {name}",
+                "name": self._name("braking", name),
                 "kind": "braking",
                 "frame": name,
                 **{key: float(values[i]) for key, values in numbers.items()},
@@ -218,6 +220,9 @@ class Profile:
             for name, i in self._joints(robot).items()
             if np.isfinite(positions[i]).any()
         ]
+
+    def _name(self, kind: str, joint: str) -> str:
+        return f"{self.name}'s {kind} of {joint}"
 
     def _joints(self, robot: Robot) -> dict[str, int]:
         """Places in the profile of the robot's joints, by their names."""
@@ -304,6 +309,11 @@ class Profile:
 def _ratios(robot: Robot) -> dict[str, float]:
     """Of the gears behind which profiles speak of torques, before which controls are, by joint."""
     return {motor.name: motor.gear_ratio for motor in robot.motors}
+
+
+def is_of_profile(name: str) -> bool:
+    """Whether the path constraint of a name is one that a profile made."""
+    return _NAME.fullmatch(name) is not None
 
 
 def profile_names() -> list[str]:

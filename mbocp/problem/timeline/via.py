@@ -196,8 +196,7 @@ class ViaConstraint(BoundedTerm):
     def _labels_of_equations(self) -> Iterator[Label]:
         """Each is called after the row that weighs most in it."""
         goal, speeds = self.via.goal, self.robot.v_labels
-        moves = [Label(x.name, x.unit.removesuffix("/s")) for x in speeds]
-        poses = moves * bool(goal.q_active.any()) + self._pose_labels(are_exact=True)
+        poses = list(self.robot.move_labels) * bool(goal.q_active.any()) + self._pose_labels(are_exact=True)
         rates = [Label(f"rate of {x.name}", x.unit) for x in speeds] * bool(goal.rate_active.any())
         rates += [Label(name, "m/s, rad/s") for frame in goal.frames for name in frame.rate_labels]
         for D, names in zip(self._projections, (poses, rates), strict=True):

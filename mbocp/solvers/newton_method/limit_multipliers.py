@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _ANY = 1.0  # barrier parameter, before it is known
 _NONE = 1e-30  # the same, far below any product of a multiplier and its distance
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
-_REST_RISE = 100.0  # of the last barrier: of 1, 100 and 10^4 the least iterations, and the fewest in vain
+_REST_PART = 0.1  # of the mean product: 1 takes a little longer, 0.02 is in vain at times
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 
 
@@ -38,7 +38,7 @@ def begin(
     """State at an iterate, and with a barrier if there are limits; threads share the stages.
 
     With the multipliers of a solution it goes on there, with the last barrier; with those of the rest of a
-    motion with one that is hardly larger, since most limits that were reached will be.
+    motion with one that is as large as these are wrong there: between nodes, and a little beside the motion.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def begin(
         if newton.is_near(state):
             return state
     if iterate.is_rest:
-        return _resume(newton, native, programme, iterate, is_centred=True, rise=_REST_RISE)
+        return _resume(newton, native, programme, iterate, is_centred=True, is_rest=True)
     barrier = _WARM_FACTOR * native.first_barrier()
     _start_warm(native, programme, iterate.bounds, barrier)
     return newton.resume(native, augmentation, barrier, is_free=barrier > 0.0)
@@ -87,13 +87,19 @@ def _resume(
     iterate: Iterate,
     *,
     is_centred: bool,
-    rise: float = 1.0,
+    is_rest: bool = False,
 ) -> KernelNewtonState:
-    """The same with `rise` times that barrier, of a kernel programme that has the iterate."""
+    """The same, of a kernel programme that has the iterate.
+
+    With `is_rest` the barrier is a part of the mean product of multipliers and distances, if that is larger.
+    """
     barrier = 0.0
     if _has_limits(programme):
-        barrier = rise * newton.last_barrier(native)
+        barrier = newton.last_barrier(native)
         rows = _take_multipliers(native, programme, iterate, barrier)
+        if is_rest:
+            barrier = max(barrier, _REST_PART * _mean_product(native, rows))
+            _take_multipliers(native, programme, iterate, barrier)
         if is_centred:
             _centre(native, rows, barrier)
         else:
@@ -166,11 +172,21 @@ def largest_product(native: KernelProgramme, programme: StagewiseProgramme) -> f
     """Of the multipliers of limits and the distances from them."""
     if not native.num_limits:
         return 0.0
-    rows = _Rows.of(programme)
+    return float(max(np.abs(products).max() for products in _products(native, _Rows.of(programme))))
+
+
+def _mean_product(native: KernelProgramme, rows: _Rows) -> float:
+    """Of the multipliers of limits and the distances inside them."""
+    products, sides = np.concatenate(_products(native, rows)), np.isfinite([rows.lower, rows.upper]).sum()
+    return float(products.clip(0.0).sum() / max(sides, 1))
+
+
+def _products(native: KernelProgramme, rows: _Rows) -> tuple[Array, Array]:
+    """Of multipliers and distances, of lower and of upper limits; 0 where there are none."""
     lower, upper = rows.lower, rows.upper
     of_lower = native.z_lower * np.where(np.isfinite(lower), native.slack - lower, 0.0)
     of_upper = native.z_upper * np.where(np.isfinite(upper), upper - native.slack, 0.0)
-    return float(max(np.abs(of_lower).max(), np.abs(of_upper).max()))
+    return of_lower, of_upper
 
 
 def _drop_idle(native: KernelProgramme, rows: _Rows) -> None:

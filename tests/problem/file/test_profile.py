@@ -135,7 +135,10 @@ def test_torques_that_fall_with_the_speed_are_a_limit_at_rest_and_lines(tmp_path
     limits = {"profile": over_speed(tmp_path, "[[6, 3], [6, 2.5], [1, 0]]")}
     one = problem("double_pendulum", limits, controls="linear")
     assert one.limits.u_upper.tolist() == [6.0, 3.0]
-    assert [path.name for path in one.path] == ["motor of joint1", "motor of joint2"]
+    assert [path.name for path in one.path] == [
+        "over_speed's motor of joint1",
+        "over_speed's motor of joint2",
+    ]
     lines = [np.column_stack([path.number("speeds"), path.number("values")]) for path in one.path]
     np.testing.assert_allclose(lines[0], [[0.0, 6.0 + 5.0 / 3.0], [2.0 * np.pi, 1.0]])
     np.testing.assert_allclose(lines[1], [[0.0, 3.0], [np.pi / 2.0, 2.5], [2.0 * np.pi, 0.0]])
@@ -224,7 +227,7 @@ def test_torques_over_the_speed_are_kept_as_a_motion_is_sent(tmp_path: Path) -> 
         "double_pendulum", 0.4, 40, limits=limits, goal=goal, cost={"effort": 1.0}, controls="linear"
     )
     solution = mbocp.solve(one, check=True)
-    assert "motor of joint1.1" in {limit.name for limit in solution.active_limits}
+    assert "over_speed's motor of joint1.1" in {limit.name for limit in solution.active_limits}
     sent = motion_as_sent(solution, 500.0)
     _, _, vs, us = controls_along(Follower.of(sent, one.robot))
     speeds = np.array([0.0, 90.0, 360.0]) * TURN
@@ -233,7 +236,7 @@ def test_torques_over_the_speed_are_kept_as_a_motion_is_sent(tmp_path: Path) -> 
     assert (np.abs(us)[drives] < 1.02 * most[drives]).all()
     assert solution.export(tmp_path / "kept.csv", rate=500.0).exists()
     fast = Follower.of(replace(sent, curves=sent.curves.slow(0.9)), one.robot)
-    assert "motor of joint1.2" in {excess.name for excess in path_excesses(fast, one)[0]}
+    assert "over_speed's motor of joint1.2" in {excess.name for excess in path_excesses(fast, one)[0]}
 
 
 def test_limits_follow_the_payload(own: Path) -> None:
@@ -260,9 +263,14 @@ def test_a_result_says_numbers(panda: Robot) -> None:
     again = parse_problem(text)
     np.testing.assert_array_equal(again.limits.a_upper, one.limits.a_upper)
     assert [path.name for path in again.path] == [path.name for path in one.path]
-    other = one.with_(limits={"profile": "panda"})
-    assert other.limits.a_upper[0] == 15.0
-    assert not other.path
+    for same in (one, again):  # also of numbers of another one
+        other = same.with_(limits={"profile": "panda"})
+        assert other.limits.a_upper[0] == 15.0
+        assert not other.path
+        assert not same.with_(path=same.path).with_(limits={"profile": False}).path
+        assert [path.name for path in same.with_(limits={"profile": "fr3"}).path] == [
+            p.name for p in one.path
+        ]
 
 
 @pytest.mark.parametrize(
