@@ -26,7 +26,7 @@ from mbocp import identify, load_robot
 from mbocp._arrays import Array
 from mbocp.identification import Identification, Log, simulate_log
 from mbocp.identification.likelihood import knots_for, regression, smooth
-from mbocp.identification.of_log import measured_of
+from mbocp.identification.of_log import measure_log
 from tests.identification.logs import changed, true_values
 
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
@@ -74,7 +74,7 @@ def run(name: str, seed: int, position_noise: float, *, short: bool = False) -> 
 
 def regress(found: Identification, log: Log) -> Array:
     """Base parameters by a regression that takes the smoothed motion for true."""
-    data, dynamics = measured_of(log, found.dynamics, {}, []), found.dynamics
+    data, dynamics = measure_log(log, found.dynamics, {}, []), found.dynamics
     data = data.part(slice(len(found.fitted.t)))
     y, yd, ydd, _ = smooth(data, knots_for(data))
     motion = dynamics.motion(y, yd, ydd, dynamics.follow(y))

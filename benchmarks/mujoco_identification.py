@@ -31,7 +31,7 @@ from mbocp._arrays import Array
 from mbocp.identification import Log, simulate_log
 from mbocp.identification.dynamics import InverseDynamics
 from mbocp.identification.likelihood import knots_for, smooth
-from mbocp.identification.of_log import measured_of
+from mbocp.identification.of_log import measure_log
 from mbocp.robot import Robot
 from tests.identification.logs import changed
 
@@ -118,7 +118,7 @@ def by_mujoco(robot: Robot, log: Log, friction: str, samples: int) -> Array:
     from mujoco import sysid
 
     spec, dynamics = spec_of(robot), InverseDynamics(robot)
-    model, data = spec.compile(), measured_of(log, dynamics, {}, [])
+    model, data = spec.compile(), measure_log(log, dynamics, {}, [])
     y, yd, _, _ = smooth(data, knots_for(data))
     torques, pieces, times = sysid.TimeSeries(data.t, data.u), [], np.arange(samples + 1) / RATE
     steps = np.arange(round(times[-1] / STEP) + 1) * STEP

@@ -23,7 +23,7 @@ from mbocp import identify, load_robot
 from mbocp._arrays import Array
 from mbocp.identification import Identification, Log
 from mbocp.identification.likelihood import knots_for, smooth
-from mbocp.identification.of_log import measured_of
+from mbocp.identification.of_log import measure_log
 from mbocp.robot import Robot
 
 GAINS = (14.87, 13.26, 11.13, 10.62, 11.03, 11.47)  # [N m/A]
@@ -47,7 +47,7 @@ def read(folder: Path, robot: Robot, name: str, kept: slice) -> Log:
 def left_by(found: Identification, beta: Array, log: Log) -> Array:
     """Root mean squares of what base parameters leave of the torques of a log, by joint [N m]."""
     dynamics, unknowns = found.dynamics, found.unknowns
-    data = measured_of(log, dynamics, {}, [])
+    data = measure_log(log, dynamics, {}, [])
     y, yd, ydd, _ = smooth(data, knots_for(data))
     full = dynamics.regressor(dynamics.motion(y, yd, ydd, dynamics.follow(y)))
     left = data.u - full @ (unknowns.known + unknowns.shares[:, found.base.chosen] @ beta)

@@ -158,7 +158,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         lines = text.splitlines() or [""]
         end = f"at the end, line {len(lines)}, column {len(lines[-1]) + 1}"
         reason = str(error).replace("at end of document", end)
-        raise Unreadable(f"malformed TOML: {_SAID_TWICE.sub(partial(_said_twice, lines), reason)}") from error
+        raise Unreadable(f"malformed TOML: {_SAID_TWICE.sub(partial(_say_once, lines), reason)}") from error
     except RecursionError as error:
         raise Unreadable(f"malformed TOML: {_TOO_DEEP}") from error
     except ValueError as error:  # Python refuses to convert more than 4300 digits
@@ -174,7 +174,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     return document
 
 
-def _said_twice(lines: list[str], found: re.Match[str]) -> str:
+def _say_once(lines: list[str], found: re.Match[str]) -> str:
     """Words for a line that names what stands above it, in place of those of Python's parser."""
     line = lines[int(found["line"]) - 1].strip()
     name, dot, _ = line.lstrip("[ ").partition("=")[0].strip("] ").partition(".")

@@ -98,13 +98,13 @@ def explain(
     for relaxation in relaxations(problem):
         is_time = relaxation.kind == "duration"
         say("with a longer duration" if is_time else f"with more room for {relaxation.kind}")
-        given = _given(problem, relaxation)
+        given = _find_factor(problem, relaxation)
         found += [given] if given is not None else []
     found.sort(key=lambda one: one.factor)
     return Explanation(causes, tuple(found), words="" if found else _without_all(problem, say))
 
 
-def _given(problem: Problem, relaxation: Relaxation) -> Given | None:
+def _find_factor(problem: Problem, relaxation: Relaxation) -> Given | None:
     """Smallest factor of one kind of limit; None if it does not help."""
     solution = _relax(relaxation, relaxation.widest, None)
     if solution is None:

@@ -177,11 +177,11 @@ def _with_end_of(problem: Problem, before: Solution) -> Problem:
     is_same = [one.name for one in problem.parameter] == [one.name for one in known.parameter]
     is_same &= problem.robot.shape_fingerprint == known.robot.shape_fingerprint
     is_same &= any(np.allclose(problem.q_start, q, rtol=0.0, atol=_SAME) for q in starts)
-    is_same &= _written(write_goal(problem)) == _written(write_goal(known))
+    is_same &= _write(write_goal(problem)) == _write(write_goal(known))
     return take_end_of(problem, carried) if is_same else problem
 
 
-def _written(table: dict[str, Any]) -> str:
+def _write(table: dict[str, Any]) -> str:
     return json.dumps(table, default=np.ndarray.tolist)
 
 

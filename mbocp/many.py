@@ -31,7 +31,7 @@ from mbocp.guesses.kinds import guess_candidates, plain_guess
 from mbocp.problem import Problem
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_integer, check_size
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.goals.ends import checked_start
+from mbocp.problem.goals.ends import check_start_state
 from mbocp.problem.limits import check_limits
 from mbocp.problem.warn import warn_limits
 from mbocp.programme import Iterate, StagewiseProgramme
@@ -256,7 +256,7 @@ def _with_numbers(problem: Problem, change: Mapping[str, Any]) -> Problem:
     """The problem with another start, goal or weights, checked as far as these alone may be wrong."""
     robot, start, goal = problem.robot, change.get("start", {}), change.get("goal", {})
     limits, own = problem.limits, problem.goal
-    q, v = checked_start(robot, limits, start.get("q", problem.q_start), start.get("v", problem.v_start))
+    q, v = check_start_state(robot, limits, start.get("q", problem.q_start), start.get("v", problem.v_start))
     if set(goal) - {"q", own.rate}:
         raise ProblemError(f"goals: the goal of the problem has {own.rate}; give that in place of the other")
     q_goal = robot.normalise(goal.get("q", own.q), name="goal.q")

@@ -12,7 +12,7 @@ from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import Problem
 from mbocp.problem._checks import check_finite
-from mbocp.problem.file.tables import written_tables
+from mbocp.problem.file.tables import write_tables
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
@@ -104,7 +104,7 @@ def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
         raise ProblemError("stop: obstacle.motion counts the time from another start; solve that problem")
     longest, force = _estimate(problem, begin)
     has_jerks = bool(problem.widest_limits.finite("j").any())
-    tables = written_tables(problem)
+    tables = write_tables(problem)
     for key in ("via", "guess", "terms", "cost", "goal", "parameter"):
         tables.pop(key, None)
     limits = {key: limit for key, limit in tables.pop("limits", {}).items() if key != "effort_rms"}

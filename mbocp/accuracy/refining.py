@@ -26,7 +26,7 @@ import numpy as np
 from mbocp._dataclass import dataclass
 from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.rounds import Round, asked_of, is_rough, step_errors_of
+from mbocp.accuracy.rounds import Round, accuracy_asked, is_rough, step_errors_of
 from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
@@ -108,7 +108,7 @@ class _Search:
         """Return the last solution with what is known of it."""
         if not self.rounds and self.failed is not None:
             return self.failed
-        last, asked = self.rounds[-1], asked_of(self.job.problem)
+        last, asked = self.rounds[-1], accuracy_asked(self.job.problem)
         solution = with_accuracy(last.solved, last.solution, self.job.deadline)
         accuracy = replace(
             solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(self.rounds)
@@ -143,7 +143,7 @@ class _Search:
         problem, deadline = self.job.problem, self.job.deadline
         found = Round.of(problem, mesh.halve().of(problem), pair, deadline=deadline)
         checks = self._coarser(mesh, found.solution) if found.is_enough else []
-        last = found.seen_with(checks, self.rounds[-1] if self.rounds else None)
+        last = found.compare_with(checks, self.rounds[-1] if self.rounds else None)
         if last.is_enough:
             last = trim(last, mesh, self._solve, deadline)
         self.rounds.append(last)
@@ -189,7 +189,7 @@ def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], 
     deadline : float
         Time of `time.perf_counter` after which no solve begins.
     """
-    asked, best, worth = asked_of(found.problem), found, _WORTH
+    asked, best, worth = accuracy_asked(found.problem), found, _WORTH
     most, before = _most(found), None
     step, cost = _AIM_STEP * asked, _AIM_COST * most
     for _ in range(_TRIES):
@@ -212,7 +212,7 @@ def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], 
 def _most(found: Round) -> float:
     """What a cost may be away from the limit at most, in its unit."""
     cost = found.solution.cost
-    return math.inf if is_no_cost(cost) else asked_of(found.problem) * abs(cost) - found.limit.unsure
+    return math.inf if is_no_cost(cost) else accuracy_asked(found.problem) * abs(cost) - found.limit.unsure
 
 
 def _judge(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Round:

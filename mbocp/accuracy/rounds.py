@@ -77,7 +77,7 @@ class Round:
         unknown = CostLimit(fine.cost, math.inf)
         return cls(problem, solved, fine, errors, costs, pair[0].guess_used, unknown, math.inf)._judge()
 
-    def seen_with(self, coarser: Sequence[Solution], before: Round | None) -> Round:
+    def compare_with(self, coarser: Sequence[Solution], before: Round | None) -> Round:
         """The same with costs of coarser steps, fine to coarse, and beside the round before.
 
         Steps that are too coarse to be solved leave the order unknown: errors are then as if it were one.
@@ -111,16 +111,16 @@ class Round:
     @property
     def has_cost(self) -> bool:
         """Whether its cost is exact enough."""
-        return self.sure * self.cost_error <= asked_of(self.problem)
+        return self.sure * self.cost_error <= accuracy_asked(self.problem)
 
     @property
     def is_enough(self) -> bool:
         """Whether its steps are, too."""
-        return bool(self.errors.largest.max() <= asked_of(self.problem)) and self.has_cost
+        return bool(self.errors.largest.max() <= accuracy_asked(self.problem)) and self.has_cost
 
     def next_mesh(self, mesh: Mesh) -> Mesh:
         """The coarser steps of the next round."""
-        asked = asked_of(self.problem)
+        asked = accuracy_asked(self.problem)
         wanted = self._targets(_AIM_STEP * asked, _AIM_COST * asked * abs(self.solution.cost))
         found = mesh.next(*self._measures(), wanted)
         is_stuck = len(self.costs) > 2 and found.num_steps <= mesh.num_steps
@@ -178,7 +178,7 @@ def shares_of(problem: Problem, solved: Problem, solution: Solution, errors: Ste
     return shares
 
 
-def asked_of(problem: Problem) -> float:
+def accuracy_asked(problem: Problem) -> float:
     """What is asked for [rad, m; part of the cost]; NaN where nothing is."""
     return math.nan if problem.accuracy is None else problem.accuracy
 

@@ -64,7 +64,7 @@ def least_squares(windows: Windows, weights: Array) -> float:
     gained = ca.dot(lam[:, 1:] + lam[:, :-1], windows.w.centre.T / 2.0)
     gained -= ca.dot(of_lam[:, 1:] + of_lam[:, :-1], windows.w.radius.T / 2.0)
     spread = np.broadcast_to(weights, (K, n)).T
-    value += windows.length * (gained - lost) - _paid(lam[:, :-1], lam[:, 1:], spread, windows.length)
+    value += windows.length * (gained - lost) - _integrate(lam[:, :-1], lam[:, 1:], spread, windows.length)
     rows = [
         ca.vec(size + sign * one) for size, one in zip(sizes, with_sizes, strict=True) for sign in (1, -1)
     ]
@@ -122,13 +122,13 @@ def dual_value(windows: Windows, weights: Array, lams: Array, nus: Array) -> flo
         h * (np.abs(lams[1:]) + np.abs(lams[:-1])) / 2.0 * windows.w.radius,
         h / 2.0 * (np.abs(pull) * windows.inside.radius + np.abs(rest) * windows.v.radius),
         h * np.einsum("kij,kj->ki", windows.M.radius, np.abs(slopes)) * windows.v.size,
-        _paid(lams[:-1], lams[1:], weights, h),
+        _integrate(lams[:-1], lams[1:], weights, h),
     ]
     rounding = 1e-12 * sum(float(np.abs(part).sum()) for part in gained + lost)
     return sum(float(part.sum()) for part in gained) - sum(float(part.sum()) for part in lost) - rounding
 
 
-def _paid(a, b, weights: Array, h: float):  # type: ignore[no-untyped-def]
+def _integrate(a, b, weights: Array, h: float):  # type: ignore[no-untyped-def]
     """Integral of half the squares of lambda by the weights, between two edges; of symbols or numbers."""
     inverse = np.where(weights > 0.0, 1.0 / np.where(weights > 0.0, weights, 1.0), 0.0) * h / 6.0
     squares = a * a + a * b + b * b

@@ -82,11 +82,11 @@ def app_for(words: Sequence[str]) -> typer.Typer:
     if COMMANDS.keys() & words[:1]:
         return app
     wanted = copy.copy(app)
-    wanted.registered_commands = [*app.registered_commands, *_added_commands()]
+    wanted.registered_commands = [*app.registered_commands, *_find_added_commands()]
     return wanted
 
 
-def _added_commands() -> Iterator[CommandInfo]:
+def _find_added_commands() -> Iterator[CommandInfo]:
     from importlib.metadata import entry_points  # slow to import
 
     for point in entry_points(group="mbocp.commands"):

@@ -82,7 +82,7 @@ def report_errors(*, quiet: bool = False, as_json: bool = False) -> Iterator[Non
     With ``--json`` there is an object on stdout then, too: what kind of error, and the message.
     """
     try:
-        with shown_warnings(quiet=quiet), _flush_output():
+        with show_warnings(quiet=quiet), _flush_output():
             yield
     except (typer.Exit, typer.Abort):
         raise
@@ -147,7 +147,7 @@ def forget_output() -> None:
 
 
 @contextlib.contextmanager
-def shown_warnings(quiet: bool) -> Iterator[None]:
+def show_warnings(quiet: bool) -> Iterator[None]:
     """Show each warning once, as a line on stderr instead of Python's two with a file name."""
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:

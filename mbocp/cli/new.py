@@ -43,7 +43,7 @@ def new(
     check_output(path, "-o", _SUFFIXES)
     if path.exists() and not force:
         raise ResultFileError(path, "is there already; give another name with -o, or --force to replace it")
-    table: dict[str, Any] = options.table(_seen_from(name, path))
+    table: dict[str, Any] = options.table(_path_from(name, path))
     if robot.nu == 0:
         if _ROOT not in robot.joint_names:
             raise UnsupportedRobot(
@@ -85,7 +85,7 @@ def _only_rotors(robot: Any) -> bool:
     )
 
 
-def _seen_from(name: str, path: Path) -> str:
+def _path_from(name: str, path: Path) -> str:
     """Name of the robot, or where it is as the file sees it."""
     found = Path(name)
     if not found.exists() or (os.sep not in name and found.suffix == ""):

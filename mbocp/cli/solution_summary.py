@@ -108,7 +108,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("inertias", _masses(solution.robot_spec)),
         ("carries", _load_and_tools(solution.robot_spec)),
         ("horizon", f"{_duration(solution)} in {_steps(solution)}{_scheme(solution)}"),
-        ("phases", _named_phases(solution)),
+        ("phases", _describe_phases(solution)),
         ("via points", _via(solution)),
         ("found", _parameters(solution)),
         ("guess", solution.guess_used or "not recorded"),
@@ -187,7 +187,7 @@ def _parameters(solution: Solution) -> str:
     )
 
 
-def _named_phases(solution: Solution) -> str:
+def _describe_phases(solution: Solution) -> str:
     """How long each phase takes, a line each."""
     times, lines = solution.phase_times, []
     for phase in solution.named_phases:

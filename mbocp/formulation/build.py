@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._memory import check_horizon
 from mbocp.formulation.features.all_features import features_of
-from mbocp.formulation.features.easing import eased_terms, easing_weights
+from mbocp.formulation.features.easing import ease_terms, easing_weights
 from mbocp.formulation.features.feature import Asked
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
@@ -206,7 +206,7 @@ def signature_of(
     goal, nv = problem.goal, problem.robot.nv
     cost, robot = problem.heaviest_cost, problem.robot
     given = term_numbers(problem, cost, joints)
-    terms = eased_terms(problem, running_terms(given))
+    terms = ease_terms(problem, running_terms(given))
     path = _structures(problem, _of_joints(joints))
     ends = (
         *frame_ends(problem, rows),

@@ -159,7 +159,7 @@ def frame_ends(problem: Problem, rows: EndRows) -> tuple[FrameEnd, ...]:
     return tuple(found)
 
 
-def guarded_parts(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...]:
+def parts_to_guard(problem: Problem, space: ConfigurationSpace) -> tuple[int, ...]:
     """Parts of the configuration space whose projected end condition has other roots, and is to have none."""
     goal = problem.goal
     keeps_inequalities = problem.is_bounded or problem.solver.is_interior_point

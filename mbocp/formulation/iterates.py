@@ -24,7 +24,7 @@ _SAME = 1e-9  # relative: multipliers of steps of another length are others
 _SAME_MOTION = 1e-3  # of the largest number: rotations that left their group come back to it
 
 
-def carried_of(formulation: Formulation, iterate: Iterate) -> Carried:
+def place_iterate(formulation: Formulation, iterate: Iterate) -> Carried:
     """An iterate with all that says where it fits."""
     carried = Carried.of(iterate, formulation.programme)
     problem, nothing = formulation.problem, np.zeros(0)

@@ -23,7 +23,7 @@ def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     """(x1, m, u, theta) -> h, dh_dx1, upper Hessian of m'h in x1; only flat programmes have it."""
     clearances, others = _kinds(signature)
     if not clearances:
-        return _written_out(at, signature, others)
+        return _write_out(at, signature, others)
     nx, ends = at.x1.numel(), np.cumsum([0, *(term.rows for term in signature.path)]).tolist()
     x, theta = ca.MX.sym("x1", nx), ca.MX.sym("theta", at.theta.numel())
     m, u = ca.MX.sym("m", ends[-1]), ca.MX.sym("u", at.inputs.numel())
@@ -31,7 +31,7 @@ def build_path(at: StepSymbols, signature: FunctionSignature) -> ca.Function:
     rows = {k: (ca.MX(0, 1), ca.MX(0, nx)) for k in range(len(of_term))}
     hessian = ca.MX(nx, nx)
     if others:
-        found = _written_out(at, signature, others)(x, ca.vertcat(*(of_term[k] for k in others)), u, theta)
+        found = _write_out(at, signature, others)(x, ca.vertcat(*(of_term[k] for k in others)), u, theta)
         parts = np.cumsum([0, *(signature.path[k].rows for k in others)]).tolist()
         split = zip(ca.vertsplit(found[0], parts), ca.vertsplit(found[1], parts), strict=True)
         rows |= dict(zip(others, split, strict=True))
@@ -61,7 +61,7 @@ def build_path_values(at: StepSymbols, signature: FunctionSignature) -> ca.Funct
         rows |= dict(zip(others, ca.vertsplit(written(x, u, theta), ends), strict=True))
     given = pieces(theta, parameter_layout(signature, Sizes.of(at.mechanics)).theta)
     for k, term in clearances.items():
-        numbers, where = _numbers(given, k, term), _seen(at, term)
+        numbers, where = _numbers(given, k, term), _places_of(at, term)
         place = _in_seconds(x[where], _unit_of_time(given, term), term)
         (rows[k],) = term.values(_place_of(at)).call([place, *numbers])
     return ca.Function("path_values", [x, u, theta], [ca.vertcat(*rows.values())])
@@ -86,7 +86,7 @@ def _place_of(at: StepSymbols) -> Point:
     return Point(at.mechanics, q, ca.SX.zeros(at.mechanics.nv), moment=ca.SX.sym("t"))
 
 
-def _seen(at: StepSymbols, term: ClearanceTerm) -> list[int]:
+def _places_of(at: StepSymbols, term: ClearanceTerm) -> list[int]:
     """Places in a state of what a clearance looks at: the configuration, and the time last."""
     layout = at.space.layout
     found = list(range(layout.z.start, layout.z.stop))
@@ -109,7 +109,7 @@ def _in_seconds(place: ca.MX, unit: ca.MX, term: ClearanceTerm) -> ca.MX:
 def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     """The function of a clearance, of the whole state."""
     z, nx = at.space.layout.z, at.x1.numel()
-    of_q, where = term.function(_place_of(at)), _seen(at, term)
+    of_q, where = term.function(_place_of(at)), _places_of(at, term)
     x, m, unit = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows), ca.MX.sym("unit")
     sizes = [*term.sizes.values(), *([count] if (count := at.mechanics.symbols.numel()) else [])]
     numbers = [ca.MX.sym("numbers", size) for size in sizes]
@@ -124,7 +124,7 @@ def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     return ca.Function("of_state", [x, m, unit, *numbers], [h, slopes, curvature])
 
 
-def _written_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.Function:
+def _write_out(at: StepSymbols, signature: FunctionSignature, chosen: Sequence[int]) -> ca.Function:
     """Constraints by their expressions, one after the other, with derivatives."""
     h = _expressions(at, signature, chosen)
     m = ca.SX.sym("m", h.numel())

@@ -96,7 +96,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         velocity_violation=violation.velocity,
         manifold_drifts=drifts,
         manifold_drift=_largest(drifts),
-        manifold_drift_resimulated=_resimulated_drift(formulation, iterate),
+        manifold_drift_resimulated=_drift_of_simulation(formulation, iterate),
         **inequalities(formulation, iterate, motion),
         positive_work=_positive_work(problem.robot, motion),
     )
@@ -108,7 +108,7 @@ def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> d
         "constraint_violation": lambda: float(formulation.violation(iterate, motion).position),
         "limit_violation": lambda: limit_violation(formulation, iterate, motion),
         "manifold_drift": lambda: _largest(formulation.drifts(iterate.xs)),
-        "manifold_drift_resimulated": lambda: _resimulated_drift(formulation, iterate),
+        "manifold_drift_resimulated": lambda: _drift_of_simulation(formulation, iterate),
     }
 
 
@@ -142,7 +142,7 @@ def times_of(problem: Problem, dts: Array) -> Array:
     return problem.timeline.times()
 
 
-def _resimulated_drift(formulation: Formulation, iterate: Iterate) -> float:
+def _drift_of_simulation(formulation: Formulation, iterate: Iterate) -> float:
     """Largest drift of the forward simulation with the iterate's controls; NaN if it cannot be made."""
     if not formulation.can_drift:
         return 0.0

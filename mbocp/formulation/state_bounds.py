@@ -22,7 +22,7 @@ def state_bounds(pieces: Pieces) -> StateBounds:
     problem, at, features = pieces.problem, pieces.layout, pieces.signature.features
     N, along = problem.num_steps, problem.limits_along()
     of_blocks = join(feature.state_bounds(problem) for feature in features)
-    settled = _settled_at_limits(problem)
+    settled = _ends_at_limits(problem)
     has_rows = problem.has_limits_of_phases or of_blocks or settled.any()
     lower, upper = infinite_bounds(N if has_rows else 1, at.nx)
     for part in pieces.space.parts:
@@ -50,7 +50,7 @@ def state_bounds(pieces: Pieces) -> StateBounds:
     )
 
 
-def _settled_at_limits(problem: Problem) -> BoolArray:
+def _ends_at_limits(problem: Problem) -> BoolArray:
     """Coordinates that the end condition puts at a limit, at the last node and the one before it, (2, nq).
 
     There it says all that the limit does.

@@ -160,7 +160,7 @@ class _Descent:
         is_interrupted = self.is_interrupted or solves[-1].result.status is Status.INTERRUPTED
         result = self.best.result.with_interrupt() if is_interrupted else self.best.result
         if status_of(self.formulation, self.best) is Status.UNDER_RESOLVED:
-            result = replace(result, advice=result.advice + self._resolved_weight())
+            result = replace(result, advice=result.advice + self._describe_weight())
         history = tuple(record for outcome in solves for record in outcome.result.history)
         phases = tuple(phase for outcome in solves for phase in outcome.phases)
         return Outcome(replace(result, history=history), phases, self.best.solver)
@@ -183,7 +183,7 @@ class _Descent:
         without = f"(straight from the guess: {how_it_ended(plain)}, cost {plain.record.cost:.6g})"
         return replace(best, result=replace(best.result, advice=f"{best.result.advice}; {words} {without}"))
 
-    def _resolved_weight(self) -> str:
+    def _describe_weight(self) -> str:
         """Words for the smallest weight whose optimum the steps resolve, if one is known."""
         for run in reversed(self.runs):
             if run.share and run.is_solved and status_of(self.formulation, run.outcome) is Status.CONVERGED:

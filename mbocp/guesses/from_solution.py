@@ -12,7 +12,7 @@ from mbocp._dataclass import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import filled_impulses
+from mbocp.formulation.features.switches import fill_impulses
 from mbocp.formulation.iterates import restore
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity
@@ -146,7 +146,7 @@ def _with_multipliers(
 ) -> Iterate:
     """The iterate with the multipliers that the solution has."""
     programme, more = formulation.programme, formulation.layout.num_more_states
-    zetas = filled_impulses(formulation.problem, dts) ** 2 * saved.zetas[places.middle]
+    zetas = fill_impulses(formulation.problem, dts) ** 2 * saved.zetas[places.middle]
     mus = _row_multipliers(saved, formulation, places)
     return replace(
         iterate,

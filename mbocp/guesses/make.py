@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation, formulate
-from mbocp.formulation.features.switches import filled_impulses
+from mbocp.formulation.features.switches import fill_impulses
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.kinds import guess_candidates, none_made, plain_guess
 from mbocp.job import settings_of
@@ -75,7 +75,7 @@ def _guess_from_joints(formulation: Formulation) -> tuple[Iterate, str]:
     if best is None:
         raise none_made(failed)
     motion = stepwise.motion_of(best.iterate)
-    lams = best.iterate.ys / filled_impulses(formulation.problem, motion.dts)
+    lams = best.iterate.ys / fill_impulses(formulation.problem, motion.dts)
     iterate = formulation.iterate_of(motion, lams)
     what = "optimum" if best.status is Status.CONVERGED else f"best iterate ({best.status})"
     return iterate, f"{what} in joint coordinates after {taken} iterations, mapped to bodies"

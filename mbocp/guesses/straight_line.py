@@ -15,7 +15,7 @@ from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import filled_lengths, repeat_at_impacts
+from mbocp.formulation.features.switches import fill_lengths, repeat_at_impacts
 from mbocp.guesses.along import is_led, usual_way
 from mbocp.guesses.balance import balances
 from mbocp.guesses.held_stops import carried_rate, carry, held_stops
@@ -70,7 +70,7 @@ def line(formulation: Formulation, way: Way | None = None, deadline: float = mat
     if (slower := _slower(problem, vs, dts, is_straight=way is None)) > 1.0:
         dts = slower * dts
         qs, vs = _line_states(formulation, way, dts)
-    accelerations = np.diff(vs, axis=0) / filled_lengths(problem, dts)[:, None]
+    accelerations = np.diff(vs, axis=0) / fill_lengths(problem, dts)[:, None]
     points = formulation.evaluation_points(qs, vs, dts)
     us, lams = balances(problem.robot, *points, accelerations, problem.timeline.switches, deadline)
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
@@ -107,7 +107,7 @@ def at_rest(formulation: Formulation) -> Iterate:
 
 def _evenly(problem: Problem, way: Way | None = None) -> Array:
     """Configurations on a way, or on straight lines through the via points, at a steady rate."""
-    times = guessed_times(problem)
+    times = guess_times(problem)
     if _has_stops(problem) and way is None:
         return carry(problem, line_of(problem, problem.q_start, _end(problem)).evenly(times))
     return carry(
@@ -147,7 +147,7 @@ def _slower(problem: Problem, vs: Array, dts: Array, is_straight: bool) -> float
     for order, (lower, upper) in enumerate(sides[: 3 if is_smooth else 1], start=1):
         over = np.maximum(rates / np.maximum(upper, _NO_SPEED), rates / np.minimum(lower, -_NO_SPEED))
         slower = max(slower, float(over.max(initial=1.0)) ** (1.0 / order))
-        rates = np.diff(rates, axis=0) / filled_lengths(problem, dts)[: len(rates) - 1, None]
+        rates = np.diff(rates, axis=0) / fill_lengths(problem, dts)[: len(rates) - 1, None]
     if is_straight and slower < _TOO_SHORT:
         return 1.0
     return min(slower, problem.timeline.sides_of(phases[0])[1] / problem.duration)
@@ -156,11 +156,11 @@ def _slower(problem: Problem, vs: Array, dts: Array, is_straight: bool) -> float
 def _line_states(formulation: Formulation, way: Way | None, dts: Array) -> tuple[Array, Array]:
     """Nodes on the way from start to goal, with velocities that the scheme's kinematics ask for."""
     problem = formulation.problem
-    robot, N, dts = problem.robot, problem.num_steps, filled_lengths(problem, dts)
+    robot, N, dts = problem.robot, problem.num_steps, fill_lengths(problem, dts)
     is_impact, T = problem.timeline.is_impact, problem.timeline.num_timed_steps
     tau, v_start = formulation.tau, formulation.start_velocity
     model, q_start = robot.model, problem.q_start
-    times = guessed_times(problem)
+    times = guess_times(problem)
     s = times / T
     if tau == 0.0:  # the first step goes where the start velocity says, whatever the controls
         s = np.append(0.0, (times[1:] - times[1]) / (N - times[1]) if N > 1 else 1.0)
@@ -288,7 +288,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
     """
     robot, N = problem.robot, problem.num_steps
     points = [point for point in problem.timeline.waypoints if first < point.node < N]
-    clock = guessed_times(problem)
+    clock = guess_times(problem)
     between = [Stop(point.node, point.via.goal.q, point.via.goal) for point in points]
     stops = held_stops(problem, [Stop(first, q_first), *between, Stop(N, q_end, problem.goal)], clock)
     nodes = [stop.node for stop in stops]
@@ -313,7 +313,7 @@ def _has_loops(problem: Problem, nodes: Sequence[int]) -> BoolArray:
     return np.array(acts, dtype=np.bool_) & (problem.robot.nc > 0)
 
 
-def guessed_times(problem: Problem) -> Array:
+def guess_times(problem: Problem) -> Array:
     """Times of the nodes in mean steps, shape (N + 1,): their numbers, where all steps are equal."""
     timeline = problem.timeline
     if timeline.is_even and not timeline.impacts:

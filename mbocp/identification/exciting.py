@@ -19,7 +19,7 @@ from mbocp.identification.dynamics import InverseDynamics, Motion
 from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
-from mbocp.problem.file.tables import written_tables
+from mbocp.problem.file.tables import write_tables
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Solution
 
@@ -310,7 +310,7 @@ class _Search:
         y, yd = self.spline(times) @ c, self.spline.derivative()(times) @ c
         there = self.dynamics.motion(y, yd, np.zeros_like(y), self.dynamics.follow(y, problem.q_start))
         ps = [robot.momentum(q, v) for q, v in zip(there.qs, there.v, strict=True)]
-        tables = written_tables(problem)
+        tables = write_tables(problem)
         goal = tables["goal"]["q"]
         for key in ("guess", "terms", "cost"):
             tables.pop(key, None)

@@ -221,13 +221,13 @@ def identify(
     unknowns = unknowns_of(dynamics, friction, rotors, payload)
     constants = dict(torque_constants or {})
     messages: list[str] = []
-    data = measured_of(log, dynamics, constants, messages)
+    data = measure_log(log, dynamics, constants, messages)
     if held_out is None:
         cut = int((1.0 - _HELD_OUT) * len(data.t))
         data, other = data.part(slice(cut)), data.part(slice(cut, None))
     else:
         held_out = held_out if isinstance(held_out, Log) else read_log(held_out)
-        other = measured_of(held_out, dynamics, constants, [])
+        other = measure_log(held_out, dynamics, constants, [])
     base = base_of(dynamics, unknowns)
     speed_labels, turning = friction_speeds_of(dynamics, unknowns)
     if friction_speed is not None:
@@ -271,7 +271,7 @@ def identify(
     )
 
 
-def measured_of(
+def measure_log(
     log: Log, dynamics: InverseDynamics, constants: Mapping[str, float], messages: list[str]
 ) -> Measured:
     """What a log has of the robot's independent joints and motors.

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError
-from mbocp.interactive.wish import Wish, changed_problem
+from mbocp.interactive.wish import Wish, change_problem
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solving import solve
@@ -142,7 +142,7 @@ class Resolver:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                problem = changed_problem(self._problem, wish, np.array(self._good.qs[-1]))
+                problem = change_problem(self._problem, wish, np.array(self._good.qs[-1]))
                 solution = solve(problem, warm_start=self._good, time_limit=self._time_limit)
             except MbocpError as error:
                 words.append(str(error))

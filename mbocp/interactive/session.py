@@ -240,7 +240,7 @@ class Live:
             ):
                 low, high = _SHORTEST * self._asked.duration, _LONGEST * self._asked.duration
                 length = gui.add_slider("Duration [s]", low, high, 1e-2, self._asked.duration)
-                length.on_update(lambda event: self._asked_for(event, duration=float(length.value)))
+                length.on_update(lambda event: self._ask_for(event, duration=float(length.value)))
                 self._length = length
         keys = weight_keys(self._asked)
         if len(keys) > 1:
@@ -267,7 +267,7 @@ class Live:
             factor_text.content = _describe_factor(factor)
             with self._lock:
                 factors = {**self._wish.factors, key: factor}
-            self._asked_for(event, factors=factors)
+            self._ask_for(event, factors=factors)
 
         slider.on_update(take_weight)
         self._weights.append(slider)
@@ -280,7 +280,7 @@ class Live:
         def take_angle(event: Any) -> None:
             with self._lock:
                 q = joint.move(self._q_goal if self._wish.q is None else self._wish.q, float(slider.value))
-            self._asked_for(event, goal=True, q=q, tool=None)
+            self._ask_for(event, goal=True, q=q, tool=None)
 
         slider.on_update(take_angle)
         return slider
@@ -325,7 +325,7 @@ class Live:
             if abs(value - slider.value) > slider.step:
                 slider.value = value
 
-    def _asked_for(self, event: Any, *, goal: bool = False, **changes: Any) -> None:
+    def _ask_for(self, event: Any, *, goal: bool = False, **changes: Any) -> None:
         """Ask for what a control says; what the program has set is no wish."""
         if event.client is None:
             return

@@ -44,7 +44,7 @@ class Wish:
     duration: float | None = None
 
 
-def changed_problem(problem: Problem, wish: Wish, q_near: Array) -> Problem:
+def change_problem(problem: Problem, wish: Wish, q_near: Array) -> Problem:
     """Problem with the changes.
 
     Parameters
@@ -61,7 +61,7 @@ def changed_problem(problem: Problem, wish: Wish, q_near: Array) -> Problem:
     """
     changes: dict[str, Any] = {}
     if wish.poses or wish.q is not None or wish.tool is not None:
-        changes["goal"] = _moved_goal(problem, wish, q_near)
+        changes["goal"] = _move_goal(problem, wish, q_near)
     factors = {key: factor for key, factor in wish.factors.items() if factor != 1.0}
     if factors:
         weights = {key: factor * np.asarray(problem.cost.weight(key)) for key, factor in factors.items()}
@@ -79,14 +79,14 @@ def weight_keys(problem: Problem) -> list[str]:
     return [key for key in dict.fromkeys(keys) if key != "terminal" or problem.goal.is_penalised]
 
 
-def _moved_goal(problem: Problem, wish: Wish, q_near: Array) -> Goal:
+def _move_goal(problem: Problem, wish: Wish, q_near: Array) -> Goal:
     """The goal with frames and joints elsewhere."""
     robot, goal = problem.robot, problem.goal
     frames = list(goal.frames)
     for place, pose in wish.poses.items():
         target = frames[place].target
         reference = robot.frame_placement(target.relative_to, q_near)
-        frames[place] = replace(frames[place], target=_moved_target(target, reference.actInv(pose)))
+        frames[place] = replace(frames[place], target=_move_target(target, reference.actInv(pose)))
     q = goal.q if wish.q is None else wish.q
     if wish.tool is not None:
         q = _q_at_tool(robot, wish.tool, q_near)
@@ -95,7 +95,7 @@ def _moved_goal(problem: Problem, wish: Wish, q_near: Array) -> Goal:
     return replace(goal, frames=tuple(frames), q=q)
 
 
-def _moved_target(target: FrameTarget, pose: pin.SE3) -> FrameTarget:
+def _move_target(target: FrameTarget, pose: pin.SE3) -> FrameTarget:
     """What a target asks for, at a pose in its reference frame."""
     changes: dict[str, Any] = {}
     if target.position is not None:

@@ -158,7 +158,7 @@ class Plane:
 
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Twist of the arc between."""
-        p = self._turned_back(z0, z1[:2] - z0[:2])
+        p = self._turn_back(z0, z1[:2] - z0[:2])
         omega = self._turn.difference(z0[2:], z1[2:])
         half, a = omega / 2, 1 - omega**2 * v_inverse(omega**2)  # a = theta/2 cot(theta/2)
         return ca.vertcat(a * p[0] + half * p[1], -half * p[0] + a * p[1], omega)
@@ -176,7 +176,7 @@ class Plane:
         still = ca.SX([0, 0, 1, 0])
         c, s = ca.cos(w[2]), ca.sin(w[2])
         along = _along(lambda v: self.integrate(still, v)[:2], w, dw)
-        return ca.vertcat(self._turned_back(ca.vertcat(0, 0, c, s), along), dw[2])
+        return ca.vertcat(self._turn_back(ca.vertcat(0, 0, c, s), along), dw[2])
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Of (cos, sin)."""
@@ -184,7 +184,7 @@ class Plane:
 
     def projection(self, goal: ca.SX, z: ca.SX) -> ca.SX:
         """Displacement in the goal's axes, sine of the angle."""
-        return ca.vertcat(self._turned_back(goal, z[:2] - goal[:2]), self._turn.projection(goal[2:], z[2:]))
+        return ca.vertcat(self._turn_back(goal, z[:2] - goal[:2]), self._turn.projection(goal[2:], z[2:]))
 
     def guards(self, goal: ca.SX, z: ca.SX) -> list[ca.SX]:
         """Cosine of the angle."""
@@ -199,7 +199,7 @@ class Plane:
         return ca.vertcat(z[2] * p[0] - z[3] * p[1], z[3] * p[0] + z[2] * p[1])
 
     @staticmethod
-    def _turned_back(z: ca.SX, p: ca.SX) -> ca.SX:
+    def _turn_back(z: ca.SX, p: ca.SX) -> ca.SX:
         return ca.vertcat(z[2] * p[0] + z[3] * p[1], -z[3] * p[0] + z[2] * p[1])
 
 
@@ -253,7 +253,7 @@ class Quaternion:
         t = 2 * ca.cross(z[:3], p)
         return p + z[3] * t + ca.cross(z[:3], t)
 
-    def rotated_back(self, z: ca.SX, p: ca.SX) -> ca.SX:
+    def rotate_back(self, z: ca.SX, p: ca.SX) -> ca.SX:
         """Vector p turned by the conjugate of z."""
         return self.rotate(ca.vertcat(-z[:3], z[3]), p)
 
@@ -311,7 +311,7 @@ class RotationMatrix:
         """R p."""
         return _matrix(z) @ p
 
-    def rotated_back(self, z: ca.SX, p: ca.SX) -> ca.SX:
+    def rotate_back(self, z: ca.SX, p: ca.SX) -> ca.SX:
         """R' p."""
         return _matrix(z).T @ p
 
@@ -333,7 +333,7 @@ class RigidBody:
     def difference(self, z0: ca.SX, z1: ca.SX) -> ca.SX:
         """Twist of the screw between."""
         w = self.attitude.difference(z0[3:], z1[3:])
-        p = self.attitude.rotated_back(z0[3:], z1[:3] - z0[:3])
+        p = self.attitude.rotate_back(z0[3:], z1[:3] - z0[:3])
         linear = p - ca.cross(w, p) / 2 + v_inverse(ca.dot(w, w)) * ca.cross(w, ca.cross(w, p))
         return ca.vertcat(linear, w)
 
@@ -359,7 +359,7 @@ class RigidBody:
 
     def projection(self, goal: ca.SX, z: ca.SX) -> ca.SX:
         """Displacement in the goal's axes, projection of the attitude."""
-        displacement = self.attitude.rotated_back(goal[3:], z[:3] - goal[:3])
+        displacement = self.attitude.rotate_back(goal[3:], z[:3] - goal[:3])
         return ca.vertcat(displacement, self.attitude.projection(goal[3:], z[3:]))
 
     def guards(self, goal: ca.SX, z: ca.SX) -> list[ca.SX]:

@@ -74,7 +74,7 @@ def path_towards(
     q, qs, last, loops = q_start, [], np.zeros(robot.nv), _Loops(robot, wanted)
     for share in shares:
         there = pin.integrate(robot.model, q_start, share * whole)
-        near = loops.led_to(q, there, last)
+        near = loops.lead_to(q, there, last)
         found = follow(robot, q, there, wanted) if near is None else near
         if np.abs(difference(robot.model, found, there)[wanted]).max(initial=0.0) > ARRIVAL_TOLERANCE:
             return None
@@ -131,7 +131,7 @@ class _Loops:
         buffer.set_res(1, columns.data)
         self._buffer = buffer  # as long as it is called
 
-    def led_to(self, q: Array, there: Array, last: Array) -> Array | None:
+    def lead_to(self, q: Array, there: Array, last: Array) -> Array | None:
         """Configuration with the led components of another, its loops closed step by step on the line to it.
 
         Steps are as long as Newton's method takes them without a leap: the mechanism stays in its assembly

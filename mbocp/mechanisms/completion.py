@@ -16,7 +16,7 @@ from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, check_posi
 from mbocp.mechanisms.search import distance, search
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
-from mbocp.robot.poses.inverse_kinematics import closed_anywhere
+from mbocp.robot.poses.inverse_kinematics import close_anywhere
 
 _MAX_ATTEMPTS = 5  # the first from the given pose, the others from around it
 _STRETCHED = 1e-2  # smallest singular value by its largest, of joints that follow, where they are in line
@@ -60,7 +60,7 @@ def close_loops(
     try:
         return np.array(robot.assemble(q, fixed=written))
     except LoopNotClosed:
-        found = closed_anywhere(robot, q, written)
+        found = close_anywhere(robot, q, written)
         if found is None:
             raise
         return found
@@ -112,7 +112,7 @@ def _complete(robot: Robot, q_bytes: bytes, active_bytes: bytes, start_bytes: by
     reached = follow(robot, q_start, q, active) if path is None else path[-1]
     if distance(robot, reached, q, active) <= ARRIVAL_TOLERANCE:
         return reached
-    bad = violations(robot, _closed_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
+    bad = violations(robot, _close_anywhere(robot, q, np.flatnonzero(~active)), CONSISTENCY_TOLERANCE)
     short, written = _short(robot, reached, q, active), quote_all(robot.joints_with(active))
     stretched, stuck = _dead_end(robot, reached, active)
     if bad and stretched:
@@ -155,7 +155,7 @@ def _dead_end(robot: Robot, q: Array, active: BoolArray) -> tuple[list[str], lis
     return named, [n for n in robot.joint_names if stops[robot.velocity_indices(n)].any()]
 
 
-def _closed_anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
+def _close_anywhere(robot: Robot, q: Array, free: NDArray[np.intp]) -> Array:
     """Gauss-Newton on Phi(q) = 0 over the free directions, from several initial poses."""
     rng = np.random.default_rng(0)
     found = q

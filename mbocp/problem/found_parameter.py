@@ -14,7 +14,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import OF_ROBOT, number_of, opened_for, take, with_numbers
+from mbocp.robot.named_numbers import OF_ROBOT, number_of, open_numbers, take, with_numbers
 
 
 @dataclass(frozen=True)
@@ -68,12 +68,12 @@ class Parameter:
         return min(map(cost.of, (self.lower, self.upper, min(max(lowest, self.lower), self.upper))))
 
 
-def opened_robot(robot_of_file: Robot, parameter: Sequence[Parameter]) -> Robot:
+def open_robot(robot_of_file: Robot, parameter: Sequence[Parameter]) -> Robot:
     """Return the robot with parameters at their starts, whose functions take them."""
     if not parameter:
         return robot_of_file
     at_start = with_values(robot_of_file, parameter, [one.start for one in parameter])
-    return opened_for(at_start, [word for one in parameter for word in one.words])
+    return open_numbers(at_start, [word for one in parameter for word in one.words])
 
 
 def with_values(robot: Robot, parameters: Sequence[Parameter], values: Sequence[float] | Array) -> Robot:

@@ -13,7 +13,7 @@ from mbocp._dataclass import dataclass
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
 from mbocp.problem.file.messages import in_file
-from mbocp.problem.file.tables import written_tables
+from mbocp.problem.file.tables import write_tables
 from mbocp.problem.found_parameter import with_values
 from mbocp.problem.goals.goal import Goal, reachable_members
 from mbocp.problem.pipeline import run_steps
@@ -176,7 +176,7 @@ class Problem(ProblemData):
         ProblemError
             If there is no such field or word, or a value is of the wrong kind.
         """
-        written = partial(written_tables, self)
+        written = partial(write_tables, self)
         document, has_tables = change_document(self.document, changes, self.timeline, written)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)

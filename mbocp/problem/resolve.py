@@ -12,7 +12,7 @@ from typing import Any
 from mbocp._arrays import Array
 from mbocp.problem._checks import check_integer
 from mbocp.problem.cost import Cost
-from mbocp.problem.goals.ends import checked_acceleration, checked_start, settle_goal
+from mbocp.problem.goals.ends import check_acceleration, check_start_state, settle_goal
 from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_integrator, choose_scheme
@@ -32,19 +32,19 @@ from mbocp.problem.timeline.acting import check_landings, check_schedule, switch
 from mbocp.problem.timeline.cycle import check_cycle
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
-from mbocp.problem.timeline.phase_values import fitted_phases, limits_of_phases, widest_limits
+from mbocp.problem.timeline.phase_values import fit_phases, limits_of_phases, widest_limits
 from mbocp.problem.timeline.sequence import Horizon, schedule_of, spread_phases
 from mbocp.problem.timeline.step_counts import AskedNodes, check_accuracy, check_lengths, check_steps
 from mbocp.problem.timeline.switches import SwitchTable, contact_conditions
 from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timeline_of
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.timeline.via_points import ordered_via, placed_via
+from mbocp.problem.timeline.via_points import order_via, place_via
 from mbocp.problem.together import (
     check_guess,
     check_has_actuators,
+    check_terms,
     check_weights,
-    checked_terms,
     with_contacts,
 )
 from mbocp.robot import Robot
@@ -93,7 +93,7 @@ def _phase(
         N, T, bounds = horizon
         return (Phase(steps=N - len(schedule.impacts), duration=T, duration_range=bounds, last=N),), ANY_TIME
     phases, bounds_of_sum = spread_phases(said_phase, horizon)
-    return fitted_phases(robot, phases, limits, said_cost), bounds_of_sum
+    return fit_phases(robot, phases, limits, said_cost), bounds_of_sum
 
 
 def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, Bounds, Bounds]:
@@ -105,8 +105,8 @@ def _limits_of_ends(limits: Bounds, phase: tuple[Phase, ...]) -> tuple[Bounds, B
 def _start(
     robot: Robot, limits_at_start: Bounds, said_q_start: Array, said_v_start: Array, said_a_start: Array
 ) -> tuple[Array, Array, Array]:
-    q, v = checked_start(robot, limits_at_start, said_q_start, said_v_start)
-    return q, v, checked_acceleration(robot, limits_at_start, said_a_start)
+    q, v = check_start_state(robot, limits_at_start, said_q_start, said_v_start)
+    return q, v, check_acceleration(robot, limits_at_start, said_a_start)
 
 
 def _acting(
@@ -142,7 +142,7 @@ def _timeline(
     path_with_contacts: tuple[BoundedTerm, ...],
 ) -> tuple[Timeline, tuple[BoundedTerm, ...]]:
     """Find nodes of via points, and times that are free; what holds at junctions comes last in the path."""
-    waypoints = placed_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, horizon.steps)
+    waypoints = place_via(robot, via_in_order, nodes_of_via, q_start, goal_at_pose, horizon.steps)
     conditions: tuple[Condition, ...] = (*waypoints, *contact_conditions(switches))
     timeline = timeline_of(phase, conditions, switches, horizon, bounds_of_sum, lengths)
     places = timeline.places
@@ -189,10 +189,10 @@ RESOLVE = (
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
     Step.of(check_coordinates),
-    Step.of(checked_terms, "terms", "path_of_frames"),
+    Step.of(check_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),
-    Step.of(ordered_via, "via_in_order", "nodes_of_via"),
+    Step.of(order_via, "via_in_order", "nodes_of_via"),
     Step.of(settle_goal, "goal_at_pose"),
     Step.of(_timeline, "timeline", "path_with_junctions"),
     Step.of(_obstacles, "obstacle", "self_collision", "clearance", "path", "goal"),

@@ -104,7 +104,7 @@ def check_weights(
         )
 
 
-def checked_terms(
+def check_terms(
     said_terms: Iterable[OwnTerm], said_path: Sequence[BoundedTerm], said_goal: Goal, robot: Robot
 ) -> tuple[tuple[OwnTerm, ...], tuple[BoundedTerm, ...]]:
     """Return terms of one's own that fit the robot and have names of their own, and all path constraints.

@@ -71,14 +71,14 @@ class BackgroundCompiler:
         with _TURN:
             try:
                 if not self._is_stopped:
-                    code, said = run_and_watch(self._command, dict(os.environ), begun=self._begun)
+                    code, said = run_and_watch(self._command, dict(os.environ), begun=self._begin)
             except (OSError, RuntimeError) as error:  # no process can be started
                 code, said = 1, str(error).encode()
         if code != 0:
             self.failure = said.decode(errors="replace").strip().rpartition("\n")[2] or f"exit {code}"
         _running.remove(self)
 
-    def _begun(self, group: int) -> None:
+    def _begin(self, group: int) -> None:
         self._group = group
 
 

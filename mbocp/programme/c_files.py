@@ -62,9 +62,9 @@ class CText:
 
     def files(self, lanes: int, most: int) -> list[str]:
         """Files that are linked together: at most so many, and what CasADi writes; for so many lanes."""
-        return [*(self._shared_out(lanes, most) if self.parts else ()), *self.others]
+        return [*(self._share_out(lanes, most) if self.parts else ()), *self.others]
 
-    def _shared_out(self, lanes: int, most: int) -> Iterator[str]:
+    def _share_out(self, lanes: int, most: int) -> Iterator[str]:
         """Files of about the same length."""
         head = f"#define MBOCP_LANES {lanes}\n{_header_text()}"
         declarations = "".join(f"{_HIDDEN}{part.partition(' {')[0]};\n" for part in self.parts)

@@ -80,7 +80,7 @@ def private_folder(instead_of: Path, reason: str) -> Path:
     """
     _tell(str(instead_of), reason)
     try:
-        return _made_private_folder()
+        return _make_private_folder()
     except OSError as error:
         raise CompilationError(
             f"compiled functions can be kept neither in {instead_of} ({reason}) nor in a temporary folder "
@@ -90,12 +90,12 @@ def private_folder(instead_of: Path, reason: str) -> Path:
 
 def is_private(folder: Path) -> bool:
     """Whether a folder is the temporary one of this process."""
-    return bool(_made_private_folder.cache_info().currsize) and folder == _made_private_folder()
+    return bool(_make_private_folder.cache_info().currsize) and folder == _make_private_folder()
 
 
 def folders() -> list[Path]:
     """The folder that is used, and the temporary one of this process, if there is one."""
-    private = [_made_private_folder()] if _made_private_folder.cache_info().currsize else []
+    private = [_make_private_folder()] if _make_private_folder.cache_info().currsize else []
     return [cache_folder(), *private]
 
 
@@ -148,7 +148,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
         If nothing can be written there.
     """
     _sweep(folder, _BUILD)
-    path, lock = _locked_folder(folder, _BUILD)
+    path, lock = _lock_folder(folder, _BUILD)
     try:
         yield path
     finally:
@@ -238,10 +238,10 @@ def _tell(folder: str, reason: str) -> None:
 
 
 @cache
-def _made_private_folder() -> Path:
+def _make_private_folder() -> Path:
     parent = Path(tempfile.gettempdir())
     _sweep(parent, _PRIVATE)
-    path, lock = _locked_folder(parent, _PRIVATE)
+    path, lock = _lock_folder(parent, _PRIVATE)
     atexit.register(_remove, path, lock, os.getpid())
     return path
 
@@ -275,7 +275,7 @@ def _has_checksum(library: Path, inode: int, changed_ns: int, size: int) -> bool
     return True
 
 
-def _locked_folder(parent: Path, prefix: str) -> tuple[Path, int]:
+def _lock_folder(parent: Path, prefix: str) -> tuple[Path, int]:
     """Return a new folder, and the open lock file in it that says that its process is alive."""
     for _ in range(_TRIES):
         path = Path(tempfile.mkdtemp(dir=parent, prefix=prefix))

@@ -103,7 +103,7 @@ class Tapes:
             with zipfile.ZipFile(io.BytesIO(content)) as held:
                 names = [name for name in held.namelist() if name.startswith(_EACH)]
                 each = {name.removeprefix(_EACH): held.read(name) for name in names}
-                return cls(each, int(held.read(_OPERATIONS)), {}, file, _executed_before(file))
+                return cls(each, int(held.read(_OPERATIONS)), {}, file, _count_executed(file))
         except (zipfile.BadZipFile, zlib.error, KeyError, ValueError):
             return None
 
@@ -129,11 +129,11 @@ class Tapes:
             return
         with contextlib.suppress(OSError), scratch_folder(self.file.parent) as scratch:
             written = scratch / "executed"
-            written.write_text(str(_executed_before(self.file) + executed), encoding="ascii")
+            written.write_text(str(_count_executed(self.file) + executed), encoding="ascii")
             written.replace(counter_of(self.file))
 
 
-def _executed_before(file: Path) -> int:
+def _count_executed(file: Path) -> int:
     digits = own_content(counter_of(file)) or b""
     return int(digits) if digits.isdigit() else 0
 

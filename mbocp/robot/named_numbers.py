@@ -115,7 +115,7 @@ def numbers_behind(robot: Robot, words: Iterable[str]) -> tuple[ModelNumber, ...
     return tuple(sorted({number for word in words for number in take(robot, word).takes}))
 
 
-def opened_for(robot: Robot, words: Iterable[str]) -> Robot:
+def open_numbers(robot: Robot, words: Iterable[str]) -> Robot:
     """Copy of a robot whose functions take the numbers behind these words as parameters."""
     return replace(robot, opened=numbers_behind(robot, words))
 
@@ -160,7 +160,7 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     at = {n: ca.SX(value) for n, value in zip(numbers, robot.values_of(numbers), strict=True)}
     found = put(robot, at, [(word, ca.SX(value)) for word, value in values.items()])
     now = {number: float(ca.evalf(ca.SX(value))) for number, value in found.items()}
-    payloads = tuple(_changed_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
+    payloads = tuple(_change_payload(now, k, payload) for k, payload in enumerate(robot.payloads))
     other = with_numbers_of_model(robot, now)
     visuals = pin.GeometryModel(robot.visual_model)
     _move_visuals(robot, other.model, visuals, values)
@@ -213,7 +213,7 @@ def put_motors(robot: Robot, motors: tuple[Motor, ...]) -> Robot:
     )
 
 
-def _changed_payload(now: Mapping[ModelNumber, float], index: int, payload: Payload) -> Payload:
+def _change_payload(now: Mapping[ModelNumber, float], index: int, payload: Payload) -> Payload:
     own = [payload.mass, *payload.com, *payload.inertia]
     for number, value in now.items():
         if number.of == "payload" and number.owner == index:

@@ -42,12 +42,12 @@ class ParameterFunctions:
         programme, kind = optimum.programme, optimum.programme.kind
         found = _of_bounds(optimum, optimum.ws, change)
         if change.start.any() or change.is_in_steps:
-            theta, rho, start = call(self.of_stage, "slope", len(optimum.ws), _given(optimum))
+            theta, rho, start = call(self.of_stage, "slope", len(optimum.ws), _arguments(optimum))
             found += change.start @ start.dense(kind.ndx)[0]
             found += change.theta @ theta.dense(programme.theta.size).sum(axis=0)
             found += change.rho @ rho.dense(kind.nr).ravel()
         if change.rho_terminal.any():
-            (end,) = call(self.of_end, "end_slope", 1, _given_at_end(optimum))
+            (end,) = call(self.of_end, "end_slope", 1, _arguments_at_end(optimum))
             found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
         return found
 
@@ -61,7 +61,7 @@ class ParameterFunctions:
         first, before = kind.ndx + kind.ny, 2 * kind.ndx + kind.ny
         for k in range(count):
             if change.theta[k].any() or change.rho[k].any():
-                given = [*_given(optimum), change.theta[k], change.rho[k]]
+                given = [*_arguments(optimum), change.theta[k], change.rho[k]]
                 slopes, c, h = call(self.of_stage, "push", N, given)
                 z = slopes.dense(before + kind.nu)
                 found.xs[k] += z[:, : kind.ndx]
@@ -71,7 +71,7 @@ class ParameterFunctions:
                 found.ms[k] += c.dense(first)
                 found.ws[k, :, kind.nx + kind.nu :] += h.dense(programme.bounds.nh)
             if change.rho_terminal[k].any():
-                given = [*_given_at_end(optimum), change.rho_terminal[k]]
+                given = [*_arguments_at_end(optimum), change.rho_terminal[k]]
                 slopes, g = call(self.of_end, "end_push", 1, given)
                 found.xs[k, -1] += slopes.dense(kind.ndx)[0]
                 found.eta[k] += g.dense(programme.ng)[0]
@@ -89,11 +89,11 @@ class ParameterFunctions:
         if change.is_in_steps:
             before = np.vstack([np.zeros((1, kind.ndx)), xs[:-1]])
             bars = [np.hstack([xs, ys, before, us]), ms, ws[:, kind.nx + kind.nu :]]
-            theta, rho = call(self.of_stage, "pull", N, [*_given(optimum), *bars])
+            theta, rho = call(self.of_stage, "pull", N, [*_arguments(optimum), *bars])
             found += change.theta @ theta.dense(programme.theta.size).sum(axis=0)
             found += change.rho @ rho.dense(kind.nr).ravel()
         if change.rho_terminal.any():
-            (end,) = call(self.of_end, "end_pull", 1, [*_given_at_end(optimum), xs[-1], eta])
+            (end,) = call(self.of_end, "end_pull", 1, [*_arguments_at_end(optimum), xs[-1], eta])
             found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
         if change.start.any():
             pairs = zip(kkt.of_start, (xs, ys, us, ms), strict=True)
@@ -109,11 +109,11 @@ def _of_bounds(optimum: Optimum, pulls: Array, change: Change) -> Array:
     return -np.einsum("knj,nj->k", sides, pulls)
 
 
-def _given(optimum: Optimum) -> list[Array]:
+def _arguments(optimum: Optimum) -> list[Array]:
     """What the functions of a stage take first."""
     programme = optimum.programme
     return [*optimum.points, optimum.iterate.ms, optimum.path, programme.theta, programme.rho]
 
 
-def _given_at_end(optimum: Optimum) -> list[Array]:
+def _arguments_at_end(optimum: Optimum) -> list[Array]:
     return [optimum.iterate.xs[-1], optimum.iterate.eta, optimum.programme.rho_terminal]

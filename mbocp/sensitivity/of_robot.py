@@ -23,7 +23,7 @@ from mbocp.robot.named_numbers import (
     named_numbers,
     number_of,
     numbers_behind,
-    opened_for,
+    open_numbers,
     put,
     take,
     with_numbers,
@@ -175,7 +175,7 @@ class PayloadNumbers(OfRobot):
 
 @dataclass(frozen=True, eq=False)
 class NumberByWord(OfRobot):
-    """One number of a robot whose functions take what it is made of, see `opened_for_words`."""
+    """One number of a robot whose functions take what it is made of, see `open_words`."""
 
     @classmethod
     def words(cls, formulation: Formulation) -> Iterator[str]:
@@ -231,7 +231,7 @@ class NumberByWord(OfRobot):
         return replace(moved, v_start=start @ start.T @ problem.v_start, goal=goal)
 
 
-def opened_for_words(problem: Problem, wrt: Sequence[str]) -> Problem:
+def open_words(problem: Problem, wrt: Sequence[str]) -> Problem:
     """A problem whose functions take the robot's numbers of some words, as far as the robot has these."""
     asked = [word.removeprefix(OF_ROBOT) for word in wrt if word.startswith(OF_ROBOT)]
     asked = [word for word in asked if not word.startswith(_OF_PAYLOAD)]
@@ -239,7 +239,7 @@ def opened_for_words(problem: Problem, wrt: Sequence[str]) -> Problem:
         return problem
     known = named_numbers(problem.robot)
     words = [word for word in asked if word in known]
-    return replace(problem, robot=opened_for(problem.robot, words)) if words else problem
+    return replace(problem, robot=open_numbers(problem.robot, words)) if words else problem
 
 
 def _numbers_with(robot: Robot, words: tuple[str, ...], moved: Array) -> tuple[Array, Array]:

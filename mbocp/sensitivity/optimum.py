@@ -18,7 +18,7 @@ from mbocp.formulation.iterates import take_end_of
 from mbocp.problem.obstacles.reserves import with_room
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.sensitivity.kkt import Kkt, Optimum
-from mbocp.sensitivity.of_robot import opened_for_words
+from mbocp.sensitivity.of_robot import open_words
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held_limits import active_limits
 from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
@@ -99,7 +99,7 @@ def formulate_as_solved(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Fo
         raise InvalidValue("problem.goals", len(problem.goals), "one goal: that which was reached")
     if carried.room.size:
         problem = with_room(problem, carried.room, solution.t, solution.qs)
-    problem = opened_for_words(problem, wrt)
+    problem = open_words(problem, wrt)
     formulation = formulation_in_use(problem) or formulate_with_independent_ends(problem, math.inf)[0]
     if not carried.fits(formulation.programme):
         raise InvalidValue("solution.iterate", "one of other unknowns", "that of its problem")

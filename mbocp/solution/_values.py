@@ -52,7 +52,7 @@ def json_copy(name: str, value: Mapping[str, Any]) -> Any:
         raise InvalidValue(name, error, "numbers, texts, lists and tables") from error
 
 
-def checked_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) -> dict[str, Array]:
+def check_arrays(given: Mapping[str, Any], num_momenta: int, num_path: int) -> dict[str, Array]:
     """Copy the arrays of a solution, read-only, and check that their shapes fit together.
 
     What is empty is absent: no constraints, no symmetries, a control Hamiltonian that nobody evaluated, no

@@ -67,7 +67,7 @@ def active_limits(solution: SolutionData) -> tuple[ActiveLimit, ...]:
         if along is None:
             found += _touch(kind, columns, values, limits)
         else:
-            found += _touched_along(kind, columns, values, along)
+            found += _limits_along(kind, columns, values, along)
     pulls = _PULLS * max(_largest(solution.lam_path), _largest(solution.mus))
     rows, rates = {row.name: row for row in facts.path}, _rate_bounds(solution, facts)
     for name, multipliers in zip(solution.path_names, solution.lam_path.T, strict=True):
@@ -120,9 +120,7 @@ def _of_phases(solution: SolutionData) -> Iterator[ActiveLimit]:
             yield from _touch("phase", (Column(place.name, "s"),), taken, sides)
 
 
-def _touched_along(
-    kind: str, columns: Sequence[Column], values: Array, along: Array
-) -> Iterator[ActiveLimit]:
+def _limits_along(kind: str, columns: Sequence[Column], values: Array, along: Array) -> Iterator[ActiveLimit]:
     """Limits that differ along the motion, shape (2, N, n): each that there is, where it holds."""
     for i, column in enumerate(columns):
         for side, bounds in enumerate(along[:, :, i]):

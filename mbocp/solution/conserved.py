@@ -43,7 +43,7 @@ class ConservedQuantity:
         return math.isfinite(self.value) and math.isnan(self.relative_drift)
 
 
-def conserved_quantities(
+def sum_up_momenta(
     momenta: Array, names: Sequence[str], meanings: Sequence[str], mus: Array
 ) -> tuple[ConservedQuantity, ...]:
     """Sum up the control momenta.

@@ -156,9 +156,9 @@ class Curves:
             nodes, positions, velocities = nodes[:-1], positions[:-1], velocities[:-1]
         times = np.concatenate(nodes)
         found = Curves(times - times[0], np.concatenate(positions), np.concatenate(velocities))
-        return (found if self.begins_at_rest else found._begun_moving(float(lengths[0]))), lag
+        return (found if self.begins_at_rest else found._begin_with(float(lengths[0]))), lag
 
-    def _begun_moving(self, length: float) -> Curves:
+    def _begin_with(self, length: float) -> Curves:
         """What comes from the state at the start to the middles of steps, the first of a length [s]."""
         change = self.v[1] - self.v[0]
         within = self.nodes[min(_STEPS_TO_MIDDLES, len(self.nodes) - 1)]

@@ -113,9 +113,9 @@ def export_motion(
     if name in RECORDINGS:
         return write_recording(solution, path, name, rate, interpolation)
     if load_robot is None or not check:
-        sent = sent_by(name, solution, rate, interpolation, fit=fit)
+        sent = send_by(name, solution, rate, interpolation, fit=fit)
     else:
-        sent, excesses = sent_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
+        sent, excesses = send_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
             raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
     return write_samples(sample(sent, load_robot), solution, path, name)
@@ -156,7 +156,7 @@ def write_recording(
         raise ResultFileError(path, str(error)) from error
 
 
-def sent_by(
+def send_by(
     name: str,
     solution: SolutionData,
     rate: float | None,
@@ -177,7 +177,7 @@ def _rate_of(name: str, rate: float | None) -> float | None:
     return _UR_RATE if name == "urscript" and rate is None else rate
 
 
-def sent_within(
+def send_within(
     name: str,
     solution: SolutionData,
     rate: float | None,
@@ -191,11 +191,11 @@ def sent_within(
     One that is fitted, and leaves limits of efforts alone, takes as much more time as these need, if a tenth
     of it is enough; where it leaves limits of their rates, after a moving mean over a step.
     """
-    sent, mean = sent_by(name, solution, rate, interpolation, fit=fit), 0.0
+    sent, mean = send_by(name, solution, rate, interpolation, fit=fit), 0.0
     excesses = all_excesses(sent, load_robot)
     if fit and any(excess.kind == EFFORT_RATE for excess in excesses):
         step = float(np.diff(solution.t).max())
-        smooth = sent_by(name, solution, rate, interpolation, fit=True, mean=step)
+        smooth = send_by(name, solution, rate, interpolation, fit=True, mean=step)
         if smooth.mean == step:  # it is short enough
             sent, mean, excesses = smooth, step, _excesses_again(smooth, load_robot)
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
@@ -204,7 +204,7 @@ def sent_within(
     high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
     for _ in range(_TRIES):
         factor = high if found[1] else (low + high) / 2.0
-        tried = sent_by(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)
+        tried = send_by(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)
         left = _excesses_again(tried, load_robot)
         if not left:
             found, high = (tried, left), factor

@@ -152,7 +152,7 @@ def facts_of(problem: Problem) -> Facts:
         a_start=_plain(problem.a_start),
         u_start=() if before is None else _plain(before),
         u_goal=() if after is None or isinstance(after, str) else _plain(after),
-        q_goal=_asked(problem.goal),
+        q_goal=_coordinates_asked(problem.goal),
         braking=tuple(_braking(problem)),
         ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
@@ -182,7 +182,7 @@ def _rows(problem: Problem, constraint: Any) -> list[PathRow]:
     return [PathRow(label.name, float(low), float(high), label.unit, total) for label, low, high in sides]
 
 
-def _asked(goal: Goal) -> tuple[bool, ...]:
+def _coordinates_asked(goal: Goal) -> tuple[bool, ...]:
     """Which coordinates end where a goal says; empty where all do."""
     says_all = goal.q_active.all() or goal.frames or goal.periodic is not None
     return () if says_all else tuple(goal.q_active.tolist())

@@ -120,7 +120,7 @@ class Nearest:
         begin = np.array([motion.q[0], motion.v[0], ends.accelerations])
         asked = np.where(ends.is_asked, motion.q[-1], np.nan), np.where(ends.rests, 0.0, np.nan)
         end = np.array([asked[0], motion.v[-1], asked[1]])
-        own = (wanted[joints], _widened(sides, begin)[..., joints], begin[:, joints], end[:, joints])
+        own = (wanted[joints], _widen(sides, begin)[..., joints], begin[:, joints], end[:, joints])
         return _Joints(tuple(joints), duration / (len(shares) - 1), *own, [self.braking[k] for k in joints])
 
 
@@ -137,7 +137,7 @@ def _first(has: Callable[[int], bool], count: int) -> int | None:
     return high
 
 
-def _widened(sides: Array, begin: Array) -> Array:
+def _widen(sides: Array, begin: Array) -> Array:
     """Limits of joints, wider where they have left them already as they begin, or can no longer keep them."""
     q, v, a = np.nan_to_num(begin)
     turned = v + a * abs(a) / (2.0 * np.abs(sides[3]).min(axis=0))  # speed when the acceleration is gone
@@ -179,7 +179,7 @@ class _Joints:
         """Positions and three derivatives, shape (4, n + 1), the last jerk twice, where there is a motion."""
         x, is_found = Chains(*self._programme(), self.rows).minimise()
         found = self._follow(x)
-        left = self._left(found, is_found)
+        left = self._violations(found, is_found)
         again = np.unique(left.at // found.shape[2]) if rounds > 1 else np.zeros(0, dtype=np.int64)
         is_found[again] = False
         rest = self._with(left, again).solve(rounds - 1) if len(again) else {}
@@ -245,7 +245,7 @@ class _Joints:
             found[:, k, 1:] = found[:, k, :1] + np.cumsum(moves, axis=1)
         return found
 
-    def _left(self, found: Array, counts: BoolArray) -> Rows:
+    def _violations(self, found: Array, counts: BoolArray) -> Rows:
         """What motions that count leave within pieces."""
         signs = (-1.0, 1.0)
         braking = [(k, one) for k, own in enumerate(self.braking) if counts[k] for one in own]

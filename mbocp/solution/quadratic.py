@@ -101,12 +101,12 @@ class Chains:
         x, y = np.where(is_given, self.given, 0.0), np.zeros((count, shape[1] - 1, 3))
         s = np.ones(len(owner))
         z = np.maximum(np.abs(self.linear).max(axis=(1, 2)), _FIRST)[owner]
-        pulls = self.weights * x + self.linear - self._transposed(self._gaps(x))
+        pulls = self.weights * x + self.linear - self._transpose(self._gaps(x))
         x = x + _Factors(self, s, is_lost).solve(pulls, self._broken(x))[0]
         s = np.maximum(self._gaps(x), _FIRST)
         for _ in range(_MOST_ITERATIONS):
             gaps, broken = self._gaps(x), self._broken(x)
-            forces = self._transposed(z) + self._pulls(y)
+            forces = self._transpose(z) + self._pulls(y)
             together = np.bincount(owner, s * z)
             exact = np.maximum(self._largest(np.abs(s - gaps)), np.abs(broken).max(axis=(1, 2)))
             is_good = (together < _COMPLEMENTARY * size) | is_lost.any()
@@ -170,7 +170,7 @@ class Chains:
         lower, upper = self.sides
         return np.concatenate([-lower.ravel(), upper.ravel(), self.rows.most]) - self._apply(x)
 
-    def _transposed(self, z: Array) -> Array:
+    def _transpose(self, z: Array) -> Array:
         """What multipliers of limits do to x."""
         lower, upper = z[: 2 * self.weights.size].reshape(2, *self.weights.shape)
         found = upper - lower
@@ -249,7 +249,7 @@ class _Factors:
     ) -> tuple[Array, Array, Array, Array]:
         """Changes of x, y, s and z that leave nothing, and take products of s and z away, to first order."""
         of_x, of_s, broken = left
-        dx, dy = self.solve(of_x + self._chains._transposed((z * of_s - products) / s), broken)
+        dx, dy = self.solve(of_x + self._chains._transpose((z * of_s - products) / s), broken)
         ds = -of_s - self._chains._apply(dx)
         return dx, dy, ds, -(products + z * ds) / s
 

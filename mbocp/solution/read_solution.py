@@ -21,7 +21,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.gains import feedback_gains
-from mbocp.formulation.iterates import carried_of, with_robot_of
+from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
     describe_idle_parameters,
@@ -123,7 +123,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
     stored = problem.robot.stored
     now = {
         "status": status,
-        "advice": advice + _compiled_long(problem, result, phases) + told,
+        "advice": advice + _describe_compiling(problem, result, phases) + told,
         "solver": outcome.solver,
         "iterations": sum(p.iterations for p in phases),
         "limit_excess": _ratio_of(excess, problem),
@@ -153,9 +153,9 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         "robot_files": None if stored is None else stored.with_spec(problem.robot.spec),
     }
     if clearance is None or approach is not None:
-        now |= _told(approach)
+        now |= _fields(approach)
     now["problem"] = asked
-    carried = partial(carried_of, attempt.formulation, result.iterate)
+    carried = partial(place_iterate, attempt.formulation, result.iterate)
     rest = partial(_rest, formulation, result.iterate, carried, asked, t, motion)
     alone = measures_of(formulation, result.iterate, motion)
     alone["iterate"] = carried
@@ -230,7 +230,7 @@ def _rest(
     return {
         **diagnostics.fields(),
         "iterate": carried(),
-        **_told(None if clearance is None else nearest_approach(clearance, t, motion.qs, motion.vs)),
+        **_fields(None if clearance is None else nearest_approach(clearance, t, motion.qs, motion.vs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),
         "robot_spec": dict(robot.spec),
         "problem_text": problem_to_toml(asked),
@@ -254,7 +254,7 @@ def _meanings(robot: Robot, names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(words[name] for name in names)
 
 
-def _compiled_long(problem: Problem, result: SolverResult, phases: list[Phase]) -> str:
+def _describe_compiling(problem: Problem, result: SolverResult, phases: list[Phase]) -> str:
     """Say where compiling took most of the time that a solve had."""
     limit = problem.solver.time_limit
     seconds = sum(phase.wall_time_s for phase in phases if phase.name == "compile")
@@ -318,7 +318,7 @@ def _within_limits(
     return Status.UNDER_RESOLVED, f"{excess.words}: {remedy}; the optimality conditions hold: {advice}"
 
 
-def _told(approach: Approach | None) -> dict[str, Any]:
+def _fields(approach: Approach | None) -> dict[str, Any]:
     """Fields of a solution."""
     if approach is None:
         return {"clearance": math.nan, "clearance_between": "", "clearance_time": math.nan}

@@ -352,7 +352,7 @@ class Solution(SolutionData):
 
         if "problem" in vars(self):
             return Shown(self.problem, self.problem.obstacle)
-        return self._told(partial(problem_to_show, self, self.load_robot))
+        return self._make_or_warn(partial(problem_to_show, self, self.load_robot))
 
     @cached_property
     def facts(self) -> Facts:
@@ -367,9 +367,9 @@ class Solution(SolutionData):
             return super().facts
         from mbocp.solution.its_problem import facts_of_text  # as slow to import as all else
 
-        return self._fit(self._told(partial(facts_of_text, self, self.load_robot)) or Facts())
+        return self._fit(self._make_or_warn(partial(facts_of_text, self, self.load_robot)) or Facts())
 
-    def _told(self, make: Callable[[], T]) -> T | None:
+    def _make_or_warn(self, make: Callable[[], T]) -> T | None:
         """What is made of the problem; None, with a warning, where that cannot be."""
         try:
             return make()

@@ -16,9 +16,9 @@ from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
 from mbocp.programme.iterate import Carried
 from mbocp.robot.robot_files import RobotFiles
-from mbocp.solution._values import checked_arrays, json_copy
+from mbocp.solution._values import check_arrays, json_copy
 from mbocp.solution.accuracy import Accuracy
-from mbocp.solution.conserved import ConservedQuantity, conserved_quantities
+from mbocp.solution.conserved import ConservedQuantity, sum_up_momenta
 from mbocp.solution.later import Later, complete
 from mbocp.solution.problem_facts import Facts, PhasePlace
 from mbocp.solution.records import Column, Labels, StartRecord, dual_columns
@@ -119,7 +119,7 @@ class SolutionData:
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))
         given = {name: getattr(self, name) for name in QUANTITIES}
-        checked = checked_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
+        checked = check_arrays(given, len(tuple(self.control_momentum_names)), len(self.path_names))
         for name, value in checked.items():
             object.__setattr__(self, name, value)
         if math.isnan(self.manifold_drift) and np.isfinite(self.manifold_drifts).all():
@@ -313,7 +313,7 @@ class SolutionData:
     @property
     def conserved(self) -> tuple[ConservedQuantity, ...]:
         """Control momenta, eq. (15), one for each symmetry of the robot that the running cost respects."""
-        return conserved_quantities(
+        return sum_up_momenta(
             self.control_momenta, self.control_momentum_names, self.control_momentum_meanings, self.mus
         )
 

@@ -100,7 +100,7 @@ class ExecutorPool:
         try:
             future: Future[Any] = self.executor.submit(function, *args)
         except (BrokenExecutor, RuntimeError) as error:
-            raise _given_up(error) from error
+            raise _describe_giving_up(error) from error
         self._pending.add(future)
         future.add_done_callback(self._pending.discard)
         return future
@@ -114,7 +114,7 @@ class ExecutorPool:
             If nothing can be run any more.
         """
         if isinstance(error, (BrokenExecutor, CancelledError)):
-            raise _given_up(error) from error
+            raise _describe_giving_up(error) from error
         return failure_row(CRASHED, f"its worker failed: {type(error).__name__}: {error}")
 
     def close(self) -> None:
@@ -126,7 +126,7 @@ class ExecutorPool:
 Pool: TypeAlias = LocalPool | ExecutorPool
 
 
-def _given_up(error: BaseException) -> StudyError:
+def _describe_giving_up(error: BaseException) -> StudyError:
     reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return StudyError(
         f"the executor has given up ({reason}); rows so far are in the file: go on with --resume, resume=True"

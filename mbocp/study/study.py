@@ -21,7 +21,7 @@ from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.schema import ProblemTable, checked_tables
+from mbocp.problem.file.schema import ProblemTable, check_tables
 from mbocp.study.result_rows import check_record
 from mbocp.study.run_task import Job
 from mbocp.study.study_schema import StudyTable
@@ -29,7 +29,7 @@ from mbocp.study.values import (
     LABEL,
     Dimension,
     axis_dimension,
-    fixed_keys,
+    check_fixed,
     grid_dimensions,
     list_dimension,
     sample_dimension,
@@ -198,7 +198,7 @@ def _study(table: StudyTable, source: Path | None, label: str) -> Study:
     document = load_document(problem_path) if problem_path is not None else dict(table.problem)
     check_record(table.record)
     try:
-        document = apply_overrides(document, fixed_keys(table.fixed))
+        document = apply_overrides(document, check_fixed(table.fixed))
     except ProblemFileError as error:
         raise StudyError(f"fixed: {error.reason}") from error
     origin = problem_path if problem_path is not None else source
@@ -281,7 +281,7 @@ def _check_document(job: Job, overrides: Mapping[str, Any], label: str) -> None:
     except ProblemFileError as error:
         raise StudyFileError(label, error.reason) from error
     try:
-        checked_tables(document)
+        check_tables(document)
     except ValidationError as error:
         wrong = schema_error(job.label, ProblemTable, error)
         key = wrong.key or ""

@@ -64,7 +64,7 @@ class Dimension:
         return tuple(dict.fromkeys(key for point in self.points for key in point.overrides))
 
 
-def fixed_keys(written: Mapping[str, Any]) -> dict[str, Any]:
+def check_fixed(written: Mapping[str, Any]) -> dict[str, Any]:
     """Overrides of [fixed], checked.
 
     Raises

@@ -170,14 +170,14 @@ def running_cost(
     **parameters
         Numbers or lists that the function asks for by name (``at["name"]``); they never recompile.
     """
-    return _made("running", function, name, parameters, weight=weight)
+    return _make("running", function, name, parameters, weight=weight)
 
 
 def terminal_cost(
     function: Callable[[Kinematics], Any], *, weight: float = 1.0, name: str = "", **parameters: ArrayLike
 ) -> OwnTerm:
     """Cost of the last state: a function of q and v. See `running_cost`."""
-    return _made("terminal", function, name, parameters, weight=weight)
+    return _make("terminal", function, name, parameters, weight=weight)
 
 
 def path_constraint(
@@ -214,17 +214,17 @@ def path_constraint(
         lower = upper = equals
     sides = {"lower": frozen_array(lower), "upper": frozen_array(upper)}
     span = Span(end_from(since), end_from(until))
-    return _made("path", function, name, parameters, unit=unit, span=span, **sides)
+    return _make("path", function, name, parameters, unit=unit, span=span, **sides)
 
 
 def end_condition(
     function: Callable[[Kinematics], Any], *, name: str = "", **parameters: ArrayLike
 ) -> OwnTerm:
     """Rows that are zero in the last state: a function of q and v. See `running_cost`."""
-    return _made("end", function, name, parameters)
+    return _make("end", function, name, parameters)
 
 
-def _made(
+def _make(
     role: Role,
     function: Callable[[Kinematics], Any],
     name: str,

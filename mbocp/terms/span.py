@@ -154,7 +154,7 @@ class Span:
     def write(self) -> dict[str, Any]:
         """Keys that read back as the same."""
         pairs = zip(SPAN, (self.since, self.until), strict=True)
-        return {key: _written(end) for key, end in pairs if end is not None}
+        return {key: _write(end) for key, end in pairs if end is not None}
 
     @property
     def via_names(self) -> tuple[str, ...]:
@@ -275,7 +275,7 @@ def _place(end: End, num_steps: int, dt: float) -> float | None:
     return None if end is None else end / dt
 
 
-def _written(end: End) -> Any:
+def _write(end: End) -> Any:
     if isinstance(end, AtVia):
         return end.name if end.share is None else {"phase": end.name, "share": end.share}
     return {"share": end.value} if isinstance(end, Share) else end

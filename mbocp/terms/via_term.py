@@ -139,7 +139,7 @@ class ViaTerm(Structure):
         if self.has_q:
             space, q = at.mechanics.joint_space, at.joint_configuration()
             poses.append(space.projection(p["q"], q))
-            cosines += [_turned_less(space.parts[i], p["q"], q) for i in self.guarded]
+            cosines += [_turn_below(space.parts[i], p["q"], q) for i in self.guarded]
         if self.has_v:
             rates.append(at.joint_velocity() - p["v"])
         for k, frame in enumerate(self.frames):
@@ -158,7 +158,7 @@ class ViaTerm(Structure):
         )
 
 
-def _turned_less(part: Part, goal: ca.SX, z: ca.SX) -> ca.SX:
+def _turn_below(part: Part, goal: ca.SX, z: ca.SX) -> ca.SX:
     """What is positive where a part is turned by less than a right angle."""
     guards = part.group.guards(goal[part.at_z], z[part.at_z])
     if guards:

@@ -112,8 +112,8 @@ class WeightsTable(Table):
     p: Annotated[Control, Key("on p, or on v where the goal gives v", default="0")] = None
 
 
-def _listed_weights(value: Any) -> Any:
+def _expand_weights(value: Any) -> Any:
     return {"qp": value} if isinstance(value, list) else value
 
 
-Weights = Annotated[WeightsTable, Kind("2 nv numbers, or table with `q` and `p`", _listed_weights, Vector)]
+Weights = Annotated[WeightsTable, Kind("2 nv numbers, or table with `q` and `p`", _expand_weights, Vector)]

@@ -133,7 +133,7 @@ def overview(solution: Solution, robot: Robot | None = None, *, style: str | Pat
         if paths is not None:
             in_space = figure.add_subplot(path_place, projection=paths.projection)
             paths.draw(in_space)
-        _shared_legend(figure, shared)
+        _share_legend(figure, shared)
         _title(figure, solution)
         if paths is not None:
             paths.fit(in_space)
@@ -178,7 +178,7 @@ def _stack(solution: Solution, tiles: Sequence[Tile]) -> Figure:
         shared: dict[str, Any] = {}
         for i, tile in enumerate(tiles):
             _draw(tile, figure.add_subplot(len(tiles), 1, i + 1), shared, solution)
-        _shared_legend(figure, shared)
+        _share_legend(figure, shared)
         _title(figure, solution)
     return figure
 
@@ -200,7 +200,7 @@ def _draw(tile: Tile, axes: Axes, shared: dict[str, Any], solution: Solution) ->
     mark_phases(axes, solution)
 
 
-def _shared_legend(figure: Figure, shared: dict[str, Any]) -> None:
+def _share_legend(figure: Figure, shared: dict[str, Any]) -> None:
     if not shared:
         return
     longest = max(len(name) for name in shared)

@@ -17,13 +17,13 @@ from mbocp.robot import Robot
 from mbocp.solution import ActiveLimit, Load, Solution, loads_of
 from mbocp.solution.atomic import replace_text
 from mbocp.view.meshcat.page import Below
-from mbocp.view.of_solution import drawn_of
+from mbocp.view.of_solution import things_drawn
 from mbocp.view.replay import OtherMotion, replay_page
 from mbocp.view.reports.page_plots import (
     motion_figures,
     multiplier_figures,
     other_figures,
-    paired_figures,
+    pair_figures,
     why_zigzag,
 )
 
@@ -59,13 +59,13 @@ def differences_of(results: Mapping[str, Solution]) -> list[list[str]]:
     keys = [dict(_keys_of(solution)) for solution in results.values()]
     names = dict.fromkeys(name for each in keys for name in each)
     return [
-        [name, *_shown([each.get(name) for each in keys])]
+        [name, *_format([each.get(name) for each in keys])]
         for name in names
         if any(each.get(name) != keys[0].get(name) for each in keys)
     ]
 
 
-def _shown(values: Sequence[Any]) -> list[str]:
+def _format(values: Sequence[Any]) -> list[str]:
     """Values in few digits, where these tell them apart."""
     short = ["-" if value is None else _short(value) for value in values]
     return short if len(set(short)) > 1 else [show(value, _LONGEST) for value in values]
@@ -129,7 +129,7 @@ def write_report(
         solution.t,
         solution.qs,
         below=_below(_content(solution, shown, facts or _facts(solution))),
-        **drawn_of(solution, shown),
+        **things_drawn(solution, shown),
     )
     return replace_text(path, page)
 
@@ -164,8 +164,8 @@ def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
         ("Numbers", _rows(("", *results), numbers_of(results))),
         ("Keys that differ", _rows(("key", *results), unlike) if unlike else "<p>None: one problem.</p>"),
     ]
-    plots = [(title, _plots(figures)) for title, figures in paired_figures(loaded)]
-    drawn = {**drawn_of(first, robot), "title": " · ".join(results), "others": others}
+    plots = [(title, _plots(figures)) for title, figures in pair_figures(loaded)]
+    drawn = {**things_drawn(first, robot), "title": " · ".join(results), "others": others}
     page = replay_page(
         robot, first.t, first.qs, below=_below(_join(sections) + _fold(plots, opened=3)), **drawn
     )

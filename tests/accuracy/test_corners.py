@@ -29,7 +29,7 @@ def test_the_error_at_a_velocity_limit_is_not_below_the_truth() -> None:
     assert any(limit.kind == "velocity" for limit in fine.active_limits)
     found = Round.of(
         problem.with_(accuracy=0.1), problem.with_(num_steps=48), (coarse, fine), deadline=math.inf
-    ).seen_with([coarsest], None)
+    ).compare_with([coarsest], None)
     true = abs(fine.cost - COST)
     assert abs(fine.cost - coarse.cost) < true <= found.error < 10.0 * true
     assert abs(found.limit.value - COST) <= found.limit.unsure

@@ -71,13 +71,13 @@ def test_two_rounds_whose_costs_tend_to_different_ones_are_not_both_believed() -
     pair = [mbocp.solve(case.with_(accuracy=None, num_steps=steps)) for steps in (30, 60)]
     found = Round.of(case, case.with_(accuracy=None, num_steps=60), pair, deadline=np.inf)
     coarse = mbocp.solve(case.with_(accuracy=None, num_steps=15))
-    alone = found.seen_with([coarse], None)
+    alone = found.compare_with([coarse], None)
     assert alone.is_enough
-    beside = found.seen_with([coarse], found)
+    beside = found.compare_with([coarse], found)
     assert beside.error == alone.error
     elsewhere = replace(found, limit=CostLimit(1.01 * found.limit.value, 1e-6))
     assert elsewhere.has_cost
-    doubted = found.seen_with([coarse], elsewhere)
+    doubted = found.compare_with([coarse], elsewhere)
     assert doubted.error == pytest.approx(0.01 * found.limit.value, rel=0.01)
     assert not doubted.is_enough
 

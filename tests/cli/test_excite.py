@@ -8,7 +8,7 @@ import pytest
 
 import mbocp
 from mbocp.exceptions import MbocpError
-from mbocp.problem.file.tables import written_tables
+from mbocp.problem.file.tables import write_tables
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solving import to_excite
 
@@ -56,7 +56,7 @@ def test_solving_a_file_that_asks_for_it_finds_the_same(run, tmp_path):
     assert facts["log_det"] == pytest.approx(told.log_det)
     assert solution.problem.excite is None  # near a spline that was found: its iterate is of that problem
     asked = mbocp.load_problem(file)
-    assert problem_from_tables(written_tables(asked)).excite.rounds == 5
+    assert problem_from_tables(write_tables(asked)).excite.rounds == 5
     assert to_excite(asked, {"starts": 2}).excite.rounds == 5
     with pytest.raises(MbocpError, match=r"goal\.excite\.friction: got 'dry'"):
         asked.with_(goal={"excite": {"friction": "dry"}})

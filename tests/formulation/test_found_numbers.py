@@ -15,7 +15,7 @@ from mbocp.formulation import formulate
 from mbocp.problem import Problem, problem_to_toml
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.found_parameter import with_values
-from mbocp.robot.named_numbers import number_of, opened_for, with_numbers, with_numbers_of_model
+from mbocp.robot.named_numbers import number_of, open_numbers, with_numbers, with_numbers_of_model
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "design"
 LOAD = {"name": "load", "frame": "tool0", "mass": 2.0, "com": [0.0, 0.0, 0.05]}
@@ -102,7 +102,7 @@ SPRUNG: dict[str, Any] = {
 
 def plain_cost(problem: Problem, values: list[float], **changes: Any) -> float:
     """Cost of a plain solve with parameters as numbers, and what they cost."""
-    robot = opened_for(problem.document.robot, [word for one in problem.parameter for word in one.words])
+    robot = open_numbers(problem.document.robot, [word for one in problem.parameter for word in one.words])
     fixed = problem.with_(robot=with_values(robot, problem.parameter, values), parameter=[], **changes)
     solution = mbocp.solve(fixed)
     assert solution.converged

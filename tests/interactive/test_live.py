@@ -27,7 +27,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 import mbocp  # noqa: E402
 from mbocp.interactive import Live, Wish  # noqa: E402
 from mbocp.interactive.handles import joint_handles, pose_handles  # noqa: E402
-from mbocp.interactive.wish import changed_problem, weight_keys  # noqa: E402
+from mbocp.interactive.wish import change_problem, weight_keys  # noqa: E402
 from mbocp.solution import Status  # noqa: E402
 
 START = angles(0.3, 0.4)
@@ -207,7 +207,7 @@ def test_notebooks_show_the_page(page):
 
 
 def test_errors_in_the_thread_are_raised(page, monkeypatch):
-    monkeypatch.setattr("mbocp.interactive.resolver.changed_problem", lambda *_: 1 / 0)
+    monkeypatch.setattr("mbocp.interactive.resolver.change_problem", lambda *_: 1 / 0)
     page.ask(Wish())
     with pytest.raises(ZeroDivisionError):
         page.wait_until_closed()
@@ -229,7 +229,7 @@ def test_bodies_that_fly_are_dragged():
     (handle,) = pose_handles(problem)
     placed = handle.placement(problem.goal, problem.goal.q)
     placed.translation = placed.translation + np.array([0.0, 0.25, 0.0])
-    changed = changed_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
+    changed = change_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
     assert np.allclose(changed.goal.q, [0.5, 0.25, 1, 0, 0, 0, 1])
 
 
@@ -241,7 +241,7 @@ def test_a_tool_is_dragged_where_the_goal_is_in_joints():
     (handle,) = pose_handles(problem)
     placed = handle.placement(problem.goal, problem.goal.q)
     placed.translation = placed.translation + np.array([0.05, 0.0, -0.05])
-    changed = changed_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
+    changed = change_problem(problem, handle.move(Wish(), placed, problem.goal.q), problem.goal.q)
     assert changed.robot.frame_placement("tool0", changed.goal.q).isApprox(placed, 1e-6)
     assert np.abs(changed.goal.q - q).max() < 0.5  # the branch near by
 

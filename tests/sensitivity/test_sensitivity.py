@@ -15,7 +15,7 @@ import mbocp
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, SingularSystem, SolverError
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.layout import places
-from mbocp.robot.named_numbers import opened_for
+from mbocp.robot.named_numbers import open_numbers
 from mbocp.sensitivity import DegenerateLimitWarning, of_robot
 from mbocp.sensitivity.change import change_along, has_plain_numbers
 from mbocp.sensitivity.kkt import Parts
@@ -450,7 +450,7 @@ def test_only_some_functions_of_robots_numbers_are_kept(monkeypatch):
     monkeypatch.setattr(of_robot, "_growth", {})
     monkeypatch.setattr(of_robot, "_KEPT", 2)
     words = [f"joint.{name}.length" for name in ("shoulder_lift_joint", "elbow_joint", "wrist_1_joint")]
-    robot = opened_for(mbocp.load_robot("ur5"), words)
+    robot = open_numbers(mbocp.load_robot("ur5"), words)
     first = [of_robot._numbers_with(robot, (word,), np.array([0.1])) for word in words]
     assert [key[-1] for key in of_robot._growth] == [(word,) for word in words[1:]]
     for word, (values, slopes) in zip(words, first, strict=True):

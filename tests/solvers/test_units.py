@@ -14,7 +14,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses import make_guess
 from mbocp.programme import Iterate
 from mbocp.solvers import PureNewton
-from mbocp.solvers.strategies.in_units import counted_in, iterate_in
+from mbocp.solvers.strategies.in_units import count_in, iterate_in
 from tests.campaign.robots import arm_urdf
 from tests.campaign.run import run_task
 
@@ -63,7 +63,7 @@ def test_a_newton_step_is_the_same_in_all_units(name: str) -> None:
     formulation = formulation_of(name)
     programme, iterate = formulation.programme, perturbed(formulation)
     units = replace(programme.units, force=FORCE, cost=COST)
-    counted, begun = counted_in(units, programme), iterate_in(units, iterate)
+    counted, begun = count_in(units, programme), iterate_in(units, iterate)
     solver = PureNewton()
     wanted = solver.step(solver.init(programme, iterate))
     got = solver.step(solver.init(counted, begun))
@@ -84,7 +84,7 @@ def test_there_and_back_is_exact(name: str) -> None:
     back = iterate_in(inverse, iterate_in(units, iterate))
     for key in ARRAYS:
         assert np.array_equal(getattr(back, key), getattr(iterate, key))
-    again = counted_in(inverse, counted_in(units, formulation.programme))
+    again = count_in(inverse, count_in(units, formulation.programme))
     for key in ("theta", "rho_terminal", "x_start"):
         assert np.array_equal(getattr(again, key), getattr(formulation.programme, key))
 
@@ -92,9 +92,9 @@ def test_there_and_back_is_exact(name: str) -> None:
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_units_of_a_programme_in_units_are_relative_to_them(name: str) -> None:
     programme = formulation_of(name).programme
-    both = counted_in(replace(programme.units, force=FORCE, cost=COST), programme)
-    first = counted_in(replace(programme.units, force=FORCE), programme)
-    then = counted_in(replace(first.units, cost=COST), first)
+    both = count_in(replace(programme.units, force=FORCE, cost=COST), programme)
+    first = count_in(replace(programme.units, force=FORCE), programme)
+    then = count_in(replace(first.units, cost=COST), first)
     assert then.units.are_users
     assert then.control_weight == both.control_weight
     for key in ("theta", "rho_terminal", "x_start"):
@@ -170,7 +170,7 @@ def test_a_large_weight_on_what_hardly_moves_takes_few_iterations(weight: float)
 
 def test_costs_are_multiplied_as_by_their_weights() -> None:
     programme = formulation_of("rates of controls").programme
-    counted = counted_in(replace(programme.units, cost=COST), programme)
+    counted = count_in(replace(programme.units, cost=COST), programme)
     other = formulation_of("rates of controls", factor=COST).programme
     for key in ("theta", "rho_terminal"):
         assert np.array_equal(getattr(counted, key), getattr(other, key))

@@ -16,7 +16,7 @@ from mbocp.terms.cost import RunningTerm
 from mbocp.terms.kinds import Effort, Velocity
 
 
-def eased_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[RunningTerm, ...]:
+def ease_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[RunningTerm, ...]:
     """Terms of the running cost that the functions have: the weight of velocities, too, where it may ease.
 
     Natural coordinates are left out, whose guess is an optimum in joint coordinates, and what has limits;

@@ -31,7 +31,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation.features.clock import STEP_SHARE
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
-from mbocp.formulation.features.switches import filled_lengths
+from mbocp.formulation.features.switches import fill_lengths
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
@@ -213,7 +213,7 @@ class UnequalLengths(Feature):
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Lengths by the mean one."""
-        lengths = filled_lengths(problem, problem.timeline.lengths())
+        lengths = fill_lengths(problem, problem.timeline.lengths())
         return {
             _STRETCH: (lengths / problem.dt)[:, None],
             _SPACING: (spacings(lengths) / problem.dt)[:, None],

@@ -94,12 +94,12 @@ def has_step_before(problem: Problem) -> Array:
     return (np.arange(problem.num_steps) > int(np.argmax(timed))).astype(np.float64)
 
 
-def filled_lengths(problem: Problem, dts: Array) -> Array:
+def fill_lengths(problem: Problem, dts: Array) -> Array:
     """Lengths of steps [s], with the mean one in the place of those of impacts."""
     return np.where(problem.timeline.is_impact, problem.dt, dts)
 
 
-def filled_impulses(problem: Problem, dts: Array) -> Array:
+def fill_impulses(problem: Problem, dts: Array) -> Array:
     """What multipliers are multiplied by to be impulses, shape (N, 1): lengths [s], and 1 in impacts."""
     return np.where(problem.timeline.is_impact, 1.0, dts)[:, None]
 

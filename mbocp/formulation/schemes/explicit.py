@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
-from mbocp.formulation.goal import end_condition_rows, guarded_parts
+from mbocp.formulation.goal import end_condition_rows, parts_to_guard
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
@@ -54,7 +54,7 @@ class ExplicitFormulation(JointFormulation):
         """See `Formulation.pieces_of`."""
         robot = problem.robot
         space = ConfigurationSpace(robot.model, robot.rotations)
-        guarded = guarded_parts(problem, space)
+        guarded = parts_to_guard(problem, space)
         speeds = robot.speed_map if robot.drives else None
         rows = end_condition_rows(robot, problem.goal, speeds)
         leaves_the_group = problem.lie != "munthe_kaas"

@@ -14,8 +14,8 @@ from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.switches import (
     acting,
     add_held_columns,
-    filled_impulses,
-    filled_lengths,
+    fill_impulses,
+    fill_lengths,
     labels_of,
     repeat_at_impacts,
     ties_at_end,
@@ -72,7 +72,7 @@ class ImplicitFormulation(JointFormulation):
         """Iterate at a motion; adjoints are zero."""
         held = add_held_columns(self.problem, lams)
         xs, us = self.states_and_controls(motion, motion.vs, held)
-        dts = filled_impulses(self.problem, motion.dts)
+        dts = fill_impulses(self.problem, motion.dts)
         return zero_multipliers(self.programme, xs, dts * held, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
@@ -82,7 +82,7 @@ class ImplicitFormulation(JointFormulation):
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        problem, dts = self.problem, filled_impulses(self.problem, motion.dts)
+        problem, dts = self.problem, fill_impulses(self.problem, motion.dts)
         states = boundary_duals(self.programme, iterate)
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
@@ -117,7 +117,7 @@ class ImplicitFormulation(JointFormulation):
         kinematic row's multiplier after it, before the constraint at the node acts on it.
         """
         robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.force_tau
-        dts = filled_lengths(self.problem, motion.dts)
+        dts = fill_lengths(self.problem, motion.dts)
         q_taus, _ = self.evaluation_points(motion.qs, motion.vs, dts)
         velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * motion.vs[1:]
         rows = self._row_duals(iterate)

@@ -14,8 +14,8 @@ from mbocp.formulation.base import Duals, Formulation
 from mbocp.formulation.build import check_size, signature_of
 from mbocp.formulation.features.switches import (
     breaks_symmetries,
-    filled_impulses,
-    filled_lengths,
+    fill_impulses,
+    fill_lengths,
     repeat_at_impacts,
     switched_violation,
     ties_at_end,
@@ -108,7 +108,7 @@ class NaturalFormulation(Formulation):
         at, programme = self.layout, self.programme
         zs = self.space.coordinates(motion.qs)
         if self.tau == 1.0:
-            lengths = filled_lengths(self.problem, motion.dts)[:, None]
+            lengths = fill_lengths(self.problem, motion.dts)[:, None]
             rates = repeat_at_impacts(np.diff(zs, axis=0) / lengths, self.problem.timeline.is_impact)
             ws = np.vstack([programme.x_start[at.s], rates])
         else:
@@ -117,7 +117,7 @@ class NaturalFormulation(Formulation):
         acts = _acting(self.problem, self.space.mechanics)
         ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
         loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
-        xs = self.states.remember(xs, us, loops / filled_impulses(self.problem, motion.dts))
+        xs = self.states.remember(xs, us, loops / fill_impulses(self.problem, motion.dts))
         return zero_multipliers(programme, xs, ys, us)
 
     def motion_of(self, iterate: Iterate) -> Motion:
@@ -138,7 +138,7 @@ class NaturalFormulation(Formulation):
 
     def duals_of(self, iterate: Iterate, motion: Motion) -> Duals:
         """Multipliers and adjoints of an iterate and its motion."""
-        at, dts = self.layout, filled_impulses(self.problem, motion.dts)
+        at, dts = self.layout, fill_impulses(self.problem, motion.dts)
         states = boundary_duals(self.programme, iterate)
         costates = self.space.costates(iterate.xs[:, at.z], motion.vs, states[:, : at.nw + at.ns])
         return Duals(
@@ -153,7 +153,7 @@ class NaturalFormulation(Formulation):
 
     def hamiltonians(self, iterate: Iterate, motion: Motion, duals: Duals) -> Array:
         """The mass matrix is constant; the kinematic row's dual is taken as in joint coordinates."""
-        at, dts, tau = self.layout, filled_lengths(self.problem, motion.dts), self.tau
+        at, dts, tau = self.layout, fill_lengths(self.problem, motion.dts), self.tau
         before = self.force_tau
         ws, rows = iterate.xs[:, at.s], iterate.ms
         velocity = tau * ws[1:] + (1.0 - tau) * ws[:-1]

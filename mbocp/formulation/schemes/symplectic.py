@@ -90,7 +90,7 @@ class _Derivation:
         rows = self._rows()
         in_units = 1.0 / at.given["force"]
         more = ca.vertcat(at.memory_rows, at.own_rows)
-        kept = [self._made_of_unknowns(more)] if more.numel() else []
+        kept = [self._link(more)] if more.numel() else []
         stages = [in_units * row for row in rows.stages]
         pieces = [rows.kinematic, in_units * rows.momentum, *kept, *stages, *rows.constraints]
         c, cost = Affine.join(pieces), self._cost(rows.points)
@@ -109,15 +109,15 @@ class _Derivation:
         at = self._at
         before, after = (self._node(state) for state in (at.at0, at.at1))
         pushed = self._controls()
-        h = self._made_of_unknowns(at.dt) if at.has_free_length else at.dt
-        found = [self._made_of_unknowns(at.found)] if at.found.numel() else []
+        h = self._link(at.dt) if at.has_free_length else at.dt
+        found = [self._link(at.found)] if at.found.numel() else []
         return self._step(self._chain, before, after, self._stages(), pushed, h, found)
 
     def _controls(self) -> list[Affine]:
         """Those of each stage."""
         at, pair = self._at, self._step.pair
         if at.shares:
-            return [self._made_of_unknowns(at.controls_at(c)) for c in pair.c]
+            return [self._link(at.controls_at(c)) for c in pair.c]
         units = ca.diag(at.units_of_u)
         pushed = Affine(units @ self._u.value, {k: units @ m for k, m in self._u.parts.items()})
         return [pushed] * pair.num_stages
@@ -130,7 +130,7 @@ class _Derivation:
 
     def _node(self, state: ca.SX) -> Node:
         layout = self._at.space.layout
-        return Node(self._made_of_unknowns(state[layout.z]), self._made_of_unknowns(state[layout.s]))
+        return Node(self._link(state[layout.z]), self._link(state[layout.s]))
 
     def _cost(self, points: tuple[Node, ...]) -> Affine:
         """Quadrature of the running cost with the weights of the method."""
@@ -156,7 +156,7 @@ class _Derivation:
         nodes = [*(point.q for point in points), *(point.v for point in points)]
         return self._chain.apply(function, [*self._root, *nodes], self._given)[0]
 
-    def _made_of_unknowns(self, expression: ca.SX) -> Affine:
+    def _link(self, expression: ca.SX) -> Affine:
         """An expression in the symbols of the step as a link."""
         function = ca.Function("made", [*self._symbols, *self._given], [ca.densify(expression)])
         return self._chain.apply(function, self._root, self._given)[0]

@@ -277,10 +277,10 @@ class NaturalKinematics:
         for body in self.tree.bodies:
             owner, ratio = (self.tree.body(body.leader), body.ratio) if body.leader else (body, 1.0)
             for k in range(body.axes.shape[1]):
-                J[:, owner.at_v + k] += ratio * self._moved_by(body, k, q)
+                J[:, owner.at_v + k] += ratio * self._motion_by(body, k, q)
         return J
 
-    def _moved_by(self, body: Body, component: int, q: ca.SX) -> ca.SX:
+    def _motion_by(self, body: Body, component: int, q: ca.SX) -> ca.SX:
         """How everything beyond a joint moves with one of its velocities, shape (nv,)."""
         out = ca.SX.zeros(self.nv)
         at = self.placement(body.joint, q)

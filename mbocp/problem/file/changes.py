@@ -25,11 +25,11 @@ from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
-from mbocp.problem.timeline.phase import checked_phase
+from mbocp.problem.timeline.phase import check_phase
 from mbocp.problem.timeline.sequence import in_order
-from mbocp.problem.timeline.step_counts import scaled_lengths
+from mbocp.problem.timeline.step_counts import scale_lengths
 from mbocp.problem.timeline.timeline import Timeline
-from mbocp.problem.timeline.times import written_duration
+from mbocp.problem.timeline.times import write_duration
 from mbocp.terms.written import AUTO
 
 _TABLES = [
@@ -129,7 +129,7 @@ def _is_table(name: str, value: Any) -> bool:
 
 def _value_of(name: str, value: Any) -> Any:
     if name == "phase":
-        return in_order([checked_phase(phase) for phase in value])
+        return in_order([check_phase(phase) for phase in value])
     if name in _LISTS or name in ("goals", "holds", "releases", "impacts"):
         return tuple(value)
     return np.array(value, dtype=np.float64) if isinstance(value, (np.ndarray, list)) else value
@@ -144,7 +144,7 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
             found[name] = written().get(name, {})
         for key in (*stand_in, *(("phases_unweighted",) if name == "phase" else ())):
             values.pop(key, None)
-        found[name] = _changed_table(name, found.get(name), plain(value))
+        found[name] = _change_table(name, found.get(name), plain(value))
     if "profile" in tables.get("limits", {}):  # with its rows; a result keeps those of its own as numbers
         found["path"] = [row for row in found.get("path", ()) if not is_of_profile(row.get("name", ""))]
         if "said_path" in values:
@@ -156,7 +156,7 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
     return replace(document, tables=found, values=values)
 
 
-def _changed_table(name: str, old: Any, table: Any) -> Any:
+def _change_table(name: str, old: Any, table: Any) -> Any:
     if name in _WHOLE:
         return table
     if old is None or (name == "limits" and "profile" in table):
@@ -197,7 +197,7 @@ def _with_horizon(
     if "duration" in values or "duration_range" in values:
         bounds = values.get("duration_range")
         duration = values.get("duration", made.duration)
-        table["duration"] = plain(duration) if bounds is None else written_duration(duration, bounds)
+        table["duration"] = plain(duration) if bounds is None else write_duration(duration, bounds)
     for key, word in (("num_steps", "steps"), ("accuracy", "accuracy")):
         if values.get(key) is not None:
             table = {**_without(table, "steps", "accuracy"), word: plain(values[key])}
@@ -224,7 +224,7 @@ def _horizon_now(
     if has_phases:
         return old
     steps = {} if "accuracy" in old else {"steps": made.num_steps}
-    return {**old, "duration": written_duration(made.duration, made.duration_range), **steps}
+    return {**old, "duration": write_duration(made.duration, made.duration_range), **steps}
 
 
 def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]) -> Any:
@@ -238,7 +238,7 @@ def _lengths(values: Mapping[str, Any], made: Timeline, table: Mapping[str, Any]
         return None
     duration = table["duration"]
     seconds = Quantity.of(duration, ("s",)) if isinstance(duration, str) else float(duration)
-    return None if seconds is None else scaled_lengths(made.given_lengths, seconds)
+    return None if seconds is None else scale_lengths(made.given_lengths, seconds)
 
 
 def _with_integrator(document: Document, values: Mapping[str, Any]) -> Document:

@@ -237,11 +237,11 @@ def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     table |= {key: value for key, value in options.items() if SCHEMES[scheme].takes(f"goal.{key}")}
     for key, value, active in (("q", goal.q, goal.q_active), (goal.rate, goal.value, goal.rate_active)):
         if active.any():
-            table[key] = _written(robot, value, active)
+            table[key] = _write(robot, value, active)
     if goal.a_rule == "free":
         table["a"] = "free"
     elif goal.a_active.any() and goal.a_rule == "given":
-        table["a"] = _written(robot, goal.a, goal.a_active)
+        table["a"] = _write(robot, goal.a, goal.a_active)
     if (u := end_control_table(goal.u)) is not None:
         table["u"] = u
     if goal.periodic is not None:
@@ -251,5 +251,5 @@ def _goal_table(goal: Goal, robot: Robot, scheme: str) -> dict[str, Any]:
     return table
 
 
-def _written(robot: Robot, value: Array, active: BoolArray) -> Any:
+def _write(robot: Robot, value: Array, active: BoolArray) -> Any:
     return value if active.all() else joint_values(robot, value, active)

@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 _TURN = 6.28  # [rad] as people round a full one
 
 
-def _written_labels(robot: Robot, place: JointPlace, count: int) -> Sequence[Label]:
+def _labels_to_write(robot: Robot, place: JointPlace, count: int) -> Sequence[Label]:
     """Names and units of the numbers that a person writes."""
     labels = robot.q_labels[place.q]
     is_angle = place.has_angle and count == place.n_written
@@ -75,7 +75,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
     active = np.zeros(robot.nv, dtype=np.bool_)
     for slot, numbers in _by_joint(robot, slots, written, key):
         where = f"{key}.{slot.name}" if isinstance(written, Mapping) else key
-        values = _plain_values(numbers, _written_labels(robot, slot, len(numbers)), key)
+        values = _plain_values(numbers, _labels_to_write(robot, slot, len(numbers)), key)
         q[slot.q] = _expand(slot, values, where)
         if not key.startswith("start"):
             _warn_of_turns(slot, numbers, where)

@@ -345,7 +345,7 @@ def _body(table: ObstacleTable, folder: Path) -> tuple[Hull | Compound | None, f
         raise ProblemError(f'shape = "{MESH}" needs file or vertices, one of them')
     if table.vertices is not None:
         _refuse(table, _OF_FILES, "of a file; vertices are in metres, and `parts` says what these are")
-        return _written(table.vertices, table.faces, table.parts), 0.0
+        return _body_of(table.vertices, table.faces, table.parts), 0.0
     _refuse(table, _WRITTEN, "of vertices, not of a file")
     file, scale = folder / path_of(str(table.file)), np.broadcast_to(_scale(table), (3,))
     return body_of_file(file, scale, table.hull, table.concavity)
@@ -397,7 +397,7 @@ def _refuse(table: ObstacleTable, names: Sequence[str], why: str) -> None:
             raise ProblemError(f"{name}: {why}")
 
 
-def _written(
+def _body_of(
     vertices: list[list[float]], faces: list[list[int]] | None, parts: list[list[list[float]]] | None
 ) -> Hull | Compound:
     """Body by its corners; without `faces` their hull."""

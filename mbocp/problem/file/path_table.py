@@ -87,7 +87,7 @@ def _constraint(
     robot: Robot, table: PathHead, key: str, q_start: Array, goal: Goal, folder: Path
 ) -> PathConstraint | ContactForce:
     kind = check_choice(f"{key}.kind", table.kind, PATH_KEYS)
-    given = _given(table, kind, key)
+    given = _keys_of_kind(table, kind, key)
     if kind == ContactTerm.kind:
         return _contact(table, key, given)
     term = PATH_TERMS[kind]
@@ -136,7 +136,7 @@ def _check_motor(robot: Robot, joint: str, key: str) -> None:
         raise ProblemError(f"{key}.frame: no motor turns joint {joint!r} by a torque")
 
 
-def _given(table: PathHead, kind: str, key: str) -> dict[str, Any]:
+def _keys_of_kind(table: PathHead, kind: str, key: str) -> dict[str, Any]:
     """Values of the keys that are written, of which the kind has to know each."""
     written = {name: getattr(table, name) for name in type(table).model_fields if name not in _HEAD}
     given = {name: value for name, value in written.items() if value is not None}

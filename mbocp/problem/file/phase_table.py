@@ -20,11 +20,11 @@ from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.value_kinds import RELEASED, SEVERAL, Duration
 from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.timeline.hold import Hold
-from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, checked_phase
+from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, check_phase
 from mbocp.problem.timeline.phase_values import in_phase
 from mbocp.problem.timeline.sequence import Horizon, horizon_of, in_order
 from mbocp.problem.timeline.step_counts import FIRST_STEPS
-from mbocp.problem.timeline.times import duration_from, written_duration
+from mbocp.problem.timeline.times import duration_from, write_duration
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.cost import Reader, shortest
@@ -146,7 +146,7 @@ def phases_from(robot: Robot, phases_on_ground: Sequence[PhaseTable]) -> tuple[P
             holds = tuple(_hold(robot, held) for held in table.hold)
             releases = tuple(PhaseRelease(one.name, one.meeting) for one in table.release)  # type: ignore[arg-type]
         own: dict[str, Any] = {"limits": limits, "holds": holds, "releases": releases, **duration}
-        found.append(checked_phase(Phase(name=table.name, steps=table.steps, **own)))
+        found.append(check_phase(Phase(name=table.name, steps=table.steps, **own)))
     return in_order(found)
 
 
@@ -174,7 +174,7 @@ def weigh_phases(
             for key, term in weights_by_key().items():
                 if key in written.model_fields_set:
                     weights |= term.read(written, cost_reader)
-        found.append(checked_phase(replace(phase, weights=weights)))
+        found.append(check_phase(replace(phase, weights=weights)))
     return tuple(found)
 
 
@@ -269,7 +269,7 @@ def write_phase(phase: Phase) -> dict[str, Any]:
     return {
         "name": phase.name,
         "steps": phase.steps,
-        "duration": written_duration(phase.duration, phase.duration_range),
+        "duration": write_duration(phase.duration, phase.duration_range),
         **({"limits": limits} if limits else {}),
         **({"cost": weights} if weights else {}),
         **({"hold": [_hold_table(held) for held in phase.holds]} if phase.holds else {}),

@@ -37,11 +37,11 @@ from mbocp.problem.file.phase_table import (
 )
 from mbocp.problem.file.profile import Profile, profile_of
 from mbocp.problem.file.robust_table import read_robust
-from mbocp.problem.file.schema import ProblemTable, checked_tables
+from mbocp.problem.file.schema import ProblemTable, check_tables
 from mbocp.problem.file.start_table import read_start
 from mbocp.problem.file.term_table import terms_from
 from mbocp.problem.file.via_table import ViaTable, via_from
-from mbocp.problem.found_parameter import opened_robot
+from mbocp.problem.found_parameter import open_robot
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import SolverOptions
@@ -58,7 +58,7 @@ def read_tables(document: Mapping[str, Any], label: str) -> dict[str, Any]:
     ProblemFileError
     """
     try:
-        return checked_tables(document)
+        return check_tables(document)
     except ValidationError as error:
         raise schema_error(label, ProblemTable, error) from error
 
@@ -107,7 +107,7 @@ def _path(
 
 READ = (
     Step.of(parameters_from, "parameter"),
-    Step.of(opened_robot, "robot"),
+    Step.of(open_robot, "robot"),
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "u_start", "start_free"),
     Step.of(_is_cycle, "is_cycle"),
     Step.of(phases_of_gait, "phases_of_gait"),

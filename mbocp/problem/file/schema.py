@@ -41,7 +41,7 @@ from mbocp.problem.solver import SolverTable
 from mbocp.robot.loading.robot_keys import RobotKeys
 
 
-def _named_robot(value: Any) -> Any:
+def _expand_robot(value: Any) -> Any:
     if isinstance(value, str):
         return {SHORT["robot"]: value}
     if not isinstance(value, Mapping):
@@ -49,7 +49,7 @@ def _named_robot(value: Any) -> Any:
     return value
 
 
-def _named_limits(value: Any) -> Any:
+def _expand_limits(value: Any) -> Any:
     if value == "profile":
         return {"profile": True}
     if isinstance(value, str):
@@ -65,14 +65,14 @@ def _whether_or_how(value: Any) -> Any:
     raise ValueError(f"got {show(value)}, expected true, false or a table")
 
 
-def _named_solver(value: Any) -> Any:
+def _expand_solver(value: Any) -> Any:
     return {SHORT["solver"]: value} if isinstance(value, str) else value
 
 
 class ProblemTable(Table):
     """A whole problem file."""
 
-    robot: Annotated[RobotKeys, Kind("string or table", _named_robot, str), Key("name or path; or a table")]
+    robot: Annotated[RobotKeys, Kind("string or table", _expand_robot, str), Key("name or path; or a table")]
     coordinates: Annotated[
         str,
         choice(COORDINATES),
@@ -92,7 +92,7 @@ class ProblemTable(Table):
     cost: Annotated[CostTable, Key("what is minimised")] = CostTable.model_construct()  # type: ignore[valid-type]
     limits: Annotated[
         LimitsTable,
-        Kind('`"profile"`, or table', _named_limits, Literal["profile"]),
+        Kind('`"profile"`, or table', _expand_limits, Literal["profile"]),
         Key("bounds along the motion"),
     ] = LimitsTable.model_construct()
     robust: Annotated[RobustTable | None, Key("what is [uncertain](robust.md)", "", "none")] = None
@@ -115,7 +115,7 @@ class ProblemTable(Table):
     integrator: Annotated[IntegratorTable, Key("how time is discretised")] = IntegratorTable.model_construct()
     solver: Annotated[
         SolverTable,
-        Kind("string or table", _named_solver, str),
+        Kind("string or table", _expand_solver, str),
         Key("a method's name, or a table", "", '`"auto"`'),
     ] = SolverTable.model_construct()
 
@@ -126,7 +126,7 @@ def problem_schema() -> dict[str, Any]:
     return {**unite(json_schema_of(ProblemTable)), **about}
 
 
-def checked_tables(document: Mapping[str, Any]) -> dict[str, Any]:
+def check_tables(document: Mapping[str, Any]) -> dict[str, Any]:
     """Tables of a whole problem file by their names, checked by a model of those that it has.
 
     What is not there is what it is by default. A validator for all of it takes pydantic three times as long

@@ -25,7 +25,7 @@ from mbocp.problem.file.start_table import write_start
 from mbocp.problem.file.term_table import write_term
 from mbocp.problem.file.via_table import write_via
 from mbocp.problem.problem_data import ProblemData
-from mbocp.problem.timeline.times import written_duration
+from mbocp.problem.timeline.times import write_duration
 
 
 def tables_of(problem: ProblemData) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
         "parameter": [write_parameter(one) for one in problem.parameter] or None,
         "robot": dict(robot.spec),
         "horizon": {
-            "duration": written_duration(problem.duration, problem.duration_range),
+            "duration": write_duration(problem.duration, problem.duration_range),
             **_steps(problem),
             **({"controls": problem.controls} if problem.controls != "constant" else {}),
         },
@@ -73,7 +73,7 @@ def _steps(problem: ProblemData) -> dict[str, Any]:
     return {"steps": problem.num_steps} if problem.lengths is None else {"lengths": problem.lengths}
 
 
-def written_tables(problem: ProblemData) -> dict[str, Any]:
+def write_tables(problem: ProblemData) -> dict[str, Any]:
     """Tables of a problem as they are read from its file: without what is None, and without empty tables."""
     return {name: table for name, table in _without_none(plain(tables_of(problem))).items() if table != {}}
 

@@ -15,7 +15,7 @@ from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
 from mbocp.problem.file.value_kinds import SEVERAL, Rate, ViaTime
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.timeline.times import time_from, written_time
+from mbocp.problem.timeline.times import time_from, write_time
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
 from mbocp.terms.written import Finite, VectorOrNamed
@@ -90,7 +90,7 @@ def write_via(robot: Robot, point: ViaPoint) -> dict[str, Any]:
     states = (("q", goal.q, goal.q_active), ("v", goal.value, goal.rate_active))
     return {
         "name": point.name,
-        "time": written_time(point.time),
+        "time": write_time(point.time),
         "share": point.share,
         **{k: x if a.all() else joint_values(robot, x, a) for k, x, a in states if a.any()},
         **({"frame": [write_frame(frame) for frame in goal.frames]} if goal.frames else {}),

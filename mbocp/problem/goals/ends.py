@@ -24,7 +24,7 @@ from mbocp.robot import Label, Robot
 from mbocp.terms.rates import RATE_TERMS
 
 
-def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
+def check_start_state(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) -> tuple[Array, Array]:
     """Return configuration and velocity of a start, with unit quaternions.
 
     Raises
@@ -47,7 +47,7 @@ def checked_start(robot: Robot, limits: Bounds, q_start: Array, v_start: Array) 
     return q, v
 
 
-def checked_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
+def check_acceleration(robot: Robot, limits: Bounds, a_start: Array) -> Array:
     """Return the acceleration before a start, zero where none is given.
 
     Raises

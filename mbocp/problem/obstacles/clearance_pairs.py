@@ -25,7 +25,7 @@ from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
 from mbocp.robot.kinematics import reach
-from mbocp.robot.loading.readers.urdf_xml import disabled_by
+from mbocp.robot.loading.readers.urdf_xml import pairs_disabled_by
 
 _STILL = "that stand still beside it"
 _FAR = "that cannot reach it"
@@ -208,7 +208,7 @@ def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> Self
                     f"{', '.join(sorted(known))}"
                 )
     if own.srdf is not None:
-        disabled |= disabled_by(own.srdf)
+        disabled |= pairs_disabled_by(own.srdf)
     else:
         for source in robot.shapes:
             pairs = source.disabled()

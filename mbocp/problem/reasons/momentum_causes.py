@@ -78,7 +78,7 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
     yield from _centres_elsewhere(problem, kept)
     still = [one for one in asked if abs(one.momentum) <= _ZERO * scale]
     for beginning in dict.fromkeys(one.nothing_moves(robot) for one in still):
-        yield _asked_twice(problem, [one for one in still if one.nothing_moves(robot) == beginning])
+        yield _find_double_rest(problem, [one for one in still if one.nothing_moves(robot) == beginning])
 
 
 def _stay_and_are_given(problem: Problem) -> bool:
@@ -89,7 +89,7 @@ def _stay_and_are_given(problem: Problem) -> bool:
     return is_given and not changes and robot.nu < robot.nv
 
 
-def _asked_twice(problem: Problem, still: Sequence[_Kept]) -> Cause:
+def _find_double_rest(problem: Problem, still: Sequence[_Kept]) -> Cause:
     """Rest at the end where momenta are zero by themselves."""
     robot, rate = problem.robot, problem.goal.rate
     moved = np.max([np.abs(one.symmetry.generator(_poses(problem))).max(axis=0) for one in still], axis=0)

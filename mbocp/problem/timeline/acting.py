@@ -36,7 +36,7 @@ def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[
     """
     holds, releases, impacts = schedule
     held = tuple(hold.as_frame(robot) for hold in holds)
-    own, wanted = _own_rows(robot, releases, num_steps), _wanted_rows(holds, held, num_steps)
+    own, wanted = _own_rows(robot, releases, num_steps), _rows_that_act(holds, held, num_steps)
     q = start[0]
     _check_holds_something(robot, holds, held, q)
     rows, known = np.zeros_like(wanted), dict[bytes, BoolArray]()
@@ -47,7 +47,7 @@ def switch_table(robot: Robot, schedule: Schedule, num_steps: int, start: tuple[
         rows[step] = known[key]
     is_impact = np.zeros(num_steps, dtype=np.bool_)
     is_impact[list(impacts)] = True
-    begins = (*_begins(holds, held, rows), *_begun_again(robot, releases, num_steps))
+    begins = (*_begins(holds, held, rows), *_begin_again(robot, releases, num_steps))
     found = SwitchTable(robot, schedule, held, own, rows, is_impact, begins)
     _check_start(found, *start)
     return found
@@ -82,7 +82,7 @@ def _check_release(robot: Robot, release: Release) -> None:
         )
 
 
-def _wanted_rows(holds: Sequence[Hold], held: Sequence[HeldFrame], num_steps: int) -> BoolArray:
+def _rows_that_act(holds: Sequence[Hold], held: Sequence[HeldFrame], num_steps: int) -> BoolArray:
     steps = range(num_steps)
     columns = [
         np.repeat([[holds_in(hold.spans, step)] for step in steps], len(frame.rows), axis=1)
@@ -101,7 +101,7 @@ def _begins(holds: Sequence[Hold], held: Sequence[HeldFrame], rows: BoolArray) -
     return found
 
 
-def _begun_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> list[Begin]:
+def _begin_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> list[Begin]:
     found, kept = [], set(robot.kept_rows)
     for release in releases:
         count = 0

@@ -80,7 +80,7 @@ class Hold:
             advice = "has none; leave it out" if self.pitch is not None else "needs one [m]"
             raise ProblemError(f"{key}: pitch: one of kind {self.kind!r} {advice}")
         check_choice(f"{key}: at", self.at, _PLACES)
-        object.__setattr__(self, "spans", checked_spans(key, self.spans))
+        object.__setattr__(self, "spans", check_spans(key, self.spans))
 
     @property
     def is_anchored(self) -> bool:
@@ -130,7 +130,7 @@ class Release:
     spans: Spans = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "spans", checked_spans(f"release {self.constraint!r}", self.spans))
+        object.__setattr__(self, "spans", check_spans(f"release {self.constraint!r}", self.spans))
 
 
 class Schedule(NamedTuple):
@@ -146,7 +146,7 @@ class Schedule(NamedTuple):
         return not any(self)
 
 
-def checked_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
+def check_spans(key: str, spans: Iterable[tuple[int, int]]) -> Spans:
     """Return spans of steps that are not empty and follow each other with steps between them.
 
     Raises

@@ -125,7 +125,7 @@ class Phase:
         return Place(self.first + self.leaps, self.last, int(self.parts))
 
 
-def checked_phase(phase: Phase) -> Phase:
+def check_phase(phase: Phase) -> Phase:
     """Return a phase that has a name with values in order, and weights as arrays.
 
     Raises

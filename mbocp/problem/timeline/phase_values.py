@@ -36,7 +36,7 @@ def in_phase(name: str) -> Iterator[None]:
         raise
 
 
-def fitted_phases(robot: Robot, phases: Sequence[Phase], limits: Bounds, cost: Cost) -> tuple[Phase, ...]:
+def fit_phases(robot: Robot, phases: Sequence[Phase], limits: Bounds, cost: Cost) -> tuple[Phase, ...]:
     """Return phases with limits in the dimensions of the robot.
 
     Raises

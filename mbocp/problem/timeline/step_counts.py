@@ -81,7 +81,7 @@ def check_lengths(lengths: Any, num_steps: int, duration: float) -> Array | None
     return frozen_array(found)
 
 
-def scaled_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
+def scale_lengths(lengths: Sequence[float] | Array, duration: float) -> Array:
     """Return lengths of which the sum is a duration [s], to round-off."""
     found = np.array(lengths, dtype=np.float64)
     return found * (duration / found.sum())
@@ -236,7 +236,7 @@ def check_steps(
         _refuse(key, targets)
         asked.base_counts()
     elif lengths is not None:
-        _refuse("horizon.lengths", targets + _refused_by_lengths(asked, coordinates, is_switched=is_switched))
+        _refuse("horizon.lengths", targets + _refusals(asked, coordinates, is_switched=is_switched))
 
 
 def _refuse(key: str, found: Sequence[tuple[object, str]]) -> None:
@@ -245,9 +245,7 @@ def _refuse(key: str, found: Sequence[tuple[object, str]]) -> None:
             raise ProblemError(f"{key}: does not go with {words}; give horizon.steps in its place")
 
 
-def _refused_by_lengths(
-    asked: AskedNodes, coordinates: str, *, is_switched: bool
-) -> list[tuple[object, str]]:
+def _refusals(asked: AskedNodes, coordinates: str, *, is_switched: bool) -> list[tuple[object, str]]:
     """What does not go with given lengths: whether it is there, and what it is called."""
     has_joint_states = COORDINATES[coordinates].has_joint_states
     is_free = asked.duration_range is not None

@@ -81,7 +81,7 @@ def duration_from(written: Any, key: str = _KEY) -> dict[str, Any]:
     return {"duration": guess, "duration_range": (lower, upper)}
 
 
-def written_duration(duration: float, bounds: tuple[float, float] | None) -> float | dict[str, float]:
+def write_duration(duration: float, bounds: tuple[float, float] | None) -> float | dict[str, float]:
     """Return what reads back as the same."""
     return duration if bounds is None else dict(zip(_BOUNDS, (*bounds, duration), strict=True))
 
@@ -184,7 +184,7 @@ def _free_from(written: Mapping[str, Any], key: str) -> FreeTime:
     return FreeTime(**{side: written[name] for side, name in pairs if name in written})
 
 
-def written_time(time: float | FreeTime | InPhase | None) -> Any:
+def write_time(time: float | FreeTime | InPhase | None) -> Any:
     """Return what reads back as the same."""
     if isinstance(time, InPhase):
         return {"phase": time.name, "share": time.share}

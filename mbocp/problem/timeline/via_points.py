@@ -27,7 +27,7 @@ from mbocp.robot import Robot
 _EXACT = 1e-8  # [m, rad]
 
 
-def ordered_via(
+def order_via(
     robot: Robot,
     said_via: Sequence[ViaPoint],
     phase: Sequence[Phase],
@@ -61,7 +61,7 @@ def ordered_via(
     return tuple(found), tuple(nodes[i] for i in order)
 
 
-def placed_via(
+def place_via(
     robot: Robot,
     via: Sequence[ViaPoint],
     nodes: Sequence[int | None],

@@ -147,7 +147,7 @@ def _fit(
     sticks_out = uncovered = gap = np.nan
     if solid is not None:
         sticks_out = float(sticking_out(made, solid).max()) if origin != "urdf" else 0.0
-        gaps = made.gaps(_looked_at(shapes, solid, 2 * _OTHER))
+        gaps = made.gaps(_sample_points(shapes, solid, 2 * _OTHER))
         uncovered, gap = float((gaps > _ROUND_OFF).mean()), float(gaps.max())
     measures = np.array([sticks_out, uncovered, gap])
     return {"centers": made.centers, "radii": made.radii, "origin": np.array(origin), "measures": measures}
@@ -167,14 +167,14 @@ def _covering(
     if all(isinstance(shape.geometry, coal.Sphere) for shape in shapes):
         centers = np.array([shape.placement.translation for shape in shapes])
         return "urdf", Cover(centers, np.array([shape.geometry.radius for shape in shapes]))
-    made = cover(solid, tolerance, _MOST).enlarge(_looked_at(shapes, solid, _OTHER))
+    made = cover(solid, tolerance, _MOST).enlarge(_sample_points(shapes, solid, _OTHER))
     return "fitted", Cover(made.centers, made.radii * _SLACK)
 
 
 _ROUND_OFF = 1e-9  # [m]
 
 
-def _looked_at(shapes: Sequence[pin.GeometryObject], solid: Solid, start: int) -> Array:
+def _sample_points(shapes: Sequence[pin.GeometryObject], solid: Solid, start: int) -> Array:
     """Points on the surface and inside."""
     share = max(_CHECKED // len(shapes), 500)
     return np.vstack([*(surface_points(shape, share, start) for shape in shapes), solid.inner])

@@ -28,7 +28,7 @@ from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows
 from mbocp.robot.loops.undriven import Held, joints_to_hold
-from mbocp.robot.poses.inverse_kinematics import closed_anywhere
+from mbocp.robot.poses.inverse_kinematics import close_anywhere
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import HeldJointsWarning, InitialPoseWarning
 from mbocp.symbolic import placements_of_followers
@@ -226,7 +226,7 @@ def _assemble(robot: Robot, given: Sequence[str]) -> tuple[Array, Sequence[str]]
             return assemble(robot, robot.q0, held, REDUNDANT_ROW_TOLERANCE), held
         except LoopNotClosed:
             # Robots that stand in a world for themselves are far from where their loops close.
-            found = closed_anywhere(robot, robot.q0, held) if robot.parts else None
+            found = close_anywhere(robot, robot.q0, held) if robot.parts else None
             if found is not None:
                 return found, held
             if not held:

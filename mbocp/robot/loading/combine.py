@@ -14,7 +14,7 @@ from mbocp.exceptions import RobotError, UnknownFrame, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.joint_numbers import Follower, Losses
-from mbocp.robot.loading.whole_table import Part, combined_table, joint_positions, prefix, prefixed_frame
+from mbocp.robot.loading.whole_table import Part, combine_tables, joint_positions, prefix, prefix_frame
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR
 from mbocp.robot.rotors import unit_rotors
@@ -56,7 +56,7 @@ def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[st
         model=model,
         visuals=visuals,
         q0=_pose(model, parts),
-        table=combined_table(parts, settled),
+        table=combine_tables(parts, settled),
         followers=_each(parts, "followers", _follower),
         shapes=_each(parts, "shapes", lambda source, part: source.within(part + SEPARATOR)),
         parts=tuple(leaf for part in parts for leaf in part.leaves),
@@ -81,7 +81,7 @@ def _follower(follower: Follower, part: str) -> Follower:
 
 
 def _payload(payload: Payload, part: str) -> Payload:
-    return replace(payload, name=prefix(payload.name, part), frame=prefixed_frame(payload.frame, part))
+    return replace(payload, name=prefix(payload.name, part), frame=prefix_frame(payload.frame, part))
 
 
 def _losses(losses: Losses, part: Part) -> Losses:
@@ -127,7 +127,7 @@ def _append(
         added.names[joint] = part.placed.prefix + added.names[joint]
     for frame in list(added.frames)[1:]:
         frame.name = part.placed.prefix + frame.name
-    base = prefixed_frame(kinematics.WORLD, part.placed.name)
+    base = prefix_frame(kinematics.WORLD, part.placed.name)
     added.addFrame(pin.Frame(base, 0, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME), False)
     for shape in shown.geometryObjects:
         shape.name = part.placed.prefix + shape.name

@@ -128,12 +128,12 @@ class ReadingKeys(Declared):
 
     def portable(self, base: Path | None, *left_out: str) -> dict[str, Any]:
         """The keys that say something, with absolute paths; what is carried in the end names itself."""
-        told = self._told(name for name in type(self).model_fields if name not in ("payload", *left_out))
-        said = plain({name: _said(getattr(self, name)) for name in told})
+        told = self._keys_said(name for name in type(self).model_fields if name not in ("payload", *left_out))
+        said = plain({name: _plain(getattr(self, name)) for name in told})
         folders = {"package_dirs": [str(folder) for folder in self.folders(base)]}
         return {**said, **(folders if self.package_dirs else {})}
 
-    def _told(self, keys: Iterable[str]) -> list[str]:
+    def _keys_said(self, keys: Iterable[str]) -> list[str]:
         """Keys with another value than the default."""
         fields = type(self).model_fields
         return [key for key in keys if getattr(self, key) != fields[key].default]
@@ -157,7 +157,7 @@ class PartTable(ReadingKeys, ShapeTable):
 
     @model_validator(mode="after")
     def _a_robot_or_an_object(self) -> PartTable:
-        told = self._told(_OF_OBJECTS)
+        told = self._keys_said(_OF_OBJECTS)
         if self.robot is not None:
             if told:
                 raise ValueError(f"{told[0]}: does not go with robot; it makes a part a body of its own")
@@ -166,7 +166,7 @@ class PartTable(ReadingKeys, ShapeTable):
             raise ValueError(
                 f"robot is missing: name or path; or give mass and {', '.join(SHAPES)} of a simple body"
             )
-        for key in self._told(_OF_ROBOTS):
+        for key in self._keys_said(_OF_ROBOTS):
             raise ValueError(f"{key}: is a matter of robots; a simple body has no joints of its own")
         self._check_object()
         return self
@@ -276,11 +276,11 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
         raise refusal(error, f"part[{number}]", entry, _allowed_keys) from error
 
 
-def _said(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """A value, or what tables say that are in it."""
     if isinstance(value, BaseModel):
         return value.model_dump(exclude_defaults=True)
-    return [_said(entry) for entry in value] if isinstance(value, list) else value
+    return [_plain(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _allowed_keys(loc: tuple[int | str, ...]) -> list[str]:

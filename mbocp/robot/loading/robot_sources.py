@@ -23,7 +23,7 @@ import mbocp
 from mbocp._dataclass import dataclass
 from mbocp._files import is_file, is_folder, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot.loading.addresses import find_row, unpacked_root
+from mbocp.robot.loading.addresses import find_row, root_of_stored
 from mbocp.robot.loading.readers import example_robots, in_memory
 from mbocp.robot.loading.robot_formats import FORMATS, format_of
 from mbocp.robot.loading.robot_toml import read_robot_toml
@@ -75,7 +75,7 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     base : Path, optional
         Folder that relative paths start from; the working directory if None.
     """
-    root = unpacked_root(base)
+    root = root_of_stored(base)
     if root is not None and base is not None:
         return _find_stored(root, str(spec), base)
     if isinstance(spec, Path) or _looks_like_path(spec):

@@ -59,7 +59,7 @@ class Part:
         if not self.description.parts:
             return (self.placed,)
         return tuple(
-            replace(part, name=prefix(part.name, name), parent=prefixed_frame(part.parent, name))
+            replace(part, name=prefix(part.name, name), parent=prefix_frame(part.parent, name))
             for part in self.description.parts
         )
 
@@ -69,13 +69,13 @@ def prefix(name: str, part: str) -> str:
     return part + SEPARATOR + name
 
 
-def prefixed_frame(name: str, part: str) -> str:
+def prefix_frame(name: str, part: str) -> str:
     """Name of a part's frame among those of all; what "world" was to it is the frame that its base is."""
     return prefix(_UNIVERSE if name == kinematics.WORLD else name, part)
 
 
 # Keys of tables that hold a name; in the plural they hold several.
-_NAMES = {"frame": prefixed_frame, "joint": prefix}
+_NAMES = {"frame": prefix_frame, "joint": prefix}
 
 
 def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterator[tuple[str, Array]]:
@@ -87,7 +87,7 @@ def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterato
             yield joint, q[where]
 
 
-def combined_table(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
+def combine_tables(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
     """Make one table of those of all parts, in the names of the whole.
 
     Parameters
@@ -113,7 +113,7 @@ def _names_in_tables(parts: Sequence[Part]) -> dict[str, Any]:
         table = part.description.table
         lock |= {part.name_of(joint): value for joint, value in by_joint(table.lock).items()}
         motors += map(part.name_of, table.actuation.joints or ())
-        trace += [prefixed_frame(frame, part.placed.name) for frame in table.trace or ()]
+        trace += [prefix_frame(frame, part.placed.name) for frame in table.trace or ()]
         posed = joint_positions(part, part.description.posed_joints)
         initial |= {part.name_of(joint): numbers.tolist() for joint, numbers in posed}
     pose = InitialTable(q=initial) if initial else None

@@ -109,14 +109,14 @@ def follow(
     """
     rng, kicks, step = np.random.default_rng(0), 0, _STRIDE
     nearest = q
-    while (left := _left(robot, q, target, wanted)).max(initial=0.0) > _ARRIVAL_TOLERANCE:
+    while (left := _distances(robot, q, target, wanted)).max(initial=0.0) > _ARRIVAL_TOLERANCE:
         found, bent = _stride(robot, q, target, wanted, step)
         if found is not None:
             q, step = found, min(2.0 * step, _MAX_STRIDE if bent < _STRAIGHT_RATIO else _STRIDE)
         elif step > _MIN_STRIDE:
             step /= 4.0
         else:
-            if left.max() < _left(robot, nearest, target, wanted).max():
+            if left.max() < _distances(robot, nearest, target, wanted).max():
                 nearest = q
             if kicks == max_kicks:
                 return nearest
@@ -265,7 +265,7 @@ def _turn(data: pin.Data, constraint: Constraint) -> Array:
     return data.oMf[b].rotation.T @ data.oMf[a].rotation
 
 
-def _left(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
+def _distances(robot: Mechanism, q: Array, target: Array, wanted: NDArray[np.bool_]) -> Array:
     """Distance of each wanted component from its target [rad, m]."""
     return np.abs(robot.difference(q, target)[wanted])
 

@@ -108,7 +108,7 @@ def singular_closure(robot: Mechanism, qs: Array) -> str:
     rows = _alike(robot, jacobians)
     kept = rows[:, list(robot.kept_rows)]
     smallest = np.asarray(np.linalg.svd(kept, compute_uv=False)[:, -1], dtype=np.float64)
-    return _left_out(robot, residuals, rows) or _near_singular(robot, kept, smallest)
+    return _describe_rows_left_out(robot, residuals, rows) or _near_singular(robot, kept, smallest)
 
 
 def singular_pose(robot: Mechanism, q: Array) -> str:
@@ -121,10 +121,10 @@ def singular_pose(robot: Mechanism, q: Array) -> str:
     singular = np.linalg.svd(kept, compute_uv=False)
     if singular[-1] < _SINGULAR_RATIO * singular[0]:
         return f"in this pose of robot {robot.name!r} {_dependence(robot, kept)}"
-    return _left_out(robot, residuals, rows)
+    return _describe_rows_left_out(robot, residuals, rows)
 
 
-def _left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
+def _describe_rows_left_out(robot: Mechanism, residuals: Array, rows: Array) -> str:
     """Message if redundant rows are violated, or independent of the others, at any of the poses."""
     redundant = list(robot.redundant_rows)
     if not redundant:
@@ -238,14 +238,14 @@ def _check_constraints(robot: Mechanism, redundant: Sequence[int], jacobians: Se
         if not any(J[list(rows)].any() for J in jacobians):
             reason = "holds nothing that moves: the joints between its frames cannot violate it"
         else:
-            reason = _implied_by(robot, constraint, jacobians)
+            reason = _describe_implication(robot, constraint, jacobians)
         raise UnsupportedRobot(
             f"robot {robot.name!r}: constraint {constraint.name!r} {reason}; take it out, or one "
             "that says the same"
         )
 
 
-def _implied_by(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
+def _describe_implication(robot: Mechanism, constraint: Constraint, jacobians: Sequence[Array]) -> str:
     """Clause of a message: the constraint that implies this one, or that all others together do."""
     pairs = zip(robot.constraints, robot.constraint_rows, strict=True)
     rows = {one.name: list(places) for one, places in pairs}

@@ -188,7 +188,7 @@ def solve_inverse_kinematics(
     )
 
 
-def closed_anywhere(robot: Mechanism, start: Array, fixed: Sequence[str] = ()) -> Array | None:
+def close_anywhere(robot: Mechanism, start: Array, fixed: Sequence[str] = ()) -> Array | None:
     """A configuration within the limits that closes the loops, found from the start or from random ones.
 
     Parameters

@@ -258,13 +258,13 @@ class _Compiled:
         }
         problem = {"x": w, "p": p, "f": functions.f(w, p), "g": functions.g(w, p)}
         self._arguments = (key.name, problem, options)
-        self._kept = None if is_ipopt else self._made()
+        self._kept = None if is_ipopt else self._make()
 
     def solver(self) -> ca.Function:
         """The solver object of one run."""
-        return self._made() if self._kept is None else self._kept
+        return self._make() if self._kept is None else self._kept
 
-    def _made(self) -> ca.Function:
+    def _make(self) -> ca.Function:
         return ca.nlpsol("solver", *self._arguments)
 
     def record(self, point: _Point, p: Array, bounds: dict[str, Array]) -> tuple[IterationRecord, Array]:

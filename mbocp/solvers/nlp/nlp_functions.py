@@ -84,7 +84,7 @@ class NlpFunctions:
 
     def first_order(self) -> ca.Function:
         """(w, p, lam_f, lam_g) -> cost, constraints, gradient of the Lagrangian; nothing in p's direction."""
-        at = self._given()
+        at = self._arguments()
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
         g, jacobian = self._constraints_and_jacobian(at)
         slopes = lam_f * self._gradient(at) + ca.mtimes(jacobian.T, lam_g)
@@ -102,7 +102,7 @@ class NlpFunctions:
         Its upper triangle alone; or all of it, behind the place of a gradient that fatrop never reads, and
         which is zero here.
         """
-        at = self._given()
+        at = self._arguments()
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.layout.num_rows)
         m = self.layout.sign * _take(lam_g, self.layout.steps)
         blocks = self._map("complete", at, scale=lam_f, m=m)[4]
@@ -119,10 +119,10 @@ class NlpFunctions:
         return [self._constraints(at, stages[0]), self._jacobian(at, stages[2])]
 
     def _make(self, name: str, body: Callable[[_Given], list[ca.MX]], outputs: Sequence[str]) -> ca.Function:
-        at = self._given()
+        at = self._arguments()
         return ca.Function(name, [at.w, at.p], body(at), ["x", "p"], list(outputs))
 
-    def _given(self) -> _Given:
+    def _arguments(self) -> _Given:
         lay, pro = self.layout, self._programme
         N, nr = lay.num_steps, pro.kind.nr
         sizes = [lay.nx, pro.theta.size, N * nr, pro.rho_terminal.size]

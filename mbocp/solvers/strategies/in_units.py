@@ -61,10 +61,10 @@ def run_in(
     """
     counted = _start_in(units, start, label)
     outcome = run(replace(settings, control_weight=counted.programme.control_weight), counted)
-    return replace(outcome, result=_counted_back(units, outcome.result, told))
+    return replace(outcome, result=_count_back(units, outcome.result, told))
 
 
-def counted_in(units: Units, programme: StagewiseProgramme) -> StagewiseProgramme:
+def count_in(units: Units, programme: StagewiseProgramme) -> StagewiseProgramme:
     """The programme with forces and cost in other units than its own, and no others to be taken."""
     force, bounds = units.force, programme.bounds
     u = _where(units.u, force)
@@ -108,26 +108,26 @@ def _start_in(units: Units, start: Start, label: str) -> Start:
     """The same start in other units; its callback sees costs as before."""
     callback = start.callback
     return Start(
-        counted_in(units, start.programme),
+        count_in(units, start.programme),
         iterate_in(units, start.iterate),
-        None if callback is None else lambda record: callback(_counted_record(units, record)),
+        None if callback is None else lambda record: callback(_count_record(units, record)),
         start.first,
         label + start.label,
     )
 
 
-def _counted_back(units: Units, result: SolverResult, told: str) -> SolverResult:
+def _count_back(units: Units, result: SolverResult, told: str) -> SolverResult:
     inverse = replace(units, force=1.0 / units.force, cost=1.0 / units.cost)
     return replace(
         result,
         advice=f"{result.advice}; {told}, and residuals are those of that",
         iterate=iterate_in(inverse, result.iterate),
-        record=_counted_record(units, result.record),
-        history=tuple(_counted_record(units, record) for record in result.history),
+        record=_count_record(units, result.record),
+        history=tuple(_count_record(units, record) for record in result.history),
     )
 
 
-def _counted_record(units: Units, record: IterationRecord) -> IterationRecord:
+def _count_record(units: Units, record: IterationRecord) -> IterationRecord:
     return replace(record, cost=record.cost / units.cost)
 
 

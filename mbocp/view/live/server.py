@@ -90,7 +90,7 @@ def _guard(name: str) -> Iterator[list[Callable[..., Any]]]:
 
     serve, guards = module.serve, list[Callable[..., Any]]()
 
-    def guarded_serve(*args: Any, process_request: Any = None, **options: Any) -> Any:
+    def serve_guarded(*args: Any, process_request: Any = None, **options: Any) -> Any:
         def guard(connection: Any, request: Any) -> Any:
             host, origin = request.headers.get("Host", ""), request.headers.get("Origin")
             if not is_own_page(host, origin, name):
@@ -102,7 +102,7 @@ def _guard(name: str) -> Iterator[list[Callable[..., Any]]]:
         guards.append(guard)
         return serve(*args, process_request=guard, **{"logger": _silent(), **options})
 
-    module.serve = guarded_serve  # type: ignore[misc,assignment]
+    module.serve = serve_guarded  # type: ignore[misc,assignment]
     try:
         yield guards
     finally:

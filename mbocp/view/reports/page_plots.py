@@ -84,7 +84,7 @@ def multiplier_figures(solution: Solution) -> Iterator[str]:
     return _tie([[panel] for panel in panels.multiplier_panels(solution)], solution, zero=_NOTHING)
 
 
-def paired_figures(results: Mapping[str, tuple[Solution, Robot]]) -> Iterator[tuple[str, list[str]]]:
+def pair_figures(results: Mapping[str, tuple[Solution, Robot]]) -> Iterator[tuple[str, list[str]]]:
     """Title and plots of each quantity of several results, a plot for each column, a colour for each result.
 
     All begin at the time at which the first begins. Columns that no two results share are left out, and those

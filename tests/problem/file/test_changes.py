@@ -11,7 +11,7 @@ import pytest
 from mbocp._files import parse_toml
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.problem import Problem, load_problem
-from mbocp.problem.file.tables import problem_to_toml, tables_of, to_toml, written_tables
+from mbocp.problem.file.tables import problem_to_toml, tables_of, to_toml, write_tables
 from mbocp.robot import Robot
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -102,4 +102,4 @@ def test_zero_stands_for_rest(ur5: Robot) -> None:
 def test_tables_are_those_that_the_file_would_have(name: str) -> None:
     problem = load_problem(EXAMPLES / f"{name}.toml")
     read = parse_toml(to_toml(tables_of(problem)))
-    assert json.dumps(written_tables(problem), sort_keys=True) == json.dumps(read, sort_keys=True)
+    assert json.dumps(write_tables(problem), sort_keys=True) == json.dumps(read, sort_keys=True)

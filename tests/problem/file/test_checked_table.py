@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from mbocp._files import read_toml
-from mbocp.problem.file.schema import ProblemTable, checked_tables
+from mbocp.problem.file.schema import ProblemTable, check_tables
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DOCUMENTS = {path: read_toml(path) for path in sorted(EXAMPLES.rglob("*.toml"))}
@@ -26,14 +26,14 @@ WRONG: tuple[dict[str, Any], ...] = (
 
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 def test_tables_are_those_of_the_whole_model(path: Path) -> None:
-    whole, found = ProblemTable.model_validate(DOCUMENTS[path]), checked_tables(DOCUMENTS[path])
+    whole, found = ProblemTable.model_validate(DOCUMENTS[path]), check_tables(DOCUMENTS[path])
     assert found == dict(whole)
 
 
 @pytest.mark.parametrize("document", WRONG)
 def test_errors_are_those_of_the_whole_model(document: dict[str, Any]) -> None:
     told = []
-    for check in (ProblemTable.model_validate, checked_tables):
+    for check in (ProblemTable.model_validate, check_tables):
         with pytest.raises(ValidationError) as error:
             check(document)
         told.append([(item["type"], item["loc"], item["msg"]) for item in error.value.errors()])

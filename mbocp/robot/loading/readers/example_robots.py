@@ -22,7 +22,7 @@ from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import Description, Reading
-from mbocp.robot.loading.readers.urdf import captured_stderr, describe_urdf, read_urdf
+from mbocp.robot.loading.readers.urdf import capture_stderr, describe_urdf, read_urdf
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
 _CORRECTED = {"ur3": "UR3Loader"}
@@ -173,7 +173,7 @@ def _has_own_code(loader: Any) -> bool:
 
 
 def _describe_built(name: str, path: Path) -> Description:
-    with contextlib.redirect_stdout(io.StringIO()), captured_stderr([]):
+    with contextlib.redirect_stdout(io.StringIO()), capture_stderr([]):
         robot = _loaders()[name]().robot
     return Description(name, path, robot.model, robot.visual_model, np.array(robot.q0), source=path)
 
@@ -183,7 +183,7 @@ def _reference_pose(facts: ExampleFacts, model: pin.Model) -> Array:
     neutral: Array = pin.neutral(model)
     if facts.srdf is None:
         return neutral
-    with captured_stderr([]):
+    with capture_stderr([]):
         if facts.has_rotors:
             pin.loadRotorParameters(model, str(facts.srdf), False)
             model.armature = model.rotorInertia * model.rotorGearRatio**2

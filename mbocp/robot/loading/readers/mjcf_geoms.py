@@ -81,12 +81,12 @@ def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
         if np.any(node.three("refpos")) or np.any(node.vector("refquat", (1.0, 0.0, 0.0, 0.0), 4)[1:]):
             raise RobotFileError(node.path, f"{node.where}: refpos and refquat are not supported")
         inertia = node.text("inertia", "legacy")
-        triangles = None if file else _written(node)
+        triangles = None if file else _mesh_in_file(node)
         found[name] = MeshAsset(address, node.three("scale", (1.0, 1.0, 1.0)), inertia, triangles)
     return found
 
 
-def _written(node: Node) -> tuple[Array, Indices]:
+def _mesh_in_file(node: Node) -> tuple[Array, Indices]:
     """Corners and triangles of a mesh that the file itself has; without `face` those of the hull."""
     points, corners = node.vector("vertex", None), node.vector("face", None)
     places = corners.astype(np.int64)

@@ -352,17 +352,17 @@ def _joint_model(joint: TreeJoint) -> Any:
 def _say_numbers(model: pin.Model, joint: int, said: TreeJoint) -> None:
     q, v = joints.configuration_slice(model, joint), joints.velocity_slice(model, joint)
     if said.has_axis:
-        lower, upper = (_written(x) for x in (said.lower, said.upper))
+        lower, upper = (_as_limit(x) for x in (said.lower, said.upper))
         model.lowerPositionLimit[q], model.upperPositionLimit[q] = lower, upper
     for key in ("armature", "damping"):
         getattr(model, key)[v] = getattr(said, key)
     model.upperDryFrictionLimit[v], model.lowerDryFrictionLimit[v] = said.friction, -said.friction
-    model.upperVelocityLimit[v], model.upperEffortLimit[v] = _written(said.velocity), _written(said.effort)
-    model.lowerVelocityLimit[v] = -_written(said.velocity)
-    model.lowerEffortLimit[v] = _written(-said.effort if said.effort_lower is None else said.effort_lower)
+    model.upperVelocityLimit[v], model.upperEffortLimit[v] = _as_limit(said.velocity), _as_limit(said.effort)
+    model.lowerVelocityLimit[v] = -_as_limit(said.velocity)
+    model.lowerEffortLimit[v] = _as_limit(-said.effort if said.effort_lower is None else said.effort_lower)
 
 
-def _written(limit: float) -> float:
+def _as_limit(limit: float) -> float:
     """A limit as Pinocchio writes it: the largest double for none."""
     return float(np.clip(limit, -np.finfo(float).max, np.finfo(float).max))
 

@@ -126,7 +126,7 @@ def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
         text = with_names(ElementTree.fromstring(text), names) if names else text
     noise: list[str] = []
     try:
-        with captured_stderr(noise):
+        with capture_stderr(noise):
             root = (pin.JointModelFreeFlyer(), ROOT_JOINT) if free_flyer else ()
             model = pin.buildModelFromXML(text, *root, mimic)
     except Exception as error:  # any exception of Pinocchio or urdfdom
@@ -139,7 +139,7 @@ def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
 
 
 @contextlib.contextmanager
-def captured_stderr(into: list[str]) -> Iterator[None]:
+def capture_stderr(into: list[str]) -> Iterator[None]:
     """Catch what C++ libraries write to stderr, for use in a message."""
     with _stderr_lock, tempfile.TemporaryFile() as file:
         sys.stderr.flush()

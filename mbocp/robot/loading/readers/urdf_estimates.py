@@ -76,7 +76,7 @@ def with_inertias(
     EstimatedInertiaWarning
         Once, with each link, its mass and where that is from.
     """
-    given = _given(urdf, asked)
+    given = _tables_given(urdf, asked)
     inertials = {inertial.link: inertial for inertial in read_inertials(urdf.path, urdf.root)}
     faults = {} if asked.density is asked.mass is None else _faults(urdf, inertials, given)
     partial = [link for link, table in given.items() if not table.is_whole]
@@ -90,10 +90,10 @@ def with_inertias(
         why = f"{faults[link]}: its mass is kept; {each.origin}" if link in masses else each.origin
         found[link] = LinkInertia.of(link, scale_mass(each.body, mass), why)
     _tell(urdf, asked, density, found, [link for link in filled if link in faults and link not in usable])
-    return _written(urdf, found), tuple(found.values())
+    return _write_inertias(urdf, found), tuple(found.values())
 
 
-def _given(urdf: Urdf, asked: InertiasTable) -> Mapping[str, LinkTable]:
+def _tables_given(urdf: Urdf, asked: InertiasTable) -> Mapping[str, LinkTable]:
     names = [link.get("name", "") for link in urdf.root.iterfind("link")]
     given: dict[str, LinkTable] = asked.links
     for name in given:
@@ -222,7 +222,7 @@ def _tell(
     warn_caller(f"{urdf.path}: {words}{empty}", EstimatedInertiaWarning)
 
 
-def _written(urdf: Urdf, found: Mapping[str, LinkInertia]) -> Urdf:
+def _write_inertias(urdf: Urdf, found: Mapping[str, LinkInertia]) -> Urdf:
     """The URDF with these inertias in it."""
     if not found:
         return urdf

@@ -19,8 +19,8 @@ from mbocp._text import shorten, show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.collision.source import LinkShape, ShapeSource
-from mbocp.robot.loading.addresses import NO_PACKAGE, resolve, unpacked_root
-from mbocp.robot.loading.readers.urdf_xml import Urdf, child_attribute, disabled_beside, finite_numbers
+from mbocp.robot.loading.addresses import NO_PACKAGE, resolve, root_of_stored
+from mbocp.robot.loading.readers.urdf_xml import Urdf, child_attribute, finite_numbers, pairs_disabled_beside
 from mbocp.robot.warnings import MissingMeshWarning
 
 _GREY = (0.7, 0.7, 0.72, 1.0)
@@ -51,7 +51,7 @@ def build_visuals(urdf: Urdf, model: pin.Model, folders: Sequence[Path]) -> pin.
             color = _color(urdf, shape.where, visual.find("material"), materials)
             visuals.addGeometryObject(object_of(model, shape, color))
     if missing:
-        path = urdf.path if unpacked_root(urdf.path.parent) is None else urdf.path.name  # that of a result
+        path = urdf.path if root_of_stored(urdf.path.parent) is None else urdf.path.name  # that of a result
         warn_caller(f"{path}: shown without its missing meshes ({_name(missing)})", MissingMeshWarning)
     return visuals
 
@@ -62,7 +62,7 @@ def shapes_of(urdf: Urdf, folders: Sequence[Path]) -> ShapeSource:
     return ShapeSource(
         urdf.path,
         partial(link_shapes, urdf, tuple(folders), "collision"),
-        partial(disabled_beside, urdf.path),
+        partial(pairs_disabled_beside, urdf.path),
         frozenset(drawn),
     )
 

@@ -75,7 +75,7 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
 
 def parse_xml(path: Path, text: str) -> tuple[str, ElementTree.Element]:
     """Parse the text of a file; the text that is returned has its declaration first."""
-    text = _declared_first(text)
+    text = _declare_first(text)
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
@@ -121,7 +121,7 @@ def urdf_of(path: Path, text: str, root: ElementTree.Element) -> Urdf:
     return Urdf(path, text, root)
 
 
-def _declared_first(text: str) -> str:
+def _declare_first(text: str) -> str:
     """Put blank lines before an XML declaration behind it, where they may be; lines keep their numbers."""
     rest = text.lstrip()
     declaration, end, behind = rest.partition("?>")
@@ -179,7 +179,7 @@ def find_srdf(urdf: Path) -> Path | None:
     return next((place for place in places if is_file(place)), None)
 
 
-def disabled_by(srdf: Path) -> frozenset[frozenset[str]]:
+def pairs_disabled_by(srdf: Path) -> frozenset[frozenset[str]]:
     """Pairs of links of <disable_collisions>.
 
     Raises
@@ -199,7 +199,7 @@ def disabled_by(srdf: Path) -> frozenset[frozenset[str]]:
     return frozenset(frozenset(pair) for pair in pairs)
 
 
-def disabled_beside(urdf: Path) -> frozenset[frozenset[str]]:
+def pairs_disabled_beside(urdf: Path) -> frozenset[frozenset[str]]:
     """Pairs of links of the SRDF of a URDF; none without one."""
     srdf = find_srdf(urdf)
-    return frozenset() if srdf is None else disabled_by(srdf)
+    return frozenset() if srdf is None else pairs_disabled_by(srdf)
