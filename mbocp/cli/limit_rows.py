@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ from rich.text import Text
 
 from mbocp._arrays import BoolArray
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.solution.loads import rms_of
+from mbocp.solution.loads import FORCES, largest_of, rms_of
 from mbocp.solvers.records import Status
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def limit_rows(solution: Solution) -> _Rows:
         ("constraints", _constraints(solution)),
         *_forces(solution),
         ("rms effort", _mean_squares(solution)),
+        ("peak effort", _peaks(solution)),
         ("limits", _limits(solution)),
         ("robust", _robust(solution)),
         ("clearance", _clearance(solution)),
@@ -106,12 +108,26 @@ def _robust(solution: Solution) -> str:
 
 
 def _mean_squares(solution: Solution) -> str:
-    """Root mean squares of controls, where they have limits."""
-    if not solution.facts.effort_rms:
-        return ""
-    columns = zip(solution.labels.u, rms_of(solution), solution.facts.effort_rms, strict=True)
-    words = [f"{c.name} {rms:.4g} of {most:.4g} {c.unit}" for c, rms, most in columns if math.isfinite(most)]
-    return ", ".join(words)
+    """Root mean squares of controls that are forces, with their limits."""
+    limits = solution.facts.effort_rms or (math.inf,) * solution.nu
+    columns = zip(rms_of(solution).tolist(), limits, strict=True)
+    return _of_forces(
+        solution,
+        [f"{rms:.4g} of {most:.4g}" if math.isfinite(most) else f"{rms:.4g}" for rms, most in columns],
+    )
+
+
+def _peaks(solution: Solution) -> str:
+    """Largest controls that are forces."""
+    return _of_forces(solution, [f"{size:.4g}" for size in largest_of(solution).tolist()])
+
+
+def _of_forces(solution: Solution, numbers: Sequence[str]) -> str:
+    """Numbers of controls with their names and units, those of forces, as many as anybody reads."""
+    columns = zip(solution.labels.u, numbers, strict=True)
+    words = [f"{c.name} {number} {c.unit}" for c, number in columns if c.unit in FORCES]
+    more = len(words) - _MAX_NAMES
+    return ", ".join(words[:_MAX_NAMES]) + (f", and {more} more" if more > 0 else "")
 
 
 def _is_bounded(solution: Solution) -> bool:

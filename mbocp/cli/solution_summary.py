@@ -117,6 +117,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
         ("work", _work(solution)),
+        ("energy", _drawn(solution)),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
         *limit_rows(solution),
@@ -131,6 +132,12 @@ def _work(solution: Solution) -> str:
     if math.isnan(solution.positive_work):
         return ""
     return f"{solution.positive_work:.4g} J by the controls, braking left out"
+
+
+def _drawn(solution: Solution) -> str:
+    if math.isnan(solution.drawn_energy):
+        return ""
+    return f"{solution.drawn_energy:.4g} J from the supply, as cost.energy says"
 
 
 def _starts(solution: Solution) -> str:

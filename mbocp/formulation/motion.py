@@ -49,9 +49,13 @@ class Motion:
     @property
     def us_at_ends(self) -> Array:
         """Controls at the ends of the steps, shape (N, nu)."""
+        return self.us_at(1.0)
+
+    def us_at(self, share: float) -> Array:
+        """Controls at a share of each step, shape (N, nu)."""
         if not self.shares:
             return self.us
-        return np.einsum("k,nku->nu", control_basis(self.shares, [1.0])[0], self.values)
+        return np.einsum("k,nku->nu", control_basis(self.shares, [share])[0], self.values)
 
     @property
     def us_in_powers(self) -> Array:

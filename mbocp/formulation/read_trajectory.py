@@ -16,13 +16,15 @@ from mbocp._dataclass import dataclass
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
+from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.diagnostics import largest_turn
-from mbocp.mechanics.motion_rates import powers
+from mbocp.mechanics.motion_rates import powers, works
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import momenta_of
+from mbocp.terms.kinds import Energy
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
 _SWEEP_ITERATIONS = 50
@@ -59,6 +61,7 @@ class Trajectory:
     path_names: tuple[str, ...]
     limit_violation: float
     positive_work: float
+    drawn_energy: float
 
     def fields(self) -> dict[str, Any]:
         """Fields by name, not copied."""
@@ -76,6 +79,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         duals = formulation.duals_of(iterate, motion)
         momenta, names = formulation.control_momenta(iterate, motion, duals)
         hamiltonians = formulation.hamiltonians(iterate, motion, duals)
+    work, drawn = _energies(problem, motion)
     drifts, violation = formulation.drifts(iterate.xs), formulation.violation(iterate, motion)
     return Trajectory(
         t=times_of(problem, motion.dts),
@@ -98,7 +102,8 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         manifold_drift=_largest(drifts),
         manifold_drift_resimulated=_drift_of_simulation(formulation, iterate),
         **inequalities(formulation, iterate, motion),
-        positive_work=_positive_work(problem.robot, motion),
+        positive_work=work,
+        drawn_energy=drawn,
     )
 
 
@@ -112,17 +117,19 @@ def measures_of(formulation: Formulation, iterate: Iterate, motion: Motion) -> d
     }
 
 
-def _positive_work(robot: Robot, motion: Motion) -> float:
-    """Work of the controls [J], where they brake left out: of each the mean of both ends of a step.
-
-    NaN without dynamics.
-    """
+def _energies(problem: Problem, motion: Motion) -> tuple[float, float]:
+    """Work of the controls, where they brake left out, and what motors draw [J]; NaN without dynamics."""
+    robot = problem.robot
     units = {label.unit for label in robot.u_labels[: robot.nu - len(robot.drives)]}
     if units and not units & {"N", "N m"}:
-        return np.nan
-    ends = (powers(robot, motion.qs[at], motion.vs[at], motion.us) for at in (slice(-1), slice(1, None)))
-    means = np.maximum(sum(ends) / 2.0, 0.0)
-    return float((motion.dts[:, None] * means).sum())
+        return np.nan, np.nan
+    with np.errstate(invalid="ignore", over="ignore"):  # of numbers that diverged
+        begins = powers(robot, motion.qs[:-1], motion.vs[:-1], motion.us_at(0.0))
+        ends = powers(robot, motion.qs[1:], motion.vs[1:], motion.us_at_ends)
+        work, braked = works(begins, ends, motion.dts)
+        rms = root_mean_squares(motion.dts, motion.us, motion.values, motion.shares)
+        drawn = Energy.drawn(problem.cost, work, braked, motion.dts.sum() * rms**2)
+    return float(work.sum()), drawn
 
 
 def _largest(drifts: Array) -> float:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
 
 
-_FORCES = ("N", "N m")  # units of controls that have a power; others prescribe a motion
+FORCES = ("N", "N m")  # units of controls that have a power; others prescribe a motion
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,16 @@ class Load:
 def rms_of(solution: SolutionData) -> Array:
     """Root mean square of each control over the whole motion, shape (nu,)."""
     lengths = np.diff(solution.t)
-    return root_mean_squares(lengths, solution.us, solution.u_values, solution.u_shares.tolist())
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that diverged
+        return root_mean_squares(lengths, solution.us, solution.u_values, solution.u_shares.tolist())
+
+
+def largest_of(solution: SolutionData) -> Array:
+    """Largest magnitude of each control over the whole motion, shape (nu,): see `Load.largest`."""
+    timed = np.diff(solution.t) > 0.0  # impacts take no time, and no control acts
+    begins, ends = solution.controls_at(solution.t[:-1][timed]), solution.us_at_ends[timed]
+    given = solution.u_values[timed].reshape(-1, solution.nu) if solution.u_values.size else begins
+    return np.abs(np.vstack([begins, ends, given])).max(axis=0, initial=0.0)
 
 
 def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
@@ -64,31 +73,29 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
     robot : Robot
         That of the solution, see `Solution.load_robot`.
     """
-    from mbocp.mechanics.motion_rates import powers  # mechanics, which no summary needs
+    from mbocp.mechanics.motion_rates import powers, works  # mechanics, which no summary needs
 
     lengths = np.diff(solution.t)
     timed = lengths > 0.0  # impacts take no time, and no control acts
-    begins, squares = solution.t[:-1][timed], rms_of(solution)
+    begins, squares, sizes = solution.t[:-1][timed], rms_of(solution), largest_of(solution)
     first, last = solution.controls_at(begins), solution.us_at_ends[timed]
-    given = solution.u_values.reshape(-1, solution.nu) if solution.u_values.size else first
     flows = np.vstack(
         [
             powers(robot, solution.qs[:-1][timed], solution.vs[:-1][timed], first),
             powers(robot, solution.qs[1:][timed], solution.vs[1:][timed], last),
         ]
     )
-    means = (flows[: len(begins)] + flows[len(begins) :]) / 2.0
-    work, braked = (lengths[timed] @ np.maximum(side, 0.0) for side in (means, -means))
+    work, braked = works(flows[: len(begins)], flows[len(begins) :], lengths[timed])
     return tuple(
         Load(
             column.name,
             column.unit,
             rms=float(squares[k]),
-            largest=float(max(np.abs(each[:, k]).max() for each in (first, last, given))),
-            power=max(0.0, float(flows[:, k].max())) if column.unit in _FORCES else math.nan,
-            braking=max(0.0, float(-flows[:, k].min())) if column.unit in _FORCES else math.nan,
-            work=float(work[k]) if column.unit in _FORCES else math.nan,
-            braked=float(braked[k]) if column.unit in _FORCES else math.nan,
+            largest=float(sizes[k]),
+            power=max(0.0, float(flows[:, k].max())) if column.unit in FORCES else math.nan,
+            braking=max(0.0, float(-flows[:, k].min())) if column.unit in FORCES else math.nan,
+            work=float(work[k]) if column.unit in FORCES else math.nan,
+            braked=float(braked[k]) if column.unit in FORCES else math.nan,
         )
         for k, column in enumerate(solution.labels.u)
     )

@@ -131,6 +131,9 @@ class Solution(SolutionData):
     positive_work : float
         Mechanical work that the controls do, each by itself, with what they brake left out [J]; NaN in
         results of an older mbocp. Controls that prescribe a motion count as none.
+    drawn_energy : float
+        Energy that motors draw [J], with the losses, gears and supply of `cost.energy`, which is by up to its
+        width less; NaN without such a table, and likewise.
     lam_us, lam_qs, lam_vs : ndarray, shape (N, nu), (N + 1, nq), (N + 1, nv)
         Multipliers of the limits: positive at an active upper one, negative at a lower one, zero where
         nothing is active.

@@ -61,6 +61,7 @@ class SolutionData:
     clearance_between: str = field(default="", metadata=_TOLD)
     clearance_time: float = field(default=math.nan, metadata=_SIGNED)
     positive_work: float = field(default=math.nan, metadata=_TOLD)
+    drawn_energy: float = field(default=math.nan, metadata=_SIGNED)
     sigmas: float = field(default=math.nan, metadata=_TOLD)
     tightest: str = field(default="", metadata=_TOLD)
     unknowns: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -109,6 +110,24 @@ class Energy(RunningCost):
         """Losses of the windings of each motor; 0 where nobody asks for energies."""
         rows = np.asarray(cost.weight(cls.key))
         return rows[_KEYS.index("losses")] if rows.any() else 0.0
+
+    @classmethod
+    def drawn(cls, cost: CostWeights, work: Array, braked: Array, squares: Array) -> float:
+        """Energy that motors draw over a motion [J], without a width; NaN where nobody asks for energies.
+
+        Parameters
+        ----------
+        cost : Cost
+        work, braked : ndarray, shape (nu,)
+            Energy that each control gives, and that it takes up [J].
+        squares : ndarray, shape (nu,)
+            Integrals of the squares of the controls over time [N^2 s, (N m)^2 s].
+        """
+        rows = np.asarray(cost.weight(cls.key))
+        if not rows.any():
+            return math.nan
+        efficiency, regeneration, losses, _ = rows
+        return float((work / efficiency - efficiency * regeneration * braked + losses * squares).sum())
 
     def parameters(self, sizes: Sizes) -> dict[str, int]:
         """Numbers a, k, k w and c of each control."""

@@ -40,6 +40,7 @@ _NUMBERS: Mapping[str, tuple[Callable[[Solution], float], str]] = {
     "excess between nodes [%]": (lambda solution: 100.0 * solution.limit_excess, ".3g"),
     "clearance [m]": (lambda solution: solution.clearance, ".4g"),
     "work of the controls [J]": (lambda solution: solution.positive_work, ".4g"),
+    "energy from the supply [J]": (lambda solution: solution.drawn_energy, ".4g"),
     "largest error of a step": (lambda solution: solution.accuracy.local_error, ".2g"),
 }
 

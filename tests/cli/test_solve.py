@@ -55,6 +55,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "status",
         "converged",
         "positive_work",
+        "drawn_energy",
         "advice",
         "solver",
         "iterations",

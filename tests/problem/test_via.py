@@ -227,7 +227,7 @@ REFUSED: dict[str, tuple[dict[str, Any], type[MbocpError], str]] = {
     "at the end": ({"time": 0.99, "q": [0.1] * 6}, ProblemError, "is the end of the motion"),
     "no time": ({"q": [0.1] * 6}, ProblemError, "time or share"),
     "both times": ({"time": 0.5, "share": 0.5, "q": [0.1] * 6}, ProblemError, "time or share, not both"),
-    "nothing": ({"time": 0.5}, ProblemError, "needs something to enforce|nothing"),
+    "nothing": ({"time": 0.5}, ProblemError, r"via\.0: nothing holds there; give q, v or frame$"),
     "unknown frame": ({"time": 0.5, "frame": {"name": "tol0", "x": 0.1}}, UnknownFrame, "tol0"),
     "out of reach": (
         {"time": 0.5, "name": "far", "frame": {"name": "tool0", "x": 1.5, "rpy": [3.14, 0, 0]}},

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.mechanics.motion_rates import powers
 from mbocp.solution import loads_of
 
@@ -36,8 +37,13 @@ def test_root_mean_squares_are_those_of_fine_samples(controls: str) -> None:
     np.testing.assert_allclose([load.braking for load in loads], (-work).max(axis=0).clip(0.0))
     gained = sum(load.work - load.braked for load in loads)
     assert gained == pytest.approx((work[:20] + work[20:]).sum() / 2.0 * s.duration / 20.0)
-    if controls == "constant":
-        assert sum(load.work for load in loads) == pytest.approx(s.positive_work)
+    assert sum(load.work for load in loads) == pytest.approx(s.positive_work)
+    assert math.isnan(s.drawn_energy)
+    rows = {name: str(words).split(", ")[1] for name, words in solution_rows(s, "") if "effort" in name}
+    assert rows == {
+        "rms effort": f"shoulder_lift_joint {loads[1].rms:.4g} N m",
+        "peak effort": f"shoulder_lift_joint {loads[1].largest:.4g} N m",
+    }
 
 
 def test_an_impact_takes_no_time() -> None:
@@ -52,7 +58,9 @@ def test_controls_that_prescribe_a_motion_have_no_power() -> None:
     kinematic = mbocp.Problem.create(
         mbocp.load_robot("ur5", dynamics=False), goal={"q": problem.goal.q, "v": 0.0}, duration=2.0, steps=20
     )
-    loads = loads_of(mbocp.solve(kinematic), kinematic.robot)
+    s = mbocp.solve(kinematic)
+    loads = loads_of(s, kinematic.robot)
     assert all(math.isnan(load.power) and math.isnan(load.braking) for load in loads)
     assert loads[0].unit == "rad/s^2"
     assert all(load.rms > 0.0 for load in loads if load.largest > 0.0)
+    assert not {"rms effort", "peak effort", "energy"} & set(dict(solution_rows(s, "")))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
+from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.problem import Problem, parse_problem, problem_to_toml
@@ -56,8 +57,10 @@ def test_a_wheel_draws_what_its_gear_asks_for(
     cost = energy(efficiency=efficiency, regeneration=regeneration, width=1e-4)
     up = mbocp.solve(spin(rotor, 0.0, SPEED, cost=cost), check=True)
     assert up.cost == pytest.approx(COPPER + KINETIC / efficiency, abs=1e-3)
+    assert up.drawn_energy == pytest.approx(COPPER + KINETIC / efficiency, rel=1e-6)
     down = mbocp.solve(spin(rotor, SPEED, 0.0, cost=cost), check=True)
     assert down.cost == pytest.approx(COPPER - efficiency * regeneration * KINETIC, abs=1e-3)
+    assert down.drawn_energy == pytest.approx(COPPER - efficiency * regeneration * KINETIC, rel=1e-6)
     (load,) = loads_of(up, rotor)
     assert (load.work, load.braked) == pytest.approx((KINETIC, 0.0), rel=1e-9)
     (load,) = loads_of(down, rotor)
@@ -68,8 +71,10 @@ def test_it_is_never_more_than_without_a_width_and_little_less(rotor: mbocp.Robo
     for width in (0.01, 0.1, 1.0):
         s = mbocp.solve(spin(rotor, 0.0, SPEED, cost=energy(efficiency=0.7, width=width)), check=True)
         (load,) = loads_of(s, rotor)
-        exact = LOSSES * load.rms**2 * DURATION + load.work / 0.7
-        assert 0.0 < exact - s.cost < width * DURATION / (2.0 * 0.7)
+        assert s.drawn_energy == pytest.approx(LOSSES * load.rms**2 * DURATION + load.work / 0.7)
+        assert 0.0 < s.drawn_energy - s.cost < width * DURATION / (2.0 * 0.7)
+    words = f"{s.drawn_energy:.4g} J from the supply, as cost.energy says"
+    assert dict(solution_rows(s, ""))["energy"] == words
 
 
 def test_between_rests_gears_without_losses_cost_windings_alone() -> None:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
+from mbocp.exceptions import ProblemError
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import configuration_from, joint_values, tangent_from
@@ -71,6 +72,8 @@ def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoin
         with locate(f"{key}.v"):
             value, rate_active = tangent_from(robot, table.v, f"{key}.v")
     with locate(key):
+        if table.q is None and table.v is None and not table.frame:
+            raise ProblemError("nothing holds there; give q, v or frame")
         goal = Goal(
             q=q,
             q_active=q_active,
