@@ -18,6 +18,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp._linear import null_space
+from mbocp._text import list_names
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import Formulation
@@ -312,8 +313,10 @@ def _of_parameters(
         for theta, rho in zip(change.theta, change.rho, strict=True):
             _, c, h = call(functions, "push", N, [*given, theta, rho])
             if h.values.any():
+                which = {programme.path_names[row] for row in h.rows[h.values.any(axis=0)]}
                 raise ProblemError(
-                    f"{key}: path constraints depend on it themselves, not by the motion alone"
+                    f"{key}: not by the motion alone, but by itself it moves {list_names(sorted(which), 3)}; "
+                    "leave out one of the two"
                 )
             columns.append(solved @ c.dense(kind.ndx + kind.ny)[:, :, None])
     return np.concatenate(columns, axis=2), np.concatenate(sizes)

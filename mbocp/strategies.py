@@ -100,8 +100,11 @@ class BestInTime:
                 raise
             best = max(reversed(found), key=lambda one: (one.converged, one.is_stationary, -depth_of(one)))
             words = f"{best.advice}; the time limit passed while {end.doing}, for another attempt"
-            is_all = job.problem.accuracy is None and job.problem.robust is None
-            status = best.status if is_all or not best.converged else Status.UNDER_RESOLVED
+            asked = {"horizon.accuracy": job.problem.accuracy, "[robust]": job.problem.robust}
+            left = " and ".join(key for key, value in asked.items() if value is not None)
+            status = Status.UNDER_RESOLVED if left and best.converged else best.status
+            if left:
+                words = f"what {left} asks for was not reached within solver.time_limit; raise it; {words}"
             return retold(best, status=status, advice=words, wall_time_s=time.perf_counter() - begun)
 
 

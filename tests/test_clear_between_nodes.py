@@ -216,6 +216,7 @@ def test_the_best_motion_by_then_is_no_more_than_that(accuracy, status, around_a
 
     found = BestInTime(Late()).run(Job.of(problem.with_(accuracy=accuracy), time_limit=60))
     assert found.status is status
+    assert found.advice.startswith("what horizon.accuracy asks for was not reached") == (accuracy is not None)
     assert found.clearance == good.clearance
 
 

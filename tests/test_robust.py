@@ -279,6 +279,10 @@ def test_what_has_no_tubes_is_refused():
         solved(pendulum(robust={"parameters": {"robot.payload.ball.mass": 0.1}}))
     with pytest.raises(InvalidValue, match=r"robust\.parameters.*cost\.effort"):
         solved(pendulum(robust={"parameters": {"cost.effort": 0.1}}))
+    given = {"limits": {"effort_rate": 1e4}, "robust": {"parameters": {"robot.payload.ball.mass": 0.1}}}
+    held = pendulum(**given).with_(robot=mbocp.load_robot("double_pendulum", payload=[BALL]))
+    with pytest.raises(ProblemError, match="by itself it moves 'effort_rate of joint1 at the end'"):
+        solved(held)
     with pytest.raises(SolverError, match="the solution is robust"):
         mbocp.sensitivities(solved(pendulum()), wrt=["start.q"])
     with pytest.raises(ProblemError, match="receding horizon: robust"):

@@ -68,8 +68,7 @@ class SolutionMap:
     @cached_property
     def _steps_given(self) -> Problem:
         """The problem itself, with the steps that were found where an accuracy asks for them."""
-        problem = self.first.problem
-        return problem if problem.accuracy is None else problem.with_(accuracy=None)
+        return self.first.problem.with_steps_at(self.first.t)
 
     @cached_property
     def shapes(self) -> dict[str, tuple[int, ...]]:

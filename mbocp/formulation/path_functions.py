@@ -80,10 +80,10 @@ def _numbers(given: Mapping[str, ca.MX], k: int, term: ClearanceTerm) -> list[ca
 
 
 def _place_of(at: StepSymbols) -> Point:
-    """A configuration of symbols, at rest, at some time."""
-    z = at.space.layout.z
+    """A configuration of symbols, at rest, at some time; numbers that are found move no frames of it."""
+    z, mechanics = at.space.layout.z, at.space.configurations
     q = ca.SX.sym("q", z.stop - z.start)
-    return Point(at.mechanics, q, ca.SX.zeros(at.mechanics.nv), moment=ca.SX.sym("t"))
+    return Point(mechanics, q, ca.SX.zeros(mechanics.nv), moment=ca.SX.sym("t"))
 
 
 def _places_of(at: StepSymbols, term: ClearanceTerm) -> list[int]:
@@ -111,7 +111,7 @@ def _of_clearance(at: StepSymbols, term: ClearanceTerm) -> ca.Function:
     z, nx = at.space.layout.z, at.x1.numel()
     of_q, where = term.function(_place_of(at)), _places_of(at, term)
     x, m, unit = ca.MX.sym("x1", nx), ca.MX.sym("m", term.rows), ca.MX.sym("unit")
-    sizes = [*term.sizes.values(), *([count] if (count := at.mechanics.symbols.numel()) else [])]
+    sizes = [*term.sizes.values(), *([count] if (count := at.space.configurations.symbols.numel()) else [])]
     numbers = [ca.MX.sym("numbers", size) for size in sizes]
     h, dh, upper = of_q.call([_in_seconds(x[where], unit, term), m, *numbers])
     slopes, curvature = ca.MX(term.rows, nx), ca.MX(nx, nx)

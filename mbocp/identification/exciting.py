@@ -334,7 +334,7 @@ class _Search:
 def _ends(problem: Problem, dynamics: InverseDynamics) -> tuple[Array, Array]:
     """Independent coordinates at both ends."""
     if problem.phase or problem.via:
-        raise ProblemError("excite: motions with phases or via points are not searched")
+        raise ProblemError("excite: motions with phases or via points are not searched; leave these out")
     if problem.duration_range is not None:
         raise InvalidValue("excite: horizon.duration", "a range", "a number [s]")
     first, last = (dynamics.coordinates(q) for q in (problem.q_start, problem.goal.q))

@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from mbocp._arrays import Array
 from mbocp._dataclass import dataclass
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
@@ -189,6 +192,19 @@ class Problem(ProblemData):
         pairs = zip(self.parameter, found, strict=True)
         parameter = tuple(replace(one, start=value) for one, value in pairs)
         return replace(self, robot=with_values(self.robot, self.parameter, found), parameter=parameter)
+
+    def with_steps_at(self, ts: Array) -> Problem:
+        """Return the problem with the steps of a motion whose nodes are at times `ts`, shape (N + 1,) [s].
+
+        Itself, unless `accuracy` asks for steps that are found. Those of phases it has already.
+        """
+        if self.accuracy is None:
+            return self
+        dts = np.diff(ts)
+        is_even = self.timeline.has_free_lengths or np.allclose(dts, dts[0])
+        lengths = {} if is_even else {"lengths": dts}
+        steps = {} if self.timeline.named_phases else {"num_steps": len(dts), **lengths}
+        return self.with_(accuracy=None, **steps)
 
     @classmethod
     def of(cls, document: Document, before: Problem | None = None) -> Problem:

@@ -92,7 +92,7 @@ def formulate_as_solved(solution: Solution, wrt: Sequence[str] = ()) -> tuple[Fo
     carried = solution.iterate
     if carried is None:
         raise InvalidValue("solution.iterate", None, "the solver's last iterate, as `mbocp.solve` keeps it")
-    problem = take_end_of(solution.problem, carried)
+    problem = take_end_of(solution.problem.with_steps_at(solution.t), carried)
     if problem.limits_within != carried.limits_within:
         problem = replace(problem, limits_within=carried.limits_within)
     if problem.goals:

@@ -78,9 +78,10 @@ def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> 
 
 
 def problem_to_check(solution: SolutionData, load_robot: Callable[[], Robot]) -> Problem:
-    """Return the problem that was solved; of a result from a file, make it without terms of one's own."""
+    """Return the problem that was solved, with its steps; of a file, without terms of one's own."""
     solved: Problem | None = vars(solution).get("problem")
-    return problem_without(solution, load_robot, "terms") if solved is None else solved
+    found = problem_without(solution, load_robot, "terms") if solved is None else solved
+    return found.with_steps_at(solution.t)
 
 
 def facts_of_text(solution: SolutionData, load_robot: Callable[[], Robot]) -> Facts:

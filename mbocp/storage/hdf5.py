@@ -277,7 +277,7 @@ def _texts(item: h5py.Dataset, name: str) -> tuple[str, ...]:
 # JSON has no NaN and no infinity: they travel as {"__float__": "nan"}.
 def _pack(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
-        return {"__float__": repr(value)}
+        return {"__float__": repr(float(value))}  # a float of NumPy writes its type, too
     if isinstance(value, Mapping):
         return {key: _pack(v) for key, v in value.items()}
     if isinstance(value, (list, tuple)):

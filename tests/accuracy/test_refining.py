@@ -56,6 +56,30 @@ def test_the_error_of_the_cost_is_below_what_was_asked_for(name: str, asked: flo
     assert lengths.sum() == pytest.approx(case.duration, rel=1e-12)
 
 
+def test_what_is_asked_of_a_solution_is_asked_of_the_steps_that_were_found(tmp_path: Path) -> None:
+    """Sensitivities, of a file, too; and limits that leave room for what is uncertain."""
+    case = mbocp.Problem.create(
+        "double_pendulum",
+        1.0,
+        accuracy=0.01,
+        start={"q": [0.1, 0.2]},
+        goal={"q": [1.0, -0.5], "v": 0},
+        cost={"velocity": 0.1},
+        limits={"velocity": 3.0},
+        scheme="midpoint",
+    )
+    s = mbocp.solve(case)
+    given = s.problem.with_steps_at(s.t)
+    assert s.num_steps == given.num_steps != s.problem.num_steps
+    slope = mbocp.sensitivities(mbocp.solve(given, warm_start=s), ["goal.q"]).cost["goal.q"]
+    of_file = mbocp.sensitivities(mbocp.Solution.load(s.save(tmp_path / "s.h5")), ["goal.q"])
+    np.testing.assert_allclose(of_file.cost["goal.q"], slope, rtol=1e-6)
+    robust = mbocp.solve(case.with_(robust={"start": {"q": 0.002}}))
+    assert robust.converged, robust.advice
+    assert robust.sigma_qs[-1].max() < 0.002
+    assert robust.accuracy.asked == 0.01
+
+
 def test_steps_of_any_number_and_length_share_functions() -> None:
     case = problem("elastic_pendulum", scheme="gauss2")
     libraries = {

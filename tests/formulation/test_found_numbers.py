@@ -136,6 +136,16 @@ def test_is_the_optimum_of_plain_solves(
     assert [number_of(own, one.words[0]) for one in problem.parameter] == pytest.approx(found, rel=1e-12)
 
 
+def test_a_mass_that_is_found_goes_with_obstacles() -> None:
+    """With the mass that is found as a given one, the motion past the obstacle costs the same."""
+    post = {"shape": "sphere", "radius": 0.08, "position": [0.39, 0.32, 0.21], "margin": 0.02}
+    problem = Problem.create(**{**ARM, "steps": 8}, parameter=OF_ARM[:1], obstacle=[post], scheme="se1")
+    solution = mbocp.solve(problem)
+    assert solution.converged, solution.advice
+    assert any("sphere" in limit.name for limit in solution.active_limits)
+    assert plain_cost(problem, list(solution.parameters.values())) == pytest.approx(solution.cost, rel=1e-7)
+
+
 @pytest.mark.parametrize("scheme", ["se1", "lobatto3", "rk4"])
 def test_derivatives_are_exact(scheme: str) -> None:
     loops = {"robot": {"name": "five_bar"}, "goal": {"q": {"left_shoulder": -0.8, "right_shoulder": 1.0}}}

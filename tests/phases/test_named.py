@@ -67,13 +67,22 @@ def test_a_total_that_is_given_leaves_no_free_duration() -> None:
         ([{}, {"duration": FREE}], {"via": [{"time": 0.2, "q": {"elbow_joint": 0}}]}, "of several lengths"),
         ([{}, {}], {"via": [{"time": "lift", "q": {"elbow_joint": 0}}]}, "no phase 'lift'; there are 'p0'"),
         ([{}, {}], {"via": [{"time": "free", "q": {"elbow_joint": 0}}]}, "times that are found are those"),
-        ([{}, {}], {"via": [{"time": "p1", "q": {"elbow_joint": 0}}]}, "nearest node is the end"),
+        (
+            [{}, {}],
+            {"via": [{"time": "p1", "q": {"elbow_joint": 0}}]},
+            "the end of the motion; say it in goal",
+        ),
     ],
 )
 def test_refusals_name_the_phase(phases: list[dict[str, Any]], more: dict[str, Any], message: str) -> None:
     with pytest.raises(MbocpError) as error:
         made(*phases, **more)
     assert message in str(error.value)
+
+
+def test_a_via_at_the_end_itself_is_not_told_to_take_more_steps() -> None:
+    with pytest.raises(MbocpError, match=r"the end of the motion; say it in goal$"):
+        made({}, {}, via=[{"time": "p1", "q": {"elbow_joint": 0}}])
 
 
 def test_limits_of_neighbours_have_to_overlap() -> None:

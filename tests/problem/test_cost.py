@@ -56,6 +56,14 @@ def test_tracking_with_zero_weights_is_refused(swing: Maker) -> None:
         swing(cost={"tracking": 1.0, "tracking_weights": [0] * 6})
 
 
+def test_tracking_of_nothing_names_its_key(ur5: Robot) -> None:
+    goal = {"frame": {"name": "tool0", "z": 0.5}}
+    with pytest.raises(
+        MbocpError, match=r"cost\.tracking: cost\.target \(or the goal\) says neither q nor p"
+    ):
+        Problem.create(ur5, 1.0, 10, goal=goal, cost={"tracking": 1.0})
+
+
 def test_velocity_weights(ur5: Robot) -> None:
     goal = {"q": [0.1] * 6}
     np.testing.assert_array_equal(Problem.create(ur5, 1.0, 10, goal=goal, cost={}).cost.velocity, np.zeros(6))

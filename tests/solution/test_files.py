@@ -13,6 +13,7 @@ import pytest
 from mbocp.exceptions import ResultFileError
 from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solution.atomic import atomic_path
+from mbocp.solution.problem_facts import BrakingPlace, Facts
 from mbocp.storage import seal
 
 from .damage import edit, make_old
@@ -35,6 +36,7 @@ def test_round_trip_of_odd_numbers(tmp_path: Path) -> None:
         qs=np.full((101, 3), np.nan),
         status="diverged",
         advice="ζ\n%s",
+        facts_kept=Facts(braking=(BrakingPlace("slide", np.float64(-np.inf), np.float64(1.0), 2.0, 0.0),)),
     )
     saved.save(tmp_path / "result.h5")
     assert Solution.load(tmp_path / "result.h5") == saved

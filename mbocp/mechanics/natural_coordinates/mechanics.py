@@ -150,7 +150,9 @@ class NaturalMechanics(NaturalKinematics):
         ------
         ProblemError
         """
-        raise ProblemError('torques of gravity are for coordinates = "joint": cost.effort_about_gravity')
+        raise ProblemError(
+            'cost.effort_about_gravity: torques of gravity are for coordinates = "joint"; take these'
+        )
 
     def element_numbers(self, index: int) -> dict[str, ca.SX]:
         """Stiffness, length at rest and the like of a force element: constants."""

@@ -203,6 +203,11 @@ def _check_targets(robot: Robot, weights: Array, given: BoolArray, key: str, sou
             f"{key}[{index}]: got {weights[index]:g} on {part} of {labels[index].name!r}, but {source} does "
             f"not say {part} there; add it, or set the weight to 0"
         )
+    if not given.any():
+        weight = key.removesuffix("_weights")
+        raise ProblemError(
+            f"{weight}: {source} says neither q nor p of a joint; say one there, or leave it out"
+        )
     if not weights.any():
         raise ProblemError(f"{key}: all weights are 0, expected at least one above 0")
 

@@ -42,19 +42,20 @@ def via_nodes(
         share = steps.share_of(point)
         node = None if share is None else round(share * horizon.steps)
         if node is not None and share is not None:
-            _check_node(node, point, horizon.steps, dict(zip(found, via, strict=False)))
+            _check_node(node, share, point, horizon.steps, dict(zip(found, via, strict=False)))
             steps.warn_between(point, node, share)
         found.append(node)
     return tuple(found)
 
 
-def _check_node(node: int, point: ViaPoint, num_steps: int, taken: Mapping[int | None, ViaPoint]) -> None:
+def _check_node(
+    node: int, share: float, point: ViaPoint, num_steps: int, taken: Mapping[int | None, ViaPoint]
+) -> None:
     key = f"via {point.name!r}"
     if not 0 < node < num_steps:
         where, table = ("start", "start") if node == 0 else ("end", "goal")
-        raise ProblemError(
-            f"{key}: the nearest node is the {where} of the motion; say it in {table}, or take more steps"
-        )
+        steps = "" if share in (0.0, 1.0) else ", or take more steps"
+        raise ProblemError(f"{key}: the nearest node is the {where} of the motion; say it in {table}{steps}")
     if node in taken:
         raise ProblemError(
             f"{key}: at node {node}, as via {taken[node].name!r}; say both in one, or take another time"
