@@ -47,7 +47,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "tmp").mkdir()
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     monkeypatch.setattr(tempfile, "tempdir", None)
-    remembered = (cache._tell, cache._made_private_folder, cache._sweep, cache._room_in)
+    remembered = (cache._tell, cache._make_private_folder, cache._sweep, cache._room_in)
     for function in remembered:
         function.cache_clear()
     yield tmp_path / "cache" / "stages"
