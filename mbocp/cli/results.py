@@ -202,7 +202,7 @@ def export(
     from mbocp.solution import Solution
     from mbocp.solution.export_formats import (
         format_of,
-        send_within,
+        prepare_within,
         what_helps,
         write_recording,
         write_samples,
@@ -221,7 +221,9 @@ def export(
         if not quiet:
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
         return
-    sent, excesses = send_within(name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot)
+    sent, excesses = prepare_within(
+        name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot
+    )
     motion = sample(sent, solution.load_robot)
     if motion.left_out:
         warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)

@@ -113,9 +113,9 @@ def export_motion(
     if name in RECORDINGS:
         return write_recording(solution, path, name, rate, interpolation)
     if load_robot is None or not check:
-        sent = send_by(name, solution, rate, interpolation, fit=fit)
+        sent = prepare(name, solution, rate, interpolation, fit=fit)
     else:
-        sent, excesses = send_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
+        sent, excesses = prepare_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
             raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
     return write_samples(sample(sent, load_robot), solution, path, name)
@@ -156,7 +156,7 @@ def write_recording(
         raise ResultFileError(path, str(error)) from error
 
 
-def send_by(
+def prepare(
     name: str,
     solution: SolutionData,
     rate: float | None,
@@ -177,7 +177,7 @@ def _rate_of(name: str, rate: float | None) -> float | None:
     return _UR_RATE if name == "urscript" and rate is None else rate
 
 
-def send_within(
+def prepare_within(
     name: str,
     solution: SolutionData,
     rate: float | None,
@@ -191,11 +191,11 @@ def send_within(
     One that is fitted, and leaves limits of efforts alone, takes as much more time as these need, if a tenth
     of it is enough; where it leaves limits of their rates, after a moving mean over a step.
     """
-    sent, mean = send_by(name, solution, rate, interpolation, fit=fit), 0.0
+    sent, mean = prepare(name, solution, rate, interpolation, fit=fit), 0.0
     excesses = all_excesses(sent, load_robot)
     if fit and any(excess.kind == EFFORT_RATE for excess in excesses):
         step = float(np.diff(solution.t).max())
-        smooth = send_by(name, solution, rate, interpolation, fit=True, mean=step)
+        smooth = prepare(name, solution, rate, interpolation, fit=True, mean=step)
         if smooth.mean == step:  # it is short enough
             sent, mean, excesses = smooth, step, _excesses_again(smooth, load_robot)
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
@@ -204,7 +204,7 @@ def send_within(
     high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
     for _ in range(_TRIES):
         factor = high if found[1] else (low + high) / 2.0
-        tried = send_by(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)
+        tried = prepare(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)
         left = _excesses_again(tried, load_robot)
         if not left:
             found, high = (tried, left), factor

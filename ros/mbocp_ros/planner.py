@@ -13,7 +13,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnknownJoint
 from mbocp.problem import Problem
-from mbocp.solution.export_formats import send_within
+from mbocp.solution.export_formats import prepare_within
 from mbocp.solution.sent import Sent, motion_as_sent
 from mbocp.solution.sent_states import Follower
 
@@ -115,7 +115,7 @@ class Planner:
         self, solution: mbocp.Solution, start: Mapping[str, float], interpolation: str | None = None
     ) -> Motion:
         """A motion as it is sent, from where the robot counts its joints to be [rad, m]."""
-        sent, excesses = send_within(
+        sent, excesses = prepare_within(
             "ros2", solution, None, interpolation, fit=True, load_robot=lambda: solution.problem.robot
         )
         here = np.array([start[name] for name in sent.joints]) - sent.curves.q[0]

@@ -14,7 +14,7 @@ import typer
 import mbocp
 from mbocp.cli.results import export
 from mbocp.exceptions import LimitsExceeded
-from mbocp.solution.export_formats import send_within
+from mbocp.solution.export_formats import prepare_within
 from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import controls_along, joint_excesses
@@ -74,7 +74,7 @@ def test_an_export_that_takes_too_much_is_told(tmp_path: Path) -> None:
     given["fit"] = True  # in a little more time it takes less
     export(result, table, interpolation="quintic", **given)
     assert table.exists()
-    (sent, excesses) = send_within("csv", saved, 500.0, "quintic", fit=True, load_robot=saved.load_robot)
+    (sent, excesses) = prepare_within("csv", saved, 500.0, "quintic", fit=True, load_robot=saved.load_robot)
     assert excesses == ()
     assert 1.0 < sent.slower < 1.1
     assert sent.curves.nodes[-1] * 500.0 == pytest.approx(round(sent.curves.nodes[-1] * 500.0))
