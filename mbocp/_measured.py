@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from typing import Any
 
@@ -11,7 +12,6 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from mbocp._dataclass import dataclass
 from mbocp._quantities import EXAMPLES, KNOWN, PATTERN, Quantity, has_unit, unit_of
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue

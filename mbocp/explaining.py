@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.path import PathConstraint

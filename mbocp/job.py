@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import InvalidValue, ProblemFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import take_end_of

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ProblemError
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.build import control_weight_of

@@ -15,8 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._linear import null_space
 from mbocp._text import list_names
 from mbocp._tolerances import RANK_TOLERANCE

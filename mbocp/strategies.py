@@ -23,8 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass, frozen_array
 from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.guesses.attempts import attempt

@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError, field, replace
 
 import pytest
 
-from mbocp import _dataclass
+from mbocp import _arrays
 
 
 def classes(decorator):
@@ -49,7 +49,7 @@ def classes(decorator):
     return Point, Named, Same, Own, Plain
 
 
-OURS, THEIRS = classes(_dataclass.dataclass), classes(dataclasses.dataclass)
+OURS, THEIRS = classes(_arrays.dataclass), classes(dataclasses.dataclass)
 EXAMPLES = [(0, (1.0,)), (0, (1.0, 3.0)), (0, (1.0, 3.0, ("a",))), (2, (4,)), (3, (5,))]
 
 
@@ -96,7 +96,7 @@ def test_a_value_is_replaced_copied_and_held_by_itself():
     assert repr(holder).endswith("Same(x=[...])")
 
 
-@_dataclass.dataclass(frozen=True)
+@_arrays.dataclass(frozen=True)
 class Stored:
     x: int
 
@@ -106,11 +106,11 @@ def test_a_value_is_pickled():
 
 
 def test_other_dataclasses_are_those_of_the_standard_library():
-    @_dataclass.dataclass
+    @_arrays.dataclass
     class Counter:
         n: int = 0
 
-    @_dataclass.dataclass(frozen=True, slots=True)
+    @_arrays.dataclass(frozen=True, slots=True)
     class Small:
         n: int
 

@@ -31,8 +31,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 _LOWEST, _HIGHER = 0.8, 1.0  # orders that are believed: from about one to one above that of the scheme
 _ROUND_OFF = 1e-11  # of a cost: differences below it tell nothing

@@ -14,8 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.flow import Flow
 from mbocp.mechanics.held_frames import Acting
 from mbocp.problem.timeline.switches import SwitchTable

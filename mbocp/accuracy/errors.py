@@ -29,8 +29,7 @@ from functools import partial
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.course import Course, course_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion

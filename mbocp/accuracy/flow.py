@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import symbols_of

@@ -23,8 +23,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 

@@ -23,7 +23,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
 from mbocp.accuracy.rounds import Round, accuracy_asked, is_rough, step_errors_of

@@ -21,8 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
 from mbocp.accuracy.errors import StepErrors, motion_of, step_errors
 from mbocp.accuracy.mesh import Mesh, Wanted, control_shares

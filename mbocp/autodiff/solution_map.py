@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, NotConverged
 from mbocp.lie import ConfigurationSpace

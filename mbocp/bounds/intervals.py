@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 _ROUNDING = 1e-14  # relative: more than the rounding of a product of 20 numbers, and of what NumPy's sine has
 

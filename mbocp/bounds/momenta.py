@@ -12,8 +12,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.bounds.intervals import Box, cosine, sine
 from mbocp.bounds.slope_bounds import slopes_of
 from mbocp.robot import Robot

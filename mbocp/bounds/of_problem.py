@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
 from mbocp.bounds.task import Task
 from mbocp.integrators import VELOCITY_TAU

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.joints import joint_kind
 
 

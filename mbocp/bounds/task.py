@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.bounds.momenta import why_no_momenta
 from mbocp.bounds.speeds import Forces, Speeds, speeds_after
 from mbocp.problem import Goal, Problem

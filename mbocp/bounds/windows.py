@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.bounds.intervals import Box
 from mbocp.bounds.momenta import gravity_by_lines, momenta_over
 from mbocp.bounds.task import Place, Task

@@ -9,12 +9,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import typer
 
-from mbocp._dataclass import dataclass
 from mbocp.cli import signals
 from mbocp.cli.app import Json
 from mbocp.exceptions import MbocpError

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from mbocp._dataclass import dataclass
 from mbocp.exceptions import MbocpError, RobotError, UnsupportedRobot
 
 if TYPE_CHECKING:

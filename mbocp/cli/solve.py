@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mbocp._dataclass import dataclass
 from mbocp._files import RESULT_SUFFIXES, is_file, is_folder
 from mbocp._text import printable, show
 from mbocp.cli import signals

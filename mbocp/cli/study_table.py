@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,7 +26,6 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from mbocp._dataclass import dataclass
 from mbocp._text import shorten
 from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet, argument, option, output_file

@@ -17,8 +17,7 @@ from typing import ClassVar, TypeVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.build import build_programme
 from mbocp.formulation.goal import EndRows
 from mbocp.formulation.layout import StateLayout

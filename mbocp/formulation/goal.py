@@ -8,8 +8,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._linear import largest_entry, null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.lie import ConfigurationSpace

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.mechanics import Mechanics
 
 

@@ -8,8 +8,7 @@ from typing import TypeVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import DimensionMismatch, TranscriptionError
 from mbocp.formulation.layout import places
 from mbocp.formulation.signature import FunctionSignature

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion

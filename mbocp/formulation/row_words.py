@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._linear import largest_entry
 from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mbocp import integrators, lie, mechanics, meshes, robot, symbolic, terms
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._environment import number_from
 from mbocp.exceptions import TooManyOperations
 from mbocp.formulation.features.control_values import ControlValues

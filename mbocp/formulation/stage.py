@@ -35,7 +35,7 @@ from functools import cached_property, partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation.features.feature import Feature
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage

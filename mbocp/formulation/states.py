@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis

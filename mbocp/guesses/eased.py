@@ -13,8 +13,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.formulation import Formulation
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.screening import Screening, can_screen

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion

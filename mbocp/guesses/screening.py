@@ -14,8 +14,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.guesses.ranking import is_preferred, status_of, with_end
 from mbocp.guesses.straight_line import is_whole, line

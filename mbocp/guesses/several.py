@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import partial
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation

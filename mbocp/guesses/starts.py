@@ -9,7 +9,7 @@ from itertools import chain, count, islice
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import ways_around

@@ -10,8 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._linear import null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion

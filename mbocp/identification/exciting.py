@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.optimize import linprog
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp._text import quote_all
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
 from mbocp.identification.dynamics import InverseDynamics, Motion

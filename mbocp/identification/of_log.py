@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._text import list_names
 from mbocp.exceptions import LogError
 from mbocp.identification.consistent import fit_consistent

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._files import read_bytes, read_text
 from mbocp._text import find_repeated, show
 from mbocp.exceptions import InvalidValue, LogError, Unreadable

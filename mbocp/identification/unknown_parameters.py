@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import solve_triangular
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import InvalidValue, UnknownFrame
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.problem.excite import FRICTIONS

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 _LARGE = 500  # operations of a link's derivatives, from which on a call is worth its copies of numbers
 

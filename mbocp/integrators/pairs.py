@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from math import sqrt
 from types import MappingProxyType
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 
 @dataclass(frozen=True)

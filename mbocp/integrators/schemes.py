@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.integrators.tau import VELOCITY_TAU

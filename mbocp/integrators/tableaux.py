@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from fractions import Fraction
 from types import MappingProxyType
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 
 @dataclass(frozen=True)

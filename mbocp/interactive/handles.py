@@ -9,8 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.interactive.wish import Wish
 from mbocp.problem import Goal, Problem
 from mbocp.robot import Robot

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.interactive.wish import Wish, change_problem
 from mbocp.problem import Problem

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Goal, Problem
 from mbocp.problem.cost import weights_by_key

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import DimensionMismatch
 from mbocp.mechanics.symmetries import find_symmetries, momentum_map
 from mbocp.mechanics.symmetries.fields import Symmetry

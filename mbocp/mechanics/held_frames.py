@@ -23,8 +23,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.mechanics.either import Mechanics
 from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Label, Robot

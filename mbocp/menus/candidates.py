@@ -14,8 +14,7 @@ from itertools import chain, count, islice
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.around import ways_around

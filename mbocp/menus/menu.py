@@ -11,8 +11,7 @@ from typing import TypeVar, overload
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.exceptions import CompilationTimeout, ResultFileError

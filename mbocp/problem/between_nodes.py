@@ -26,8 +26,7 @@ from itertools import chain
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint

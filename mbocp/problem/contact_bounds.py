@@ -9,8 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.contact_force import ContactForce

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.kinds.axes import Axis, unit_axis

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 
 @dataclass(frozen=True)

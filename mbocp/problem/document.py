@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import frozen_array, plain
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass, frozen_array, plain
 from mbocp._text import printable
 from mbocp.problem.file.messages import in_file, locate
 from mbocp.problem.file.read_tables import READ, read_tables

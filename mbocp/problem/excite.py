@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 FRICTIONS = ("none", "viscous", "coulomb", "both")
 

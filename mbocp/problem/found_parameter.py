@@ -8,8 +8,7 @@ from dataclasses import field
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem.goals.free_start import FreeStart

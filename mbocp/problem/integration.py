@@ -8,8 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_that
 from mbocp.problem._checks import check_choice, check_integer, check_number

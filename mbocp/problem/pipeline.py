@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass, is_frozen_value
+from mbocp._arrays import dataclass, is_frozen_value
 
 _PLAIN = (int, float, str, bool, tuple, type(None), PurePath)  # compared by value; all else by identity
 _NOTHING = object()  # in the place of a value that is not there

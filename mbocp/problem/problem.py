@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.problem.document import Document, make_document, read_document
 from mbocp.problem.file.changes import change_document
 from mbocp.problem.file.messages import in_file

@@ -7,8 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.coordinates import COORDINATES

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.robot import Label, Robot

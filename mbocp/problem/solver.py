@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._environment import available_threads
 from mbocp._keys import Check, Key, Table, checks_of
 from mbocp.exceptions import InvalidValue

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.tapes import as_operations
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme.background import BackgroundCompiler

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch
 
 if TYPE_CHECKING:

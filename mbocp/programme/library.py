@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._environment import available_threads
 from mbocp.exceptions import CompilationError
 from mbocp.programme.cache import (

@@ -24,8 +24,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, frozen_mask
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_mask
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.state_bounds import StateBounds
 

@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 
 
 @dataclass(frozen=True)

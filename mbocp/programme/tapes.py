@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.programme.cache import counter_of, find_entry, own_content, scratch_folder, unseal, write_entry
 from mbocp.programme.native_modules import kernel

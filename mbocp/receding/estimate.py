@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.receding.status import HorizonStatus
 
 _UNSEEN = 0.9  # of the standard deviation without any sample: above, samples say next to nothing

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue, MbocpError, ProblemError, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends, with_compiled_functions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import HorizonStatus as KernelStatus

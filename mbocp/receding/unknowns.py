@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._text import find_repeated
 from mbocp.exceptions import ProblemError
 from mbocp.mechanics import JointMechanics

@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
 from mbocp.robot.large import working_data

@@ -13,8 +13,7 @@ from typing import Any, get_args
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray, freeze, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass, freeze, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
 from mbocp.robot.collision.source import CollisionSphere, ShapeSource

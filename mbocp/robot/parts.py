@@ -11,8 +11,7 @@ from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array, freeze, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, freeze, frozen_array
 from mbocp.exceptions import InvalidValue
 
 Rotations: TypeAlias = Literal["quaternion", "dcm"]  # what explicit schemes integrate

@@ -10,8 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
 from mbocp.robot import kinematics
 from mbocp.robot.rotors import kinds_of_ends

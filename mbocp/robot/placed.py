@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 SEPARATOR = "/"  # between the name of a part and those of its joints and frames
 

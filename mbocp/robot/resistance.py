@@ -15,8 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 
 FRICTION_SPEED = 0.1  # [rad/s, m/s]

@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, kinematics

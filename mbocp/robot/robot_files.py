@@ -17,7 +17,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._files import MEGABYTE, is_file
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError

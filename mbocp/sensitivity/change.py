@@ -7,8 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.build import parameter_values
 from mbocp.formulation.features.control_values import ControlValues

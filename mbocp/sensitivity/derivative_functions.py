@@ -22,7 +22,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_end_functions, build_functions

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import SingularSystem, SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.evaluation import call

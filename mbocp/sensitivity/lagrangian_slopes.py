@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.programme.compilation import CompiledFunctions
 from mbocp.programme.evaluation import call

@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation
 from mbocp.formulation.gains import tangents

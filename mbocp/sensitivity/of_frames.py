@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem

@@ -11,8 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.formulation.parameter_layout import NUMBERS

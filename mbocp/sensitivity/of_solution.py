@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation, Motion

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import InvalidValue, SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends, formulation_in_use

@@ -8,8 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.problem import Problem
 from mbocp.sensitivity.change import Change

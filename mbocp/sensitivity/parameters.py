@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places

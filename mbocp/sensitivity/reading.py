@@ -9,8 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.switches import repeat_steps

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 _SMALL = 0.02  # of a joint's way: the sum of its local errors
 

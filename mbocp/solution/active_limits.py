@@ -6,8 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.problem.timeline.times import least_time
 from mbocp.solution.loads import rms_of
 from mbocp.solution.problem_facts import Facts, PathRow

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 _ZERO_RATIO = 1e-9  # of the largest adjoint; a quantity below it is round-off of terms that cancel
 

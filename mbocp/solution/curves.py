@@ -37,8 +37,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.robot.nodes import are_chords
 
 Derivatives: TypeAlias = tuple[Array, Array, Array, Array]

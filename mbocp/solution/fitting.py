@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import BoolArray, dataclass
 from mbocp.solution.curves import Curves
 from mbocp.solution.joints_sent import FITTED, Joints
 from mbocp.solution.nearest import Nearest

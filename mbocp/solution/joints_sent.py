@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import AT_REST, Curves, differences
 from mbocp.solution.nearest import Ends

@@ -23,8 +23,7 @@ from math import factorial
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.solution.curves import Curves
 from mbocp.solution.problem_facts import BrakingPlace
 from mbocp.solution.quadratic import Chains, Rows

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.terms.rates import RATE_TERMS
 
 _Numbers = tuple[float, ...]

@@ -18,8 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 
 _MOST_ITERATIONS = 40  # three times as many as programmes take that have a solution
 _EXACT = 1e-11  # of rows, whose sizes are about one

@@ -15,8 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp import __version__
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.problem import Problem
 from mbocp.programme.iterate import Carried

@@ -14,8 +14,7 @@ import math
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import Curves
 from mbocp.solution.fitting import Fit, Fitting

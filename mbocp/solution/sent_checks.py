@@ -13,8 +13,7 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import nearest_approach

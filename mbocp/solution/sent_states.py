@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.robot.large import working_data
 from mbocp.solution.curves import Curves

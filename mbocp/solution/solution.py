@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import mbocp
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ResultFileError
 from mbocp.solution._values import same

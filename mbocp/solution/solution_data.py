@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis
 from mbocp.programme.iterate import Carried

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 SOLVER_TOLERANCE = 1e-9  # of residual and increment, unless the problem says otherwise: the paper's
 

@@ -18,8 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import OverdeterminedGoal
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import SolverError
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.native_modules import kernel

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from enum import Enum
 from typing import TypeAlias
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 
 class Status(str, Enum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.options import Options, Switch
 

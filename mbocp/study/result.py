@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import StudyError, suggest
 from mbocp.solution.atomic import atomic_path
 from mbocp.study.result_rows import FIELDS

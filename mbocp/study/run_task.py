@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import CompilationTimeout
 from mbocp.problem import Problem
 from mbocp.problem.file.overrides import apply_overrides

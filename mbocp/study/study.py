@@ -14,8 +14,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mbocp._arrays import plain
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass, plain
 from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document

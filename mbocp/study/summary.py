@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import plain_json
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass, plain_json
 
 MISSED = "off the goal"  # converged, but further from the goal than a success may be
 

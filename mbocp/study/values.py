@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._memory import check_memory
 from mbocp._numbers import as_float, is_number
 from mbocp._quantities import Quantity

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import UnsupportedRobot
 
 

@@ -17,8 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.collision.obstacle_motion import PIECE, placement_of_piece
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure

@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._keys import Key
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.bounded import Structure

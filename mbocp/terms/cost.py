@@ -18,8 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Table
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot import Robot

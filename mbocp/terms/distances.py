@@ -48,8 +48,7 @@ from typing import ClassVar, NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 CORE = 5  # numbers of a core
 _BROAD = 1e3  # [m]: what has no side; cancellation takes 1e-13 m

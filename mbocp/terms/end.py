@@ -10,8 +10,7 @@ from typing import Annotated, Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._keys import Key, Table
 from mbocp.lie import ConfigurationSpace
 from mbocp.terms.cost import CostTerm, CostWeights, Reader, half_square

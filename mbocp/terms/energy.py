@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest

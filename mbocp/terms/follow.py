@@ -20,8 +20,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp._tolerances import BOUND_TOLERANCE

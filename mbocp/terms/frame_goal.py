@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot import FrameTarget
 

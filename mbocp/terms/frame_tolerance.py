@@ -9,8 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm, Structure
 from mbocp.terms.frame_end import FrameShape

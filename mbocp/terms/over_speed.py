@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import Field
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

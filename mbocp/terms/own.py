@@ -23,8 +23,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.mechanics import JointMechanics, symbols_of

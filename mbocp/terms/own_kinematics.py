@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.lie.groups import RigidBody, RotationMatrix
 from mbocp.mechanics import JointMechanics

@@ -17,8 +17,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._keys import Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

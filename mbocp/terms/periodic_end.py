@@ -13,8 +13,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.point import Point, Sizes
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import TranscriptionError
 from mbocp.mechanics import Mechanics
 

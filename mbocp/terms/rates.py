@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 if TYPE_CHECKING:
     import casadi as ca

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forces import controls_beside, controls_for

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import create_model
 
-from mbocp._arrays import BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import BoolArray, dataclass
 from mbocp._keys import Key, Kind, Table
 from mbocp._numbers import finite_number, is_number
 from mbocp._text import show

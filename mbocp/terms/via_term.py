@@ -19,7 +19,7 @@ from collections.abc import Mapping
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.lie.configuration import Part
 from mbocp.lie.groups import vee
 from mbocp.terms.bounded import Structure

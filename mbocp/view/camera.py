@@ -7,8 +7,7 @@ from dataclasses import field
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 FIELD_OF_VIEW = 40.0  # [deg], vertical; the viewer's own 75 distorts
 ASPECT = 1.5  # width over height that a fit assumes; the page adapts it to its window

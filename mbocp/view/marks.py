@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import MbocpError
 from mbocp.robot import Constraint, Robot
 from mbocp.robot.collision.obstacle import Obstacle

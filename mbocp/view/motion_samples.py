@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.robot.large import working_data

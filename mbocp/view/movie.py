@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import ReplayError
 from mbocp.solution.atomic import replace_file
 from mbocp.view.browser import browse

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._processes import signal_handler
 from mbocp.exceptions import MbocpError, ReplayError
 from mbocp.solution.atomic import replace_text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem import problem_to_toml
 from mbocp.problem.document import make_document

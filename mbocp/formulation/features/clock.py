@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion

@@ -22,8 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage

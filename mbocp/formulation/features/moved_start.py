@@ -24,8 +24,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout

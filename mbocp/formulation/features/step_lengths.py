@@ -27,8 +27,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.clock import STEP_SHARE
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.features.switches import fill_lengths

@@ -9,8 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import Switched

@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.layout import Block

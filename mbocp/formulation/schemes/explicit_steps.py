@@ -8,7 +8,7 @@ from functools import partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation.features.accelerations import rate_of_speeds
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols

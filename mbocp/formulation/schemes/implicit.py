@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.features.switches import (

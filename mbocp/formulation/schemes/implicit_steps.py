@@ -6,7 +6,7 @@ from functools import partial
 
 import casadi as ca
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.formulation.features.accelerations import mean_acceleration
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.base import Duals, Formulation
 from mbocp.formulation.build import check_size, signature_of
 from mbocp.formulation.features.switches import (

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.robot import Robot
 
 _LIE_JOINTS = {"JointModelFreeFlyer": 6, "JointModelSpherical": 3, "JointModelPlanar": 3}

@@ -17,8 +17,7 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.mechanics.symmetries.separate_parts import part_name
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data

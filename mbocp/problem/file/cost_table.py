@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._files import MEGABYTE, is_file
 from mbocp._keys import Table, keys_of
 from mbocp._merged import merge_tables

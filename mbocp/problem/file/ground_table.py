@@ -15,8 +15,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
 from mbocp._text import shorten

@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._keys import Key, default_of, key_of, keys_of, tables_in, takes_of
 from mbocp.problem.file.frame_table import FrameGoalTable
 from mbocp.problem.file.schema import ProblemTable

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest

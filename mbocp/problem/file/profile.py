@@ -16,7 +16,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from pydantic import Field, ValidationError
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._files import is_file, path_of, read_toml
 from mbocp._keys import Kind, Table
 from mbocp._measured import Measured, plain_number

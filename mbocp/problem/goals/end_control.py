@@ -7,8 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.problem._checks import check_choice
 
 ControlRule = Literal["rest", "given", "free"]

@@ -14,8 +14,7 @@ from dataclasses import field
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, frozen_array, frozen_mask
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, frozen_mask
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import DimensionMismatch, ProblemError
 from mbocp.problem.coordinates import COORDINATES

@@ -26,8 +26,7 @@ from types import MappingProxyType
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp._numbers import is_number
 from mbocp._text import find_repeated, show
 from mbocp._tolerances import RANK_TOLERANCE

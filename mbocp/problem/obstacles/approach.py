@@ -12,8 +12,7 @@ from dataclasses import field, replace
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.problem.obstacles.clearance import Clearance, LinkPair
 from mbocp.problem.obstacles.shape_distances import ShapeDistances
 from mbocp.robot.collision.obstacle import Obstacle

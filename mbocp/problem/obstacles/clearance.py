@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.problem.obstacles.pair_clearances import PairClearances, PlacedShape, WaySize
 from mbocp.robot import Label, LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, IntArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import NativeMismatch
 from mbocp.problem.obstacles.joint_table import joint_table, placement_numbers
 from mbocp.robot.joints import joint_kind

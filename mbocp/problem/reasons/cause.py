@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.integrators import SCHEMES
 from mbocp.problem.first_motion import holding_controls
 from mbocp.problem.integration import stiffest_joint

@@ -15,8 +15,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.mechanics.symmetries import find_symmetries
 from mbocp.mechanics.symmetries.fields import Symmetry
 from mbocp.mechanics.symmetries.spins import Spin, spins_of

@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import Any, Literal
 
-from mbocp._arrays import frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_choice, check_integer
 from mbocp.problem.cost import weights_by_key

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_finite, check_number
 from mbocp.problem.coordinates import COORDINATES

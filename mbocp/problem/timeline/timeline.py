@@ -14,8 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.problem.timeline.free_times import phases_between, timed_nodes
 from mbocp.problem.timeline.hold import Schedule

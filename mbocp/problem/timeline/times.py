@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -10,8 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
 from mbocp._linear import independent_rows, largest_entry
 from mbocp._numbers import is_number
 from mbocp._text import show

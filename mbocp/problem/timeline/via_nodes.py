@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._text import show
 from mbocp._warn import warn_caller
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -13,8 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, freeze
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, freeze
 from mbocp._processes import python_command
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue

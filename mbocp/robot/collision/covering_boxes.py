@@ -10,8 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import mesh_of

@@ -14,8 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.collision.samples import directions, sequence
 from mbocp.robot.collision.solid import Solid
 

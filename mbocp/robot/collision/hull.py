@@ -8,8 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.meshes.mesh_parts import Indices
 

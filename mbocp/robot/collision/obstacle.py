@@ -10,8 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._numbers import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue

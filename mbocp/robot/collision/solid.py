@@ -9,8 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.triangles import triangles_of
 from mbocp.robot.collision.samples import surface_points

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import coal
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 
 
 @dataclass(frozen=True)

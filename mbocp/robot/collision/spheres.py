@@ -9,8 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, freeze
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass, freeze
 from mbocp.robot import kinematics
 from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.fitting import Cover, cover, sticking_out

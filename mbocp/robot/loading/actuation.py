@@ -11,8 +11,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._measured import plain_number
 from mbocp._text import find_repeated
 from mbocp.exceptions import RobotError, UnsupportedRobot

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints

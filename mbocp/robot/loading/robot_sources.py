@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import mbocp
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._files import is_file, is_folder, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
 from mbocp.robot.loading.addresses import find_row, root_of_stored

@@ -9,8 +9,7 @@ from typing import NoReturn
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._text import find_repeated
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import joints, kinematics

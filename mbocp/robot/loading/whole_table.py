@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import pinocchio as pin
 from pydantic import BaseModel
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import DimensionMismatch, RobotError
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description

@@ -13,8 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, BoolArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed
 from mbocp.robot.kinematics import difference
 from mbocp.robot.loops.projection import assemble, components, violations

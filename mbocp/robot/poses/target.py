@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from mbocp._arrays import Array, IntArray, frozen_array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, IntArray, dataclass, frozen_array
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, suggest
 from mbocp.robot.kinematics import WORLD

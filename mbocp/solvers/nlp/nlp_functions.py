@@ -12,8 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.solvers.nlp.nlp_layout import Index, NlpLayout
 

@@ -17,7 +17,7 @@ from contextlib import suppress
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._processes import python_command
 
 if TYPE_CHECKING:

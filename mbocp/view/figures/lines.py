@@ -11,8 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from matplotlib.axes import Axes
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.solution import Column, Solution
 from mbocp.view.figures.style import (
     GREY,

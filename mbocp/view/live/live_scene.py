@@ -9,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import FrameTarget, Robot

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot import Connector
 from mbocp.view.marks import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object

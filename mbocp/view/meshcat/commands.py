@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.view.meshcat.viewer import SetObject, mg
 
 FOREVER = 1_000_000_000  # repetitions; meshcat has no word for "without end"

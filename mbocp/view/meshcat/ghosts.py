@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._warn import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import Robot

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp.exceptions import ReplayError
 from mbocp.view.meshcat.scene import FORCES, Scene
 from mbocp.view.meshcat.viewer import Ext, meshcat

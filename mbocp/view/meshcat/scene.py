@@ -8,8 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks

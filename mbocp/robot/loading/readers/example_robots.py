@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import Description, Reading
 from mbocp.robot.loading.readers.urdf import capture_stderr, describe_urdf, read_urdf

@@ -11,8 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.loading.readers.tree import TreeJoint

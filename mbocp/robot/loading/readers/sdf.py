@@ -12,8 +12,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.source import LinkShape

@@ -13,7 +13,7 @@ from dataclasses import field
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mbocp._dataclass import dataclass
+from mbocp._arrays import dataclass
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.kinematics import WORLD

@@ -11,8 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._text import list_names, show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot, suggest
 from mbocp.robot.kinematics import WORLD

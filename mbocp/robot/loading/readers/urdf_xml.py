@@ -11,8 +11,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._files import MEGABYTE, XML_LIMIT, is_file, read_text
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, Unreadable

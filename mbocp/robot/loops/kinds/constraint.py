@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import casadi as ca
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table
 from mbocp.robot.loops.kinds.axes import Axis

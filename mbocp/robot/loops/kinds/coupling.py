@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 from pydantic import model_validator
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._measured import Measured, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind

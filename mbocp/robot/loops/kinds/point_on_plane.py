@@ -8,8 +8,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loading.table_types import Direction
 from mbocp.robot.loops.kinds.axes import Axis, Z, along, in_world, unit_axis

@@ -10,8 +10,7 @@ import casadi as ca
 import numpy as np
 from pydantic import field_validator
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp._measured import Measured
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_reader import TableReader

@@ -8,8 +8,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._dataclass import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.robot.loading.table_reader import TableReader
 from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics, position_rows
 from mbocp.robot.parts import Label
