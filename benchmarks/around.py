@@ -22,7 +22,7 @@ import numpy as np
 import mbocp
 from benchmarks.machine import memory, one_core
 from benchmarks.tables import Table, show
-from mbocp.guesses import attempts, eased, screening, several
+from mbocp.guesses import eased, in_turn, screening, several
 from mbocp.solution.later import complete
 
 __all__ = ["around_table", "tasks_table"]
@@ -37,7 +37,7 @@ _CASES = (
     "free_flyer/drone_flip",
     "loops/four_bar",
 )
-_MODULES = (attempts, eased, screening, several)  # which run solvers
+_MODULES = (eased, in_turn, screening, several)  # which run solvers
 _TASKS = "arms/ur5_reach"
 _BEGIN = 10  # share of the tasks after which memory is looked at first: one in so many
 _SPREAD = 0.3  # [rad] of goals

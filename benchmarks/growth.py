@@ -25,7 +25,7 @@ from benchmarks.machine import header, memory
 from benchmarks.newton import SE1, Case, exponent, load
 from benchmarks.tables import Table, show
 from mbocp.formulation import formulate
-from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.native_modules import number_of_lanes
 
 __all__ = ["CASES", "Growth", "Whole", "growth_rows", "measured", "table_of"]
 

@@ -26,7 +26,7 @@ from benchmarks.machine import header, one_core
 from benchmarks.tables import Table, present, show
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.kinds import guess_by_simulation
+from mbocp.guesses.make import guess_by_simulation
 from mbocp.integrators import PAIRS
 from mbocp.problem import Problem
 from mbocp.robot import Robot

@@ -27,7 +27,7 @@ from benchmarks.machine import header, memory, one_core
 from benchmarks.peers.environments import environment_of_crocoddyl
 from benchmarks.tables import Table, show
 from mbocp.formulation import formulate
-from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.native_modules import number_of_lanes
 
 __all__ = ["ROBOTS", "measured", "table"]
 

@@ -19,7 +19,7 @@ import mbocp
 from benchmarks.machine import one_core
 from benchmarks.newton import SE1, Case, load, newton, warm_guess
 from benchmarks.tables import Table, show
-from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.native_modules import number_of_lanes
 
 __all__ = ["KernelIterate", "LanesTime", "lanes_table", "threads_table"]
 

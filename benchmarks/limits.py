@@ -17,7 +17,7 @@ from benchmarks.machine import header, one_core
 from benchmarks.newton import EXAMPLES, SE1
 from benchmarks.tables import Table, present
 from mbocp.problem import Problem
-from mbocp.study.result_rows import solver_seconds
+from mbocp.study.run_task import solver_seconds
 
 __all__ = ["random_table", "solver_table"]
 

@@ -31,7 +31,7 @@ from benchmarks.newton import EXAMPLES
 from benchmarks.tables import Table, present
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.kinds import guess_by_simulation
+from mbocp.guesses.make import guess_by_simulation
 from mbocp.integrators import SCHEMES, TABLEAUX
 from mbocp.problem import Problem
 from mbocp.programme import Iterate

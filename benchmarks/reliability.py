@@ -18,7 +18,7 @@ from benchmarks.machine import header, one_core
 from benchmarks.random_tasks import CLASSES, random_problems
 from benchmarks.tables import Table, show
 from mbocp.formulation import transcribe
-from mbocp.study.result_rows import solver_seconds
+from mbocp.study.run_task import solver_seconds
 
 __all__ = ["outcomes", "reliability_table"]
 

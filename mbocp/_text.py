@@ -1,10 +1,12 @@
-"""Words of messages: what a file said is quoted, however large it is, in a few words."""
+"""Words of messages: quoted in a few words, however large; and warnings at the line of the user."""
 
 from __future__ import annotations
 
 import math
 import reprlib
+import sys
 import unicodedata
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -97,3 +99,17 @@ def reads_as_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+_INNER = (
+    "mbocp",
+    "dataclasses",
+)  # packages of frames that are no user's; generated `__init__` have mbocp's globals
+
+
+def warn_caller(message: str | Warning, category: type[Warning] = UserWarning) -> None:
+    """Warn at the innermost line outside mbocp; where there is none, at the outermost."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] in _INNER:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)

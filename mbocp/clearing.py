@@ -19,7 +19,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation.read_trajectory import times_of
 from mbocp.guesses.around import around, has_no_way, may_have_ways, near_the_way
-from mbocp.guesses.attempts import attempt
+from mbocp.guesses.in_turn import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.obstacles.approach import depths_along

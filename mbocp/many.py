@@ -26,7 +26,7 @@ from mbocp.formulation.build import control_weight_of
 from mbocp.formulation.formulate import formulate, formulate_with_independent_ends
 from mbocp.formulation.read_trajectory import times_of
 from mbocp.formulation.updates import ParameterUpdates
-from mbocp.guesses.kinds import guess_candidates, plain_guess
+from mbocp.guesses.make import guess_candidates, plain_guess
 from mbocp.problem import Problem
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_integer, check_size
 from mbocp.problem.coordinates import COORDINATES

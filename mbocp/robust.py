@@ -5,7 +5,7 @@ Deviations of the state and constant parameters p, with the feedback K of the op
 .. math:: \delta x^+ = (A + B K)\, \delta x + D\, \delta p + G\, w, \qquad w \sim N(0, W),
 
 with exact derivatives of the step. Their covariance P, with which limits shrink, see
-`mbocp.formulation.tightening`, is a number to the next solve: the problem has no more unknowns, and a round
+`mbocp.formulation.state_bounds`, is a number to the next solve: the problem has no more unknowns, and a round
 costs a warm start ([Zanelli2021]_, [Feng2020]_). Rounds end where the limits do not move any more.
 """
 
@@ -15,22 +15,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, dataclass
-from mbocp._linear import null_space
+from mbocp._arrays import Array, dataclass, null_space
 from mbocp._text import list_names
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import Formulation
 from mbocp.formulation.gains import tangents
-from mbocp.formulation.tightening import margins_of, words_of
+from mbocp.formulation.state_bounds import margins_of, words_of
 from mbocp.job import Job, Strategy
 from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import can_hold_within
-from mbocp.problem.uncertainty import Robust, Tube
+from mbocp.problem.found_parameter import Robust, Tube
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.evaluation import call
-from mbocp.sensitivity.derivative_functions import load_stage_functions
+from mbocp.sensitivity.lagrangian_slopes import load_stage_functions
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import formulate_as_solved
 from mbocp.sensitivity.parameters import PARAMETERS, parameters_of

@@ -137,11 +137,7 @@ def _estimate(problem: Problem, begin: dict[str, Array]) -> tuple[float, float]:
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = matrix * np.minimum(-limits.u_lower, limits.u_upper)
         forces = np.where(matrix > 0.0, shares, 0.0).sum(axis=1)  # what does not act may have no limit
-        times = [
-            momenta / forces,
-            v / np.minimum(-limits.a_lower, limits.a_upper),
-            2.0 * np.sqrt(v / jerks),
-        ]
+        times = [momenta / forces, v / np.minimum(-limits.a_lower, limits.a_upper), 2.0 * np.sqrt(v / jerks)]
     longest = max(float(np.max(one[np.isfinite(one)], initial=0.0)) for one in times)
     if not longest > 0.0:
         raise ProblemError(

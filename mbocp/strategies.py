@@ -26,7 +26,7 @@ import numpy as np
 from mbocp._arrays import dataclass, frozen_array
 from mbocp.clearing import ClearOfObstacles, OtherWays, after, depth_of
 from mbocp.exceptions import CompilationTimeout
-from mbocp.guesses.attempts import attempt
+from mbocp.guesses.in_turn import attempt
 from mbocp.job import Job, Strategy
 from mbocp.problem import Bounds, PathConstraint, Problem
 from mbocp.problem.between_nodes import (

@@ -18,10 +18,8 @@ PACKAGE = Path(__file__).parents[1] / "mbocp"
 LAYERS = (
     "_exports",
     "_text",
-    "_warn",
     "_tolerances",
     "_quantities",
-    "_numbers",
     "exceptions",
     "_arrays",
     "_measured",
@@ -32,7 +30,6 @@ LAYERS = (
     "_processes",
     "_threads",
     "_files",
-    "_linear",
     "_memory",
     "_native",
     "programme",
@@ -76,11 +73,11 @@ SOURCES = sorted(
 )
 ALONE = {
     "symbolic": {"exceptions", "_arrays", "_native"},
-    "meshes": {"_text", "exceptions", "_files", "_arrays", "_linear"},
+    "meshes": {"_text", "exceptions", "_files", "_arrays"},
     "storage": {"exceptions", "_arrays", "_files", "_processes"},
     "_native": set(),
-    "programme": {"_warn", "exceptions", "_exports", "_arrays", "_environment", "_native", "_processes"},
-    "solvers": {"exceptions", "_exports", "_arrays", "_linear", "_processes", "programme"},
+    "programme": {"_text", "exceptions", "_exports", "_arrays", "_environment", "_native", "_processes"},
+    "solvers": {"exceptions", "_exports", "_arrays", "_processes", "programme"},
     "exceptions": {"_text"},
 }
 

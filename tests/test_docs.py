@@ -17,9 +17,9 @@ import mbocp
 from mbocp.cli.app import COMMANDS, app_for, load_command
 from mbocp.problem.file.keys_page import update_page
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.read_tables import ProblemTable
 from mbocp.problem.file.tables import problem_to_toml
-from mbocp.solution.records import Status
+from mbocp.solution.details import Status
 from mbocp.storage.content import QUANTITIES
 
 ROOT = Path(__file__).parent.parent

@@ -18,7 +18,7 @@ import pytest
 import mbocp
 from mbocp._keys import tables_in
 from mbocp.problem.file.keys_page import all_keys, rows
-from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.read_tables import ProblemTable
 from mbocp.problem.problem import problem_from_tables
 
 if sys.version_info >= (3, 11):

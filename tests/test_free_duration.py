@@ -15,7 +15,7 @@ from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InconsistentStart, MbocpError
 from mbocp.formulation import formulate
 from mbocp.formulation.features.step_lengths import begins_phase
-from mbocp.guesses.kinds import plain_guess
+from mbocp.guesses.make import plain_guess
 from mbocp.problem import load_problem
 from mbocp.solvers import SolverSettings, Start, run_strategy
 from mbocp.terms import running_cost

@@ -14,7 +14,7 @@ from mbocp.cli.solution_summary import solution_rows
 from mbocp.exceptions import InconsistentStart
 from mbocp.formulation import formulate
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import plain_guess
+from mbocp.guesses.make import plain_guess
 from mbocp.problem import load_problem, parse_problem, problem_to_toml
 from mbocp.terms import path_constraint, running_cost
 from mbocp.view.marks import marks_of, marks_of_result

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp._linear import align, largest_entry, norm, spanning_rows
+from mbocp._arrays import align, largest_entry, norm, spanning_rows
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-100, 1.0, 1e150, 1e200, 1e300])

@@ -16,7 +16,7 @@ from scipy.special import ellipk
 
 from mbocp import Problem, Solution, load_problem, load_robot, solve
 from mbocp._files import parse_toml
-from mbocp.cli.goal_words import goal_error
+from mbocp.cli.summary_words import goal_error
 from mbocp.exceptions import MbocpError
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem.file.tables import tables_of, to_toml

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from mbocp.view.browser import browse, find_browser
+from mbocp.view.movie import browse, find_browser
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gallery"

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, NotConverged
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
-from mbocp.sensitivity.of_solution import Sensitivities, sensitivities
-from mbocp.sensitivity.parameter import Parameter
+from mbocp.sensitivity.change import Parameter
+from mbocp.sensitivity.derivatives import Sensitivities, sensitivities
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solving import solve

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.bounds.windows import Windows
+from mbocp.bounds.task import Windows
 
 _OPTIONS: dict[str, Any] = {
     "print_time": False,

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
-from mbocp.bounds.task import Task
+from mbocp.bounds.task import Task, windows_of
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -159,7 +159,6 @@ def _efforts(task: Task) -> tuple[float, str]:
     if task.why_no_forces:
         return 0.0, f"efforts are not looked at: {task.why_no_forces}"
     from mbocp.bounds.efforts import least_squares  # CasADi, for those who need it
-    from mbocp.bounds.windows import windows_of
 
     windows = windows_of(task)
     if windows is None:

@@ -36,8 +36,8 @@ COMMANDS = {
     "spheres": ("robots", "Show the spheres that stand for links where a robot may collide."),
     "study": ("study_table", "Solve many problems: a grid, a random sample, or a list."),
     "identify": ("identify", "Find masses, inertias and friction from a recorded motion."),
-    "keys": ("keys", "Say what keys of problem files take and mean."),
-    "schema": ("keys", "Write the JSON schema of problem files."),
+    "keys": ("new", "Say what keys of problem files take and mean."),
+    "schema": ("new", "Write the JSON schema of problem files."),
     "doctor": ("doctor", "Say what works on this machine, and how to mend what does not."),
 }
 

@@ -126,8 +126,7 @@ def _native() -> tuple[Verdict, str, str]:
 
 
 def _kernel() -> tuple[Verdict, str, str]:
-    from mbocp.programme.native_modules import kernel
-    from mbocp.programme.processor import instruction_flags
+    from mbocp.programme.native_modules import instruction_flags, kernel
 
     module = kernel()
     classes = (module.Programme, module.Kind)  # what is missing from a broken build is an AttributeError

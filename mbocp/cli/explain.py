@@ -87,11 +87,7 @@ def _facts(found: Explanation) -> dict[str, object]:
     }
 
 
-def bound(
-    file: ProblemOrResult,
-    settings: Settings = None,
-    as_json: Json = False,
-) -> None:
+def bound(file: ProblemOrResult, settings: Settings = None, as_json: Json = False) -> None:
     """Bound cost and duration of all motions from below.
 
     Nothing is solved. A result is compared with it.

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from mbocp._files import RESULT_SUFFIXES
-from mbocp._numbers import finite_number
+from mbocp._quantities import finite_number
 from mbocp.cli import signals
 from mbocp.cli.app import Quiet, Settings, argument, option, output_file
 from mbocp.cli.results import load_result, name_errors, tell

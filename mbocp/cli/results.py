@@ -178,8 +178,7 @@ def export(
     interpolation: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME",
-            help="cubic or quintic, between the nodes. [default: cubic; for ros2 quintic]",
+            metavar="NAME", help="cubic or quintic, between the nodes. [default: cubic; for ros2 quintic]"
         ),
     ] = None,
     fit: Annotated[

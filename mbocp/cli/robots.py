@@ -59,9 +59,7 @@ def _print_list(entries: Sequence[RobotEntry]) -> None:
             table.add_row(entry.name, entry.description)
         console.print(f"from {source}:", style="bold")
         console.print(table)
-    console.print(
-        "`mbocp robots NAME` says what a robot has; the path of its file is good for a name.",
-    )
+    console.print("`mbocp robots NAME` says what a robot has; the path of its file is good for a name.")
 
 
 def _print_robot(facts: Mapping[str, Any]) -> None:

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.text import Text
 
-from mbocp.cli.accuracy_words import accuracy_words, coarse_words
-from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.console import count, output, plain_table
-from mbocp.cli.goal_words import goal_error
 from mbocp.cli.limit_rows import limit_rows
+from mbocp.cli.summary_words import accuracy_words, clearance_lines, coarse_words, goal_error
 from mbocp.integrators.schemes import SCHEMES
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
     from mbocp.problem.reasons.cause import Cause
     from mbocp.robot import Robot
     from mbocp.solution import Solution
-    from mbocp.solution.records import StartRecord
+    from mbocp.solution.details import StartRecord
 
 _Rows = list[tuple[str, str | Text]]
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.build import build_programme
-from mbocp.formulation.goal import EndRows
+from mbocp.formulation.end_rows import EndRows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces

@@ -12,24 +12,22 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._memory import check_horizon
+from mbocp.formulation.end_rows import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.features.all_features import features_of
+from mbocp.formulation.features.changing_constraints import has_step_before
 from mbocp.formulation.features.easing import ease_terms, easing_weights
 from mbocp.formulation.features.feature import Asked
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
-from mbocp.formulation.features.switches import has_step_before
-from mbocp.formulation.goal import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.ordinary_units import units_of
-from mbocp.formulation.parameter_layout import NUMBERS, ParameterLayout, concatenate, mask, path_parameters
-from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.pieces import NUMBERS, ParameterLayout, Pieces, concatenate, mask, path_parameters
 from mbocp.formulation.row_words import RowDescriber
 from mbocp.formulation.signature import FunctionSignature, check_operations
 from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions
-from mbocp.formulation.state_bounds import state_bounds
+from mbocp.formulation.state_bounds import state_bounds, tighten
 from mbocp.formulation.steps import HAS_BEFORE, Steps, unit_of
 from mbocp.formulation.term_numbers import term_numbers
-from mbocp.formulation.tightening import tighten
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.programme import StageKind, StagewiseProgramme

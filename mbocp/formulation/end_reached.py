@@ -22,11 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._arrays import Array, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.switches import ties_at_end
+from mbocp.formulation.features.changing_constraints import ties_at_end
 from mbocp.formulation.motion import Motion
 from mbocp.mechanics.diagnostics import constraint_violation
 from mbocp.mechanisms.consistent_states import allowed_velocities

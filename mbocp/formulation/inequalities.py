@@ -10,9 +10,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.braking_within import BRAKING_WITHIN, names_of_braking
+from mbocp.formulation.features.changing_constraints import reactions_along
 from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
-from mbocp.formulation.features.reactions import reactions_along
 from mbocp.formulation.features.within_steps import names_within, units_within
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.state_bounds import sides_of_path

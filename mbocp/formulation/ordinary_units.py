@@ -13,11 +13,10 @@ import math
 import numpy as np
 
 from mbocp._arrays import BoolArray
-from mbocp.formulation.parameter_layout import ParameterLayout, mask
-from mbocp.formulation.pieces import Pieces
+from mbocp.formulation.pieces import ParameterLayout, Pieces, mask
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
-from mbocp.problem.cost import typical_force
+from mbocp.problem.weights import typical_force
 from mbocp.programme.stagewise import Units
 
 _ORDINARY_FORCE = (2.0**-4, 2.0**10)  # [N, N m]

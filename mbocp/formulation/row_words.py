@@ -8,11 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import dataclass
-from mbocp._linear import largest_entry
+from mbocp._arrays import dataclass, largest_entry
+from mbocp.formulation.end_rows import acceleration_rows
 from mbocp.formulation.features.feature import join
 from mbocp.formulation.features.moved_start import start_ends
-from mbocp.formulation.goal import acceleration_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.lie import ConfigurationSpace

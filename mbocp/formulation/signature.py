@@ -30,7 +30,7 @@ from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_tolerance import ToleranceTerm
 from mbocp.terms.kinds import AccelerationEnd, Effort, ExactGoal, TerminalCost
 from mbocp.terms.own_parts import OwnEnd, OwnPath
-from mbocp.terms.path import PathTerm
+from mbocp.terms.path_term import PathTerm
 from mbocp.terms.periodic_end import PeriodicEnd, StartEnd
 from mbocp.terms.rates import RateTerm
 from mbocp.terms.via_term import ViaTerm

@@ -5,7 +5,6 @@ hot path.
 """
 
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import guess_candidates
-from mbocp.guesses.make import make_guess
+from mbocp.guesses.make import guess_candidates, make_guess
 
 __all__ = ["guess_candidates", "iterate_from_solution", "make_guess"]

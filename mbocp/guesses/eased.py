@@ -15,10 +15,9 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.formulation import Formulation
-from mbocp.guesses.ranking import is_preferred, status_of, with_end
-from mbocp.guesses.screening import Screening, can_screen
+from mbocp.guesses.screening import Screening, can_screen, is_preferred, status_of, with_end
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.deadline import deadline_after, time_until
+from mbocp.solvers.records import deadline_after, time_until
 from mbocp.solvers.strategies.phases import how_it_ended
 
 GIVEN_SOLUTIONS = ("warm start", "solution")  # guesses with a minimum of their own, which is wanted
@@ -42,12 +41,7 @@ class _Run:
 
 
 def try_easing(
-    formulation: Formulation,
-    settings: SolverSettings,
-    start: Start,
-    plain: Outcome,
-    *,
-    number: int = 0,
+    formulation: Formulation, settings: SolverSettings, start: Start, plain: Outcome, *, number: int = 0
 ) -> Outcome:
     """The outcome of a plain solve, or what the eased problem leads to where that is better.
 

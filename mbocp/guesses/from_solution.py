@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from mbocp._arrays import Array, IntArray, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import fill_impulses
+from mbocp.formulation.features.changing_constraints import fill_impulses
 from mbocp.formulation.iterates import restore
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics import dual_of_velocity

@@ -21,8 +21,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray, dataclass
-from mbocp._linear import null_space
+from mbocp._arrays import Array, BoolArray, IntArray, dataclass, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.guesses.footholds import Landing, footholds, takeoffs
 from mbocp.guesses.stop import Stop, first_of, instant

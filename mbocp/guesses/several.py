@@ -19,13 +19,12 @@ from mbocp._environment import available_threads
 from mbocp._threads import SideBySide, Watch
 from mbocp.formulation import Formulation
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
-from mbocp.guesses.ranking import is_preferred, status_of, with_end
+from mbocp.guesses.screening import is_preferred, status_of, with_end
 from mbocp.guesses.starts import StartGuess, further_kinds, start_guesses
 from mbocp.job import Job, settings_of
-from mbocp.solution.records import StartRecord
+from mbocp.solution.details import StartRecord
 from mbocp.solvers import Outcome, Phase, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.deadline import time_until
-from mbocp.solvers.records import Callback, time_phase
+from mbocp.solvers.records import Callback, time_phase, time_until
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError
 from mbocp.solvers.strategies.strategy import run_elsewhere
 
@@ -33,10 +32,7 @@ _PATIENCE = 1.0  # [s] after which a process that helps is worth its beginning
 
 
 def solve_from_starts(
-    job: Job,
-    goals: Sequence[tuple[int | None, Formulation]],
-    phases: list[Phase],
-    workers: int | None = None,
+    job: Job, goals: Sequence[tuple[int | None, Formulation]], phases: list[Phase], workers: int | None = None
 ) -> tuple[Formulation, Outcome, str, tuple[StartRecord, ...]]:
     """Run the solver from `solver.starts` guesses to each goal; the best outcome, its guess, all in short.
 

@@ -14,8 +14,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import ways_around
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.kinds import guess_candidates, kinds_in_turn, none_made
-from mbocp.guesses.make import make_guess
+from mbocp.guesses.make import guess_candidates, kinds_in_turn, make_guess, none_made
 from mbocp.guesses.straight_line import driven_line, line
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.job import Warm

@@ -10,13 +10,11 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, dataclass
-from mbocp._linear import null_space
+from mbocp._arrays import Array, BoolArray, dataclass, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.features.switches import fill_lengths, repeat_at_impacts
-from mbocp.guesses.along import is_led, usual_way
-from mbocp.guesses.balance import balances
+from mbocp.formulation.features.changing_constraints import fill_lengths, repeat_at_impacts
+from mbocp.guesses.along import balances, is_led, usual_way
 from mbocp.guesses.held_stops import carried_rate, carry, held_stops
 from mbocp.guesses.stop import Stop
 from mbocp.guesses.ways import Way

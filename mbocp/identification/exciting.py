@@ -260,10 +260,7 @@ class _Search:
 
     def limited_rows(self, motion: Motion) -> tuple[Array, Array]:
         """The other limits, linear about a motion: rows and upper bounds of changes."""
-        values, parts = (
-            self.bounded_values(motion),
-            self.dynamics.differences(self.bounded_values, motion),
-        )
+        values, parts = (self.bounded_values(motion), self.dynamics.differences(self.bounded_values, motion))
         finite = np.flatnonzero(np.isfinite(self.ranges).any(axis=0))
         blocks = [
             np.einsum("kc,kji->kjci", B, part[:, finite]) for B, part in zip(self.values, parts, strict=True)

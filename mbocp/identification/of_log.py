@@ -12,10 +12,10 @@ import pinocchio as pin
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._text import list_names
 from mbocp.exceptions import LogError
+from mbocp.identification.advice import MOST_NAMES, ask, describe
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
-from mbocp.identification.messages import MOST_NAMES, ask, describe
 from mbocp.identification.robot_log import Log, read_log
 from mbocp.identification.unknown_parameters import (
     BaseParameters,

@@ -112,10 +112,7 @@ class BaseParameters:
 
 
 def unknowns_of(
-    dynamics: InverseDynamics,
-    friction: str = "both",
-    rotors: bool = False,
-    payload: str | None = None,
+    dynamics: InverseDynamics, friction: str = "both", rotors: bool = False, payload: str | None = None
 ) -> Unknowns:
     """What is to be found of a robot; friction and rotors are those of joints with motors.
 

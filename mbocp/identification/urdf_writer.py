@@ -14,8 +14,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._files import read_text, root_tag
-from mbocp._text import quote_all
-from mbocp._warn import warn_caller
+from mbocp._text import quote_all, warn_caller
 from mbocp.exceptions import ResultFileError, RobotFileError, Unreadable
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.unknown_parameters import OF_JOINT, Unknowns

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from mbocp.integrators.euler import step_rows as step_rows
     from mbocp.integrators.pairs import PAIRS as PAIRS
     from mbocp.integrators.pairs import Pair as Pair
+    from mbocp.integrators.schemes import EULER_SCHEMES as EULER_SCHEMES
     from mbocp.integrators.schemes import SCHEMES as SCHEMES
+    from mbocp.integrators.schemes import TAU as TAU
+    from mbocp.integrators.schemes import VELOCITY_TAU as VELOCITY_TAU
     from mbocp.integrators.schemes import SchemeData as SchemeData
     from mbocp.integrators.schemes import schemes_that as schemes_that
     from mbocp.integrators.tableaux import LIE_METHODS as LIE_METHODS
     from mbocp.integrators.tableaux import TABLEAUX as TABLEAUX
     from mbocp.integrators.tableaux import Tableau as Tableau
-    from mbocp.integrators.tau import EULER_SCHEMES as EULER_SCHEMES
-    from mbocp.integrators.tau import TAU as TAU
-    from mbocp.integrators.tau import VELOCITY_TAU as VELOCITY_TAU
 
 
 __getattr__ = names_of(__name__, __file__)

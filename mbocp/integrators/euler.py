@@ -26,7 +26,7 @@ Constraints hold at the nodes, not at :math:`q_\tau` as in Appendix C:
   :math:`\Phi(q_\tau) = 0` would let the nodes leave the constraint, and the end q_N with them, by O(dt^2).
 - SE2: :math:`q_n` is there before the step's forces act, so that its multiplier :math:`\lambda_n` can only
   answer for the position after, :math:`\Phi(q_n \exp(\Delta t\,v_n)) = \Phi(q_{n+1}) = 0`: the half-explicit
-  Euler method for index 3. The start velocity has to agree with that, see `mbocp.formulation.start`.
+  Euler method for index 3. The start velocity has to agree with that, see `mbocp.formulation.end_rows`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbocp._arrays import Array
-from mbocp.integrators.tau import TAU, VELOCITY_TAU
+from mbocp.integrators.schemes import TAU, VELOCITY_TAU
 from mbocp.mechanics import Mechanics
 from mbocp.robot import Robot
 from mbocp.robot.nodes import move

@@ -9,7 +9,14 @@ from types import MappingProxyType
 from mbocp._arrays import dataclass
 from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
-from mbocp.integrators.tau import VELOCITY_TAU
+
+# Appendix B: where in its step a scheme looks at state and forces.
+TAU: Mapping[str, float] = MappingProxyType(
+    {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}
+)
+# Where in its step the velocity is that the configuration moves with.
+VELOCITY_TAU: Mapping[str, float] = MappingProxyType({**TAU, "semi_implicit_euler": 1.0})
+EULER_SCHEMES = tuple(TAU)
 
 
 @dataclass(frozen=True)

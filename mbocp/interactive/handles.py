@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
-from mbocp.interactive.wish import Wish
+from mbocp.interactive.resolver import Wish
 from mbocp.problem import Goal, Problem
 from mbocp.robot import Robot
 from mbocp.view.meshcat.goals import goal_placements

@@ -15,8 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp.interactive.handles import JointHandle, PoseHandle, joint_handles, pose_handles
-from mbocp.interactive.resolver import Answer, Resolver
-from mbocp.interactive.wish import Wish, weight_keys
+from mbocp.interactive.resolver import Answer, Resolver, Wish, weight_keys
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from

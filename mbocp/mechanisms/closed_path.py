@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._linear import null_space
+from mbocp._arrays import Array, BoolArray, null_space
 from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot

@@ -12,8 +12,13 @@ from mbocp._text import quote_all
 from mbocp._tolerances import ARRIVAL_TOLERANCE
 from mbocp.exceptions import InconsistentStart, LoopNotClosed, UnreachableGoal
 from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
-from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, check_position, project_on_constraints
-from mbocp.mechanisms.search import distance, search
+from mbocp.mechanisms.consistent_states import (
+    CONSISTENCY_TOLERANCE,
+    check_position,
+    distance,
+    project_on_constraints,
+    search,
+)
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, violations
 from mbocp.robot.poses.inverse_kinematics import close_anywhere

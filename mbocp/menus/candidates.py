@@ -18,8 +18,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.around import ways_around
-from mbocp.guesses.kinds import kinds_in_turn
-from mbocp.guesses.make import make_guess
+from mbocp.guesses.make import kinds_in_turn, make_guess
 from mbocp.guesses.starts import start_guesses
 from mbocp.guesses.straight_line import driven_line, is_whole, line
 from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turned_ways

@@ -18,8 +18,7 @@ from mbocp.exceptions import CompilationTimeout, ResultFileError
 from mbocp.formulation import Formulation
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.formulation.read_trajectory import describe_coarse_turn
-from mbocp.guesses.ranking import SAME_COST
-from mbocp.guesses.screening import Screening, Trial, can_screen, finer, with_fewer_steps
+from mbocp.guesses.screening import SAME_COST, Screening, Trial, can_screen, finer, with_fewer_steps
 from mbocp.guesses.straight_line import line
 from mbocp.guesses.ways import straight
 from mbocp.job import Job, settings_of
@@ -31,12 +30,11 @@ from mbocp.programme.iterate import Carried
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
 from mbocp.solution import Solution
+from mbocp.solution.details import StartRecord
 from mbocp.solution.from_files import problem_from
 from mbocp.solution.later import retold
-from mbocp.solution.records import StartRecord
 from mbocp.solvers import Phase, Start, Status
-from mbocp.solvers.deadline import time_until
-from mbocp.solvers.records import Callback
+from mbocp.solvers.records import Callback, time_until
 from mbocp.strategies import strategy_for
 
 T = TypeVar("T")

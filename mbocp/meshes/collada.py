@@ -16,19 +16,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, norm
 from mbocp._files import is_file, read_bytes
-from mbocp._linear import norm
 from mbocp._text import show
-from mbocp.meshes.mesh_parts import (
-    MAX_TRIANGLES,
-    MESH_LIMIT,
-    Indices,
-    MeshPart,
-    Surface,
-    distinct_rows,
-    fans,
-)
+from mbocp.meshes.mesh_parts import MAX_TRIANGLES, MESH_LIMIT, Indices, MeshPart, Surface, distinct_rows, fans
 
 Node = ElementTree.Element
 _MAX_LEVELS = 64  # of nodes within each other

@@ -15,8 +15,7 @@ from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label, Robot
-from mbocp.robot.loops.kinds.axes import perpendiculars
-from mbocp.robot.loops.kinds.constraint import Constraint
+from mbocp.robot.loops.kinds.constraint import Constraint, perpendiculars
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.cost import ForceRows

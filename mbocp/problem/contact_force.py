@@ -11,11 +11,10 @@ import numpy as np
 from mbocp._arrays import dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
-from mbocp.robot.loops.kinds.axes import Axis, unit_axis
-from mbocp.robot.loops.kinds.constraint import Constraint
+from mbocp.robot.loops.kinds.constraint import Axis, Constraint, unit_axis
 from mbocp.terms.contact import ContactTerm
+from mbocp.terms.heights import Surface
 from mbocp.terms.span import Span
-from mbocp.terms.surface import Surface
 
 _Z: Axis = (0.0, 0.0, 1.0)
 _LEAST_FACETS, _MOST_FACETS = 3, 64

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, dataclass
-from mbocp._linear import spanning_rows
+from mbocp._arrays import Array, BoolArray, dataclass, spanning_rows
 from mbocp._text import list_names
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed

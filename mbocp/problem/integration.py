@@ -15,7 +15,6 @@ from mbocp.problem._checks import check_choice, check_integer, check_number
 from mbocp.problem.contact_bounds import ContactBounds, forces_of_costs
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.path import PathConstraint
@@ -23,6 +22,7 @@ from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import is_weighed
 from mbocp.problem.warn import has_equations_throughout
+from mbocp.problem.weights import Cost
 from mbocp.robot import Robot, kinematics
 from mbocp.terms.own import OwnTerm
 

@@ -181,13 +181,7 @@ def _not_plain(name: str) -> ProblemError:
 
 
 def check_limits(
-    robot: Robot,
-    bounds: Bounds,
-    q_start: Array,
-    v_start: Array,
-    goal: Goal,
-    *,
-    of_end: Bounds | None = None,
+    robot: Robot, bounds: Bounds, q_start: Array, v_start: Array, goal: Goal, *, of_end: Bounds | None = None
 ) -> None:
     """Refuse limits that exclude the start or an exact goal, where those of the end may be others."""
     _refuse_outside(bounds, "start", "q", q_start, np.ones(robot.nq, dtype=np.bool_), robot.q_labels)

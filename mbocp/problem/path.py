@@ -19,7 +19,7 @@ from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
 from mbocp.terms.kinds import PATH_TERMS, Follow, Position
-from mbocp.terms.path import PathTerm
+from mbocp.terms.path_term import PathTerm
 from mbocp.terms.span import Place, Span
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)

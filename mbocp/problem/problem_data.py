@@ -11,9 +11,8 @@ from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.integrators import ControlKind
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
 from mbocp.problem.excite import Excite
-from mbocp.problem.found_parameter import Parameter
+from mbocp.problem.found_parameter import Parameter, Robust, Tube
 from mbocp.problem.goals.end_conditions import (
     accelerations_at_end,
     check_end_conditions,
@@ -28,13 +27,12 @@ from mbocp.problem.goals.frames import goal_branches
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.goals.periodic import Periodic
-from mbocp.problem.guess import Guess
 from mbocp.problem.integration import Lie, Stabilisation
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.rate_limits import RateLimit, end_control_limit, end_jerk_limit, rate_limits
-from mbocp.problem.solver import SolverOptions
+from mbocp.problem.solver import Guess, SolverOptions
 from mbocp.problem.timeline.hold import Hold, Release
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import (
@@ -48,7 +46,7 @@ from mbocp.problem.timeline.phase_values import (
 from mbocp.problem.timeline.step_counts import AskedNodes
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.uncertainty import Robust, Tube
+from mbocp.problem.weights import Cost
 from mbocp.robot import InverseKinematics, Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import OwnTerm

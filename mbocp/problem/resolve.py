@@ -11,7 +11,6 @@ from typing import Any
 
 from mbocp._arrays import Array
 from mbocp.problem._checks import check_integer
-from mbocp.problem.cost import Cost
 from mbocp.problem.goals.ends import check_acceleration, check_start_state, settle_goal
 from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
@@ -40,13 +39,8 @@ from mbocp.problem.timeline.timeline import ANY_TIME, Condition, Timeline, timel
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.timeline.via_points import order_via, place_via
-from mbocp.problem.together import (
-    check_guess,
-    check_has_actuators,
-    check_terms,
-    check_weights,
-    with_contacts,
-)
+from mbocp.problem.together import check_guess, check_has_actuators, check_terms, check_weights, with_contacts
+from mbocp.problem.weights import Cost
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.terms import OwnTerm

@@ -8,8 +8,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import SCHEMES, schemes_that
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
-from mbocp.problem.found_parameter import Parameter
+from mbocp.problem.found_parameter import Parameter, Robust
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_control_terms
@@ -21,8 +20,8 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import heaviest_cost, limits_along
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.via import ViaPoint
-from mbocp.problem.uncertainty import Robust
 from mbocp.problem.warn import warn_alternating, warn_held_anywhere
+from mbocp.problem.weights import Cost
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import take
 from mbocp.solvers.options import BOUNDED_METHODS

@@ -6,25 +6,20 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.contact_bounds import (
-    ContactBounds,
-    check_has_forces,
-    contact_bounds,
-    force_rows,
-)
+from mbocp.problem.contact_bounds import ContactBounds, check_has_forces, contact_bounds, force_rows
 from mbocp.problem.contact_force import ContactForce
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.guess import Guess
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.solver import Guess
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.phase_values import is_weighed
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.weights import Cost
 from mbocp.robot import Robot
 from mbocp.terms import OwnTerm
 from mbocp.terms.bounded import BoundedTerm

@@ -8,9 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._text import list_names
+from mbocp._text import list_names, warn_caller
 from mbocp._tolerances import BOUND_TOLERANCE
-from mbocp._warn import warn_caller
 from mbocp.integrators import SCHEMES
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.goals.goal import Goal

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
+    from mbocp.programme.bounds import StateBounds as StateBounds
     from mbocp.programme.iterate import BoundMultipliers as BoundMultipliers
     from mbocp.programme.iterate import Iterate as Iterate
     from mbocp.programme.iterate import zero_multipliers as zero_multipliers
     from mbocp.programme.stagewise import StageKind as StageKind
     from mbocp.programme.stagewise import StagewiseProgramme as StagewiseProgramme
     from mbocp.programme.stagewise import Units as Units
-    from mbocp.programme.state_bounds import StateBounds as StateBounds
 
 
 __getattr__ = names_of(__name__, __file__)

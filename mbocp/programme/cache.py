@@ -24,7 +24,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 from mbocp._environment import number_from
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import CompilationError
 
 _MAGIC = b"mbocp-stage-1:"  # then the SHA-256 of all that stands before it

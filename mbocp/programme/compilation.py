@@ -23,20 +23,13 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from mbocp._arrays import dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme.background import BackgroundCompiler
 from mbocp.programme.cache import environment, is_sound, is_trusted
 from mbocp.programme.compiler import check_deadline, compiler
-from mbocp.programme.library import (
-    key_of,
-    library_key,
-    library_of,
-    make_library,
-    sources_digest,
-)
-from mbocp.programme.native_modules import kernel
-from mbocp.programme.processor import number_of_lanes
+from mbocp.programme.library import key_of, library_key, library_of, make_library, sources_digest
+from mbocp.programme.native_modules import kernel, number_of_lanes
 from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, is_tape, open_tape
 
 if TYPE_CHECKING:
@@ -74,11 +67,7 @@ class CompiledFunctions:
     compile_now: Callable[[], CompiledFunctions] | None = None
 
     def __init__(
-        self,
-        library: Path | None,
-        tapes: Tapes | None,
-        compiled_now: bool,
-        later: Later | None = None,
+        self, library: Path | None, tapes: Tapes | None, compiled_now: bool, later: Later | None = None
     ) -> None:
         self.library, self.tapes, self.compiled_now = library, tapes, compiled_now
         self.later, self.opened = later, {}

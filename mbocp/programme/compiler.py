@@ -92,11 +92,7 @@ def check_deadline(deadline: float, doing: str) -> None:
 
 
 def run_compiler(
-    command: Sequence[str],
-    scratch: Path,
-    deadline: float = math.inf,
-    *,
-    before: Sequence[Sequence[str]] = (),
+    command: Sequence[str], scratch: Path, deadline: float = math.inf, *, before: Sequence[Sequence[str]] = ()
 ) -> None:
     """Run a compiler to its end.
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
+from mbocp.programme.bounds import StateBounds
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.stagewise import StagewiseProgramme
-from mbocp.programme.state_bounds import StateBounds
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
@@ -61,12 +61,7 @@ def kernel_programme(
         ng=programme.ng, values=function("terminal_values"), complete=function("terminal_complete")
     )
     made = native.Programme(
-        programme.num_steps,
-        kind,
-        terminal,
-        function("retract"),
-        function("difference"),
-        num_threads=threads,
+        programme.num_steps, kind, terminal, function("retract"), function("difference"), num_threads=threads
     )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
     if has_limits:

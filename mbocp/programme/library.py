@@ -38,8 +38,7 @@ from mbocp.programme.cache import (
     trim_after,
 )
 from mbocp.programme.compiler import check_deadline, run_compiler
-from mbocp.programme.native_modules import kernel
-from mbocp.programme.processor import instruction_flags, number_of_lanes
+from mbocp.programme.native_modules import instruction_flags, kernel, number_of_lanes
 
 if TYPE_CHECKING:
     from mbocp.programme.c_files import CText
@@ -98,7 +97,7 @@ _LEFT_OUT = (
 )
 _MOST_FILES = 4
 # What turns functions into tapes and C, beside this module; the kernel's part is `TAPE_FORMAT`.
-_SOURCES = ("tapes.py", "c_files.py", "processor.py", "lanes.h", "functions.h")
+_SOURCES = ("tapes.py", "c_files.py", "native_modules.py", "lanes.h", "functions.h")
 # Lines of CasADi's, whose functions are whole: to optimise more takes minutes. Those of the kernel are in
 # pieces, so that time grows with their number; as -O0 leaves them, a tape is four times quicker.
 _LONG = 150_000

@@ -25,8 +25,8 @@ from dataclasses import field, replace
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_mask
+from mbocp.programme.bounds import StateBounds
 from mbocp.programme.compilation import CompiledFunctions
-from mbocp.programme.state_bounds import StateBounds
 
 
 @dataclass(frozen=True)

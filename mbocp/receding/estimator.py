@@ -14,13 +14,21 @@ from mbocp._arrays import Array
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.problem._checks import check_integer
-from mbocp.receding.assumed import check_whole, check_words, deviations_of, robot_of
 from mbocp.receding.estimate import Estimate
 from mbocp.receding.estimator_functions import EstimatorLayout, load_estimator_functions
 from mbocp.receding.estimator_kernel import estimator_kernel
-from mbocp.receding.given import MICROSECOND, MOST_ITERATIONS, iterations_of, numbers_of, time_of
-from mbocp.receding.kalman import LinearStage, filter_stage, lower_root
-from mbocp.receding.samples import FIRST, Samples
+from mbocp.receding.given import (
+    MICROSECOND,
+    MOST_ITERATIONS,
+    check_whole,
+    check_words,
+    deviations_of,
+    iterations_of,
+    numbers_of,
+    robot_of,
+    time_of,
+)
+from mbocp.receding.kalman import FIRST, LinearStage, Samples, filter_stage, lower_root
 from mbocp.receding.status import HorizonStatus
 from mbocp.receding.unknowns import unknowns_of, with_payloads
 from mbocp.robot import Robot

@@ -21,8 +21,7 @@ from mbocp.problem._checks import check_integer
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import Iterate
 from mbocp.receding.given import MICROSECOND, MOST_ITERATIONS, iterations_of, numbers_of, time_of
-from mbocp.receding.moving import MovingStages
-from mbocp.receding.refusals import check_can_recede, check_functions
+from mbocp.receding.refusals import MovingStages, check_can_recede, check_functions
 from mbocp.receding.saved import check_savable, write_horizon
 from mbocp.receding.speed import targets_at_speed
 from mbocp.receding.status import HorizonStatus

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.robot.collision.source import CollisionSphere as CollisionSphere
+    from mbocp.robot.collision.geometry import CollisionSphere as CollisionSphere
     from mbocp.robot.collision.spheres import LinkSpheres as LinkSpheres
     from mbocp.robot.gathering import gather as gather
     from mbocp.robot.gathering import load_stored as load_stored
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from mbocp.robot.loops.kinds.constraint import Constraint as Constraint
     from mbocp.robot.loops.kinds.constraint import Kinematics as Kinematics
     from mbocp.robot.loops.kinds.coupling import Coupling as Coupling
-    from mbocp.robot.loops.kinds.hinge import Hinge as Hinge
-    from mbocp.robot.loops.kinds.point import Point as Point
-    from mbocp.robot.loops.kinds.point_on_line import PointOnLine as PointOnLine
-    from mbocp.robot.loops.kinds.point_on_plane import PointOnPlane as PointOnPlane
+    from mbocp.robot.loops.kinds.hinges import Hinge as Hinge
+    from mbocp.robot.loops.kinds.hinges import Screw as Screw
+    from mbocp.robot.loops.kinds.hinges import Weld as Weld
+    from mbocp.robot.loops.kinds.points import Point as Point
+    from mbocp.robot.loops.kinds.points import PointOnLine as PointOnLine
+    from mbocp.robot.loops.kinds.points import PointOnPlane as PointOnPlane
     from mbocp.robot.loops.kinds.rod import Rod as Rod
-    from mbocp.robot.loops.kinds.screw import Screw as Screw
-    from mbocp.robot.loops.kinds.weld import Weld as Weld
     from mbocp.robot.loops.redundancy import singular_closure as singular_closure
     from mbocp.robot.named_numbers import number_of as number_of
     from mbocp.robot.named_numbers import with_numbers as with_numbers

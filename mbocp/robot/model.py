@@ -16,7 +16,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, BoolArray, IntArray, dataclass, freeze, frozen_array
 from mbocp.exceptions import InvalidValue, UnknownJoint
 from mbocp.robot import joints, kinematics
-from mbocp.robot.collision.source import CollisionSphere, ShapeSource
+from mbocp.robot.collision.geometry import CollisionSphere, ShapeSource
 from mbocp.robot.joints import JointPlace
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import (

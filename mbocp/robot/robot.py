@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, kinematics
 from mbocp.robot.collision.geometry import read_geometry

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from mbocp._exports import names_of
 
 if TYPE_CHECKING:
-    from mbocp.sensitivity.of_solution import DegenerateLimitWarning as DegenerateLimitWarning
-    from mbocp.sensitivity.of_solution import Sensitivities as Sensitivities
-    from mbocp.sensitivity.of_solution import sensitivities as sensitivities
+    from mbocp.sensitivity.derivatives import DegenerateLimitWarning as DegenerateLimitWarning
+    from mbocp.sensitivity.derivatives import Sensitivities as Sensitivities
+    from mbocp.sensitivity.derivatives import sensitivities as sensitivities
 
 
 __getattr__ = names_of(__name__, __file__)

@@ -20,8 +20,7 @@ from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
-from mbocp.sensitivity.change import POINTS, Change, change_along
-from mbocp.sensitivity.parameter import Parameter
+from mbocp.sensitivity.change import POINTS, Change, Parameter, change_along
 
 _SAME = 1e-9  # [rad, m]
 

@@ -12,8 +12,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
-from mbocp.sensitivity.change import Change
-from mbocp.sensitivity.parameter import Parameter
+from mbocp.sensitivity.change import Change, Parameter
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_goal import FrameGoal
 

@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
-from mbocp.formulation.parameter_layout import NUMBERS
+from mbocp.formulation.pieces import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import (
@@ -29,9 +29,8 @@ from mbocp.robot.named_numbers import (
     with_numbers_of_model,
 )
 from mbocp.robot.payload import INERTIA_KEYS, Payload
-from mbocp.sensitivity.change import Change, change_along
+from mbocp.sensitivity.change import Change, Parameter, change_along
 from mbocp.sensitivity.of_ends import nearest_configuration
-from mbocp.sensitivity.parameter import Parameter
 from mbocp.symbolic import ModelNumber
 
 _OF_PAYLOAD = "payload."

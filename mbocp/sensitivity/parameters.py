@@ -13,11 +13,10 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.change import Change, change_along, has_plain_numbers, says_all
+from mbocp.sensitivity.change import Change, Parameter, change_along, has_plain_numbers, says_all
 from mbocp.sensitivity.of_ends import GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_frames import GoalOfFrame
 from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
-from mbocp.sensitivity.parameter import Parameter
 from mbocp.terms.cost import RunningTerm, Weighted
 from mbocp.terms.kinds import Tracking
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.formulation import Formulation, Motion
+from mbocp.formulation.features.changing_constraints import repeat_steps
 from mbocp.formulation.features.moved_start import MovedStart
-from mbocp.formulation.features.switches import repeat_steps
 from mbocp.formulation.inequalities import inequalities
 from mbocp.formulation.motion import NodeSlopes
 from mbocp.programme import BoundMultipliers, Iterate

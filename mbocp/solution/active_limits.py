@@ -8,9 +8,9 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.problem.timeline.times import least_time
+from mbocp.solution.details import Column
 from mbocp.solution.loads import rms_of
 from mbocp.solution.problem_facts import Facts, PathRow
-from mbocp.solution.records import Column
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import PLACES, RATE_TERMS, name_at
 

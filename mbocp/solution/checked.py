@@ -19,9 +19,8 @@ from mbocp._arrays import Array
 from mbocp._text import printable, show
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.details import Accuracy, StartRecord
 from mbocp.solution.problem_facts import Facts
-from mbocp.solution.records import StartRecord
 from mbocp.solution.solution_data import COUNTS, NUMBERS, SIGNED, WORDS, SolutionData
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import ITERATE, QUANTITIES, FileContent

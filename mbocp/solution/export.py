@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, plain_json
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.atomic import atomic_path
-from mbocp.solution.records import Column
+from mbocp.solution.details import Column
 from mbocp.solution.solution_data import TOLD, SolutionData
 from mbocp.storage.content import QUANTITIES
 

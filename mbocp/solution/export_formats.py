@@ -10,14 +10,13 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._text import list_names, printable
-from mbocp._warn import warn_caller
+from mbocp._text import list_names, printable, warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
+from mbocp.robot import Robot
 from mbocp.solution.atomic import replace_file
 from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
@@ -25,9 +24,6 @@ from mbocp.solution.recordings import RECORDINGS, record
 from mbocp.solution.sampled import Sampled, sample
 from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
 from mbocp.solution.solution_data import SolutionData
-
-if TYPE_CHECKING:
-    from mbocp.robot import Robot
 
 _MOST_NAMES = 3
 _TRIES = 4  # at a slower motion: within 1.3 % of the duration that it needs
@@ -145,7 +141,7 @@ def write_recording(
     ResultFileError
         If an extra is missing, or the file cannot be written.
     """
-    from mbocp.solution.its_robot import robot_of  # as slow to import as all else
+    from mbocp.solution.its_robot import robot_of
 
     if interpolation is not None:
         raise InvalidValue("interpolation", interpolation, f"none: {name} has the motion as it was solved")

@@ -11,10 +11,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import printable
 from mbocp.robot.robot_files import RobotFiles
-from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.checked import check_content, read_facts, read_records
+from mbocp.solution.details import Accuracy, Column, Labels, StartRecord
 from mbocp.solution.its_iterate import MEANING, arrays_of, columns_of, is_part, iterate_in
-from mbocp.solution.records import Column, Labels, StartRecord
 from mbocp.solution.solution_data import COUNTS, NUMBERS, WORDS, SolutionData
 from mbocp.solvers.records import IterationRecord, Phase
 from mbocp.storage.content import QUANTITIES, FileContent

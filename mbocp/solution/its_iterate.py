@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
 from mbocp.programme.iterate import BoundMultipliers, Carried, Iterate
-from mbocp.solution.records import Column
+from mbocp.solution.details import Column
 from mbocp.storage.content import FileContent
 
 MEANING = "iterate_meaning"  # among the texts of a result file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mbocp._files import MEGABYTE
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import InvalidValue, RobotError
 from mbocp.robot import (
     Robot,

@@ -38,10 +38,9 @@ from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_appr
 from mbocp.programme import Iterate
 from mbocp.programme.iterate import Carried
 from mbocp.robot import Robot, singular_closure
-from mbocp.solution.accuracy import Accuracy
+from mbocp.solution.details import Accuracy, Labels, StartRecord
 from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import defer
-from mbocp.solution.records import Labels, StartRecord
 from mbocp.solution.solution import Solution
 from mbocp.solvers import Outcome, Phase, SolverResult, Status
 from mbocp.solvers.records import time_phase

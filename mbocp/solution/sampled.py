@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import MbocpError
 from mbocp.solution.sent import NotCheckedWarning, Sent
 from mbocp.solution.sent_states import Follower

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import mbocp
 from mbocp._arrays import dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, ResultFileError
 from mbocp.solution._values import same
 from mbocp.solution.active_limits import ActiveLimit, active_limits
@@ -302,7 +302,7 @@ class Solution(SolutionData):
         """
         from mbocp.solution.file_content import content_of
         from mbocp.solution.files import write_content
-        from mbocp.solution.its_robot import files_to_store  # as slow to import as all else
+        from mbocp.solution.its_robot import files_to_store
 
         return write_content(path, content_of(self, files_to_store(self, meshes)))
 
@@ -325,7 +325,7 @@ class Solution(SolutionData):
 
     @cached_property
     def _robot(self) -> Robot:
-        from mbocp.solution.its_robot import robot_of  # as slow to import as all else
+        from mbocp.solution.its_robot import robot_of
 
         return robot_of(self)
 

@@ -16,11 +16,10 @@ from mbocp.integrators.controls import control_basis
 from mbocp.programme.iterate import Carried
 from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import check_arrays, json_copy
-from mbocp.solution.accuracy import Accuracy
 from mbocp.solution.conserved import ConservedQuantity, sum_up_momenta
+from mbocp.solution.details import Accuracy, Column, Labels, StartRecord, dual_columns
 from mbocp.solution.later import Later, complete
 from mbocp.solution.problem_facts import Facts, PhasePlace
-from mbocp.solution.records import Column, Labels, StartRecord, dual_columns
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import QUANTITIES
 

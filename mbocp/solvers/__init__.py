@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from mbocp.solvers.newton_method.monolithic import PureNewton as PureNewton
     from mbocp.solvers.newton_method.newton import PlainState as PlainState
     from mbocp.solvers.options import Options as Options
+    from mbocp.solvers.options import SolverSettings as SolverSettings
     from mbocp.solvers.options import Switch as Switch
     from mbocp.solvers.protocol import Solver as Solver
     from mbocp.solvers.protocol import SolverState as SolverState
     from mbocp.solvers.records import IterationRecord as IterationRecord
     from mbocp.solvers.records import Phase as Phase
     from mbocp.solvers.records import Status as Status
-    from mbocp.solvers.settings import SolverSettings as SolverSettings
     from mbocp.solvers.staggered.fbsm_gradient import FBSMGradient as FBSMGradient
     from mbocp.solvers.staggered.fbsm_gradient import GradientState as GradientState
     from mbocp.solvers.staggered.fbsm_newton import FBSMNewton as FBSMNewton

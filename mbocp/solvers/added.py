@@ -1,7 +1,7 @@
 """Solvers that other packages add.
 
 Their entry points in the group `mbocp.solvers` name a function each, which takes `SolverSettings` and returns
-an object with `name`, `tolerance`, `init`, `step` and `terminate`, see `mbocp.solvers.protocol.Solver`.
+an object with `name`, `tolerance`, `init`, `step` and `terminate`, see `mbocp.solvers.records.Solver`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from mbocp.exceptions import InvalidValue
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
+    from mbocp.solvers.options import SolverSettings
     from mbocp.solvers.protocol import Solver
-    from mbocp.solvers.settings import SolverSettings
 
 GROUP = "mbocp.solvers"
 

@@ -1,4 +1,4 @@
-"""What a solver reports: how it ended, and one record an iteration."""
+"""What a solver reports: how it ended, one record an iteration, and whether its time is over."""
 
 from __future__ import annotations
 
@@ -115,3 +115,13 @@ class IterationRecord:
 
 
 Callback: TypeAlias = Callable[[IterationRecord], object]
+
+
+def deadline_after(seconds: float | None) -> float:
+    """Return the time of `time.perf_counter` in so many seconds; infinite without a limit."""
+    return math.inf if seconds is None else time.perf_counter() + seconds
+
+
+def time_until(deadline: float) -> float | None:
+    """Return what is left until a deadline [s]; None: there is none."""
+    return None if math.isinf(deadline) else max(0.0, deadline - time.perf_counter())

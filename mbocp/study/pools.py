@@ -19,7 +19,7 @@ from pebble import CONSTS, ProcessExpired, ProcessPool
 from mbocp._environment import available_workers
 from mbocp._processes import SAFE_PATH, signal_handler
 from mbocp.exceptions import StudyError
-from mbocp.study.result_rows import CRASHED, TIMEOUT, failure_row
+from mbocp.study.run_task import CRASHED, TIMEOUT, failure_row
 
 Row = dict[str, Any]
 

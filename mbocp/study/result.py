@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mbocp._arrays import dataclass
 from mbocp.exceptions import StudyError, suggest
 from mbocp.solution.atomic import atomic_path
-from mbocp.study.result_rows import FIELDS
+from mbocp.study.run_task import FIELDS
 from mbocp.study.summary import Summary, summarise
 from mbocp.study.table import read_table
 

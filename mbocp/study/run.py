@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import mbocp
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import MbocpError, StudyError
 from mbocp.study.pools import ExecutorPool, LocalPool, Pool, check_picklable
 from mbocp.study.result import StudyResult
-from mbocp.study.result_rows import CRASHED, failure_row
-from mbocp.study.run_task import Solve, make_problem, rehearse, run_task
+from mbocp.study.run_task import CRASHED, Solve, failure_row, make_problem, rehearse, run_task
 from mbocp.study.study import Study, Task
 from mbocp.study.summary import word
 from mbocp.study.table import FORMAT, FORMAT_VERSION, RowFile

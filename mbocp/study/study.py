@@ -20,9 +20,8 @@ from mbocp.exceptions import ProblemFileError, StudyError, StudyFileError
 from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.overrides import apply_overrides
-from mbocp.problem.file.schema import ProblemTable, check_tables
-from mbocp.study.result_rows import check_record
-from mbocp.study.run_task import Job
+from mbocp.problem.file.read_tables import ProblemTable, check_tables
+from mbocp.study.run_task import Job, check_record
 from mbocp.study.study_schema import StudyTable
 from mbocp.study.values import (
     LABEL,

@@ -23,7 +23,7 @@ from pydantic import (
 )
 
 from mbocp._measured import Measured
-from mbocp._numbers import as_float, is_number
+from mbocp._quantities import as_float, is_number
 from mbocp._text import show
 
 Keys: TypeAlias = dict[str, Any]

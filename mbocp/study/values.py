@@ -11,8 +11,7 @@ import numpy as np
 
 from mbocp._arrays import dataclass
 from mbocp._memory import check_memory
-from mbocp._numbers import as_float, is_number
-from mbocp._quantities import Quantity
+from mbocp._quantities import Quantity, as_float, is_number
 from mbocp._text import show
 from mbocp.exceptions import ProblemFileError, StudyError
 from mbocp.problem.file.overrides import apply_overrides

@@ -28,8 +28,8 @@ from mbocp._arrays import dataclass
 from mbocp._keys import Key
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 from mbocp.terms.bounded import Structure
+from mbocp.terms.heights import SurfaceKeys, SurfaceShape
 from mbocp.terms.point import Point
-from mbocp.terms.surface import SurfaceKeys, SurfaceShape
 from mbocp.terms.written import Bound, Pair, Positive, Triple
 
 _SIZE = 6  # force along the normal and two tangents, torque about them
@@ -146,7 +146,7 @@ class ContactKeys(SurfaceKeys):
 
 @dataclass(frozen=True)
 class ContactConditionTerm:
-    """The structure of such rows, as `mbocp.terms.path.PathTerm` is that of a path constraint.
+    """The structure of such rows, as `mbocp.terms.path_term.PathTerm` is that of a path constraint.
 
     Attributes
     ----------

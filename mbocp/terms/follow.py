@@ -27,7 +27,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.lie.groups import vee
 from mbocp.robot import FrameTarget, Label, Robot
-from mbocp.terms.path import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
+from mbocp.terms.path_term import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.spline import Curve, curve_through, symbolic_curve
 from mbocp.terms.written import Bound, Finite, NonNegative, Triple

@@ -26,8 +26,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, dataclass
-from mbocp._linear import largest_entry
+from mbocp._arrays import Array, dataclass, largest_entry
 from mbocp.exceptions import ProblemError
 from mbocp.robot import Robot
 from mbocp.robot.poses.target import normals_to

@@ -12,7 +12,7 @@ from mbocp._arrays import dataclass
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
-from mbocp.terms.path import COSINE, SQUARE, PathNumbers, PathTerm, finite_bounds, one_bound
+from mbocp.terms.path_term import COSINE, SQUARE, PathNumbers, PathTerm, finite_bounds, one_bound
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Range, Triple
 

@@ -15,7 +15,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.lie.groups import vee
 from mbocp.robot import FrameTarget, Label, Robot
 from mbocp.robot.poses.target import normals_to
-from mbocp.terms.path import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
+from mbocp.terms.path_term import COSINE, SQUARE, VALUE, Measure, PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite, NonNegative, Triple
 

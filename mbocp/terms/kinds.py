@@ -24,14 +24,14 @@ from mbocp.terms.end import (
     ExactGoal as ExactGoal,
     TerminalCost as TerminalCost,
 )
-from mbocp.terms.path import PATH_TERMS as PATH_TERMS
+from mbocp.terms.path_term import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import Position as Position
-from mbocp.terms.braking import Braking as Braking
+from mbocp.terms.joint_reserves import Braking as Braking
 from mbocp.terms.over_speed import AccelerationOverSpeed as AccelerationOverSpeed
-from mbocp.terms.motor import Motor as Motor
+from mbocp.terms.joint_reserves import Motor as Motor
 from mbocp.terms.kept_poses import Line as Line
 from mbocp.terms.follow import Follow as Follow
-from mbocp.terms.height import Height as Height
+from mbocp.terms.heights import Height as Height
 from mbocp.terms.contact import ContactKeys, ContactTerm
 
 

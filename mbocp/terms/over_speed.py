@@ -14,7 +14,7 @@ from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
-from mbocp.terms.path import PathNumbers, PathTerm
+from mbocp.terms.path_term import PathNumbers, PathTerm
 from mbocp.terms.point import Point
 from mbocp.terms.written import Finite
 

@@ -130,7 +130,7 @@ class OwnEnd(_Part):
 
 @dataclass(frozen=True)
 class OwnPath(_Part):
-    """The structure of a path constraint, as `mbocp.terms.path.PathTerm` is that of a file's."""
+    """The structure of a path constraint, as `mbocp.terms.path_term.PathTerm` is that of a file's."""
 
     has_velocity = True
 

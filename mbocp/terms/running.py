@@ -14,14 +14,7 @@ from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forces import controls_beside, controls_for
 from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.written import (
-    ControlOrAuto,
-    ControlWeights,
-    Finite,
-    NonNegative,
-    TargetTable,
-    Weights,
-)
+from mbocp.terms.written import ControlOrAuto, ControlWeights, Finite, NonNegative, TargetTable, Weights
 
 
 @dataclass(frozen=True)

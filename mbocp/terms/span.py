@@ -11,7 +11,7 @@ from pydantic import create_model
 
 from mbocp._arrays import BoolArray, dataclass
 from mbocp._keys import Key, Kind, Table
-from mbocp._numbers import finite_number, is_number
+from mbocp._quantities import finite_number, is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
 from mbocp._keys import Key, Kind, Table, Takes
-from mbocp._numbers import as_float, finite_number, is_number, named_numbers, vector
+from mbocp._quantities import as_float, finite_number, is_number, named_numbers, vector
 from mbocp._text import show
 
 Vector: TypeAlias = list[float]

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from mbocp.exceptions import ReplayError
 from mbocp.robot import Robot
-from mbocp.view.meshcat.commands import Command, set_transform
+from mbocp.view.meshcat.commands import Command, meshcat, set_transform
 from mbocp.view.meshcat.scene import Scene, build_scene, joint_node
-from mbocp.view.meshcat.viewer import meshcat
 from mbocp.view.motion_samples import sample_motion
 
 

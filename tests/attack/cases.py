@@ -13,7 +13,7 @@ from typing import Any, get_args
 import yaml
 from pydantic import BaseModel
 
-from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.read_tables import ProblemTable
 from mbocp.robot.loading.readers.robot_yaml import RobotYaml
 from mbocp.robot.loading.robot_toml import RobotTable
 from mbocp.study.study_schema import StudyTable

@@ -14,8 +14,7 @@ import mbocp
 from mbocp.bounds.durations import BY_FORCES
 from mbocp.bounds.efforts import dual_value, least_squares
 from mbocp.bounds.of_problem import bound, quick_bound
-from mbocp.bounds.task import Task
-from mbocp.bounds.windows import windows_of
+from mbocp.bounds.task import Task, windows_of
 from mbocp.cli.app import app
 from mbocp.cli.solution_summary import print_summary
 from mbocp.problem import Problem, load_problem

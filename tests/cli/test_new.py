@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.keys import SCHEMA_FILE
+from mbocp.cli.new import SCHEMA_FILE
 from mbocp.problem.first_motion import holding_controls
 from tests.mechanics.mimics import PAIR
 from tests.robot.loading.test_sdf import COPTER

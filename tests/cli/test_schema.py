@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from mbocp.problem.file.schema import problem_schema
+from mbocp.problem.file.read_tables import problem_schema
 
 from .conftest import Run
 

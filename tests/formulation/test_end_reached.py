@@ -13,16 +13,15 @@ import pytest
 from typer.testing import CliRunner
 
 import mbocp
-import mbocp.guesses.attempts
-from mbocp._linear import null_space
+from mbocp._arrays import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.end_reached import RatesMissed, miss_of_end, miss_of_rates
-from mbocp.formulation.features.switches import ties_at_end
+from mbocp.formulation.end_rows import end_condition_rows
+from mbocp.formulation.features.changing_constraints import ties_at_end
 from mbocp.formulation.formulate import without_end_rows
-from mbocp.formulation.goal import end_condition_rows
-from mbocp.guesses import attempts, starts
+from mbocp.guesses import in_turn, starts
 from mbocp.problem import Problem
 from mbocp.problem.problem import problem_from_tables
 from mbocp.solution import Status
@@ -224,13 +223,13 @@ def test_a_motion_that_is_not_at_rest_has_not_converged(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Whatever the cause: here a row of the end condition was lost."""
-    whole = attempts.formulate_with_independent_ends
+    whole = in_turn.formulate_with_independent_ends
     monkeypatch.setattr(
-        attempts,
+        in_turn,
         "formulate_with_independent_ends",
         lambda *given: (without_end_rows(whole(*given)[0], [3]), ""),
     )
-    monkeypatch.setattr(attempts, "with_rates_at_end", lambda *given: given[:2])
+    monkeypatch.setattr(in_turn, "with_rates_at_end", lambda *given: given[:2])
     problem = swing(coordinates="joint", goal={"q": [1.0, 0.0], "v": [0.0, 0.0]}, cost={"velocity": 0.1})
     s = mbocp.solve(problem)
     assert s.status is Status.OTHER_ROOT
@@ -246,15 +245,15 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
     )
     right = formulate(problem)
     settings = {"rounds": 0}
-    real = mbocp.guesses.attempts.miss_of_rates
+    real = in_turn.miss_of_rates
 
     def missed_once(formulation: Any, motion: Any) -> Any:
         settings["rounds"] += 1
         return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
 
-    monkeypatch.setattr(mbocp.guesses.attempts, "miss_of_rates", missed_once)
+    monkeypatch.setattr(in_turn, "miss_of_rates", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])
-    monkeypatch.setattr(attempts, "formulate_with_independent_ends", lambda *given: (blind, ""))
+    monkeypatch.setattr(in_turn, "formulate_with_independent_ends", lambda *given: (blind, ""))
     s = mbocp.solve(problem)
     assert settings["rounds"] == 2
     assert s.converged, s.advice

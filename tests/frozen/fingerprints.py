@@ -14,7 +14,7 @@ import numpy as np
 import mbocp
 from mbocp._files import parse_toml
 from mbocp.formulation import Formulation, formulate
-from mbocp.guesses.kinds import guess_candidates, plain_guess
+from mbocp.guesses.make import guess_candidates, plain_guess
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.problem import problem_from_tables
 from mbocp.programme import StagewiseProgramme

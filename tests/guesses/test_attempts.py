@@ -11,7 +11,7 @@ import mbocp
 from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, starts
-from mbocp.guesses.kinds import can_hold, hold
+from mbocp.guesses.make import can_hold, hold
 from tests.phases.test_partings import cell
 
 COARSE: dict[str, Any] = {"duration": 4.0, "steps": 10}  # a fall that no simulation with such steps follows

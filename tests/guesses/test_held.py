@@ -14,7 +14,7 @@ import mbocp
 from mbocp import Problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.formulation.features.switches import switched_violation
+from mbocp.formulation.features.changing_constraints import switched_violation
 from mbocp.guesses.straight_line import is_whole, line
 from mbocp.robot import Robot
 from tests.holds.cases import CASES

@@ -20,7 +20,7 @@ from scipy.integrate import solve_ivp
 from mbocp import load_problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.guesses.kinds import guess_by_simulation
+from mbocp.guesses.make import guess_by_simulation
 from mbocp.integrators import PAIRS, Pair
 from mbocp.problem import Problem
 from mbocp.robot import Robot, Rod, load_robot

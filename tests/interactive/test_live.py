@@ -27,7 +27,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 import mbocp  # noqa: E402
 from mbocp.interactive import Live, Wish  # noqa: E402
 from mbocp.interactive.handles import joint_handles, pose_handles  # noqa: E402
-from mbocp.interactive.wish import change_problem, weight_keys  # noqa: E402
+from mbocp.interactive.resolver import change_problem, weight_keys  # noqa: E402
 from mbocp.solution import Status  # noqa: E402
 
 START = angles(0.3, 0.4)
@@ -256,8 +256,7 @@ def test_without_viser_it_is_refused_by_name(monkeypatch, at_frame):
 
 def test_drawn_triangles_are_those_of_the_shapes():
     from mbocp.view.live.live_scene import triangles_of
-    from mbocp.view.meshcat.commands import shape_object
-    from mbocp.view.meshcat.viewer import mg
+    from mbocp.view.meshcat.commands import mg, shape_object
 
     sizes = {"box": (1.0, 2.0, 3.0), "ball": (1.0, 1.0, 1.0), "cylinder": (1.0, 2.0, 1.0)}
     drawn = {"box": mg.Box([1, 2, 3]), "ball": mg.Sphere(0.5), "cylinder": mg.Cylinder(2.0, 0.5)}

@@ -11,7 +11,7 @@ import pytest
 
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
-from mbocp.view import browser
+from mbocp.view import movie
 from mbocp.view.meshcat.surroundings import BACKGROUND
 from tests.view.pages import angles, write_arm
 
@@ -28,7 +28,7 @@ STILL = 2.0  # [s] of frames, after which nothing that was asked for is still on
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium"),
+    pytest.mark.skipif(movie.find_browser() is None, reason="no Chromium"),
 ]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbocp.mechanisms.search import search
+from mbocp.mechanisms.consistent_states import search
 from mbocp.robot import load_robot
 from tests.robot.loops import builders as loops
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from mbocp.meshes.volume import count_open_edges, enclosed_body, fill, scale_mass, weld
+from mbocp.meshes.mesh_parts import count_open_edges, enclosed_body, fill, scale_mass, weld
 from mbocp.robot.collision.hull import hull_of
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)

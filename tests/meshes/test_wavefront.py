@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbocp.meshes.mesh_parts import Surface
-from mbocp.meshes.wavefront import read_wavefront
+from mbocp.meshes.triangles import read_wavefront
 
 CORNERS = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 

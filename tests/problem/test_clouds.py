@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.guesses.around import near_the_way
+from mbocp.meshes.mesh_parts import count_open_edges, enclosed_body, weld
 from mbocp.meshes.points import read_heights, read_points
-from mbocp.meshes.volume import count_open_edges, enclosed_body, weld
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import poses_between
 from mbocp.robot import Robot

@@ -14,7 +14,7 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.cli.goal_words import goal_error
+from mbocp.cli.summary_words import goal_error
 from mbocp.exceptions import (
     InconsistentStart,
     InvalidValue,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.goal_words import goal_error
 from mbocp.cli.solution_summary import solution_rows
+from mbocp.cli.summary_words import goal_error
 from mbocp.exceptions import OverdeterminedGoal, ProblemFileError, UnreachableGoal
 from mbocp.problem import Problem, ProblemWarning, parse_problem, problem_to_toml
 from mbocp.problem.goals.frames import pose_errors

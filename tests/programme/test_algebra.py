@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.programme.processor import has_avx2
+from mbocp.programme.native_modules import has_avx2
 
 ROOT = Path(__file__).parents[2]
 TARGET = "kernel_tests_avx2" if has_avx2() else "kernel_tests"

@@ -17,8 +17,7 @@ from mbocp.exceptions import CompilationError
 from mbocp.programme import c_files, library
 from mbocp.programme.compilation import load_functions
 from mbocp.programme.compiler import compiler
-from mbocp.programme.native_modules import kernel
-from mbocp.programme.processor import has_avx2, number_of_lanes
+from mbocp.programme.native_modules import has_avx2, kernel, number_of_lanes
 from mbocp.programme.tapes import as_operations
 from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
 from tests.programme.test_tape import STEP, built

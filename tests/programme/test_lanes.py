@@ -14,7 +14,7 @@ from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.processor import has_avx2, number_of_lanes
+from mbocp.programme.native_modules import has_avx2, number_of_lanes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 needs_avx2 = pytest.mark.skipif(not has_avx2(), reason="the processor has no AVX2")

@@ -15,7 +15,7 @@ from mbocp.guesses import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import Status
 from mbocp.solvers import GlobalisedNewton, SolverSettings, Start, run_strategy
-from mbocp.solvers.newton_method.polish import judge
+from mbocp.solvers.newton_method.monolithic import judge
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.strategies import interior
 from mbocp.solvers.strategies.iterating import SolverResult

@@ -11,7 +11,7 @@ import pytest
 
 import mbocp
 from benchmarks import gaits
-from mbocp._linear import norm
+from mbocp._arrays import norm
 from mbocp.formulation import Formulation, formulate, transcribe
 from mbocp.guesses import make_guess
 from mbocp.programme.native_modules import kernel

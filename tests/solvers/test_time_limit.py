@@ -14,7 +14,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import formulate, transcribe
-from mbocp.guesses import attempts, in_turn
+from mbocp.guesses import in_turn
 from mbocp.guesses.make import make_guess
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Status
@@ -121,14 +121,14 @@ def test_a_later_guess_without_time_does_not_lose_the_first(monkeypatch: pytest.
 
 def test_a_long_compilation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left is not enough: a result, and the reason."""
-    build = attempts.formulate_with_independent_ends
+    build = in_turn.formulate_with_independent_ends
 
     def slow(*args: object, **kwargs: object) -> object:
         time.sleep(0.4)
         return build(*args, **kwargs)
 
     mbocp.solve(pendulum("solver.max_iterations=1"))
-    monkeypatch.setattr(attempts, "formulate_with_independent_ends", slow)
+    monkeypatch.setattr(in_turn, "formulate_with_independent_ends", slow)
     s = mbocp.solve(pendulum("solver.time_limit=0.3"))
     assert s.status is Status.TIME_LIMIT
     assert s.iterations == 0

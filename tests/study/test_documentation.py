@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from mbocp.study import Study
-from mbocp.study.result_rows import CRASHED, ERROR, FIELDS, TIMEOUT
+from mbocp.study.run_task import CRASHED, ERROR, FIELDS, TIMEOUT
 from mbocp.study.study_schema import StudyTable, SummaryTable
 from mbocp.study.table import read_table
 from mbocp.study.values import _DRAWS, _RANGES

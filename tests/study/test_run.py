@@ -17,8 +17,7 @@ import mbocp
 from mbocp.exceptions import ProblemError, ResultFileError, StudyError, UnknownJoint
 from mbocp.study import Study, StudyResult, StudyWarning, run_study
 from mbocp.study import run_task as task_module
-from mbocp.study.result_rows import FIELDS, check_record, solution_row
-from mbocp.study.run_task import make_problem
+from mbocp.study.run_task import FIELDS, check_record, make_problem, solution_row
 
 from . import callables
 from .conftest import EXAMPLES, MakeStudy

@@ -13,7 +13,7 @@ import pytest
 
 from mbocp.exceptions import ResultFileError, StudyError
 from mbocp.study import StudyResult
-from mbocp.study.result_rows import failure_row
+from mbocp.study.run_task import failure_row
 from mbocp.study.summary import Spread
 
 HEADER: dict[str, Any] = {

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from mbocp.exceptions import ResultFileError, StudyError
-from mbocp.study.result_rows import failure_row
+from mbocp.study.run_task import failure_row
 from mbocp.study.table import FORMAT, FORMAT_VERSION, RowFile, read_table
 
 HEADER: dict[str, Any] = {

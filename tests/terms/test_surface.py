@@ -16,7 +16,7 @@ from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.path import PathConstraint
 from mbocp.terms.bounded import MotionAtNodes
-from mbocp.terms.surface import Surface, height_at
+from mbocp.terms.heights import Surface, height_at
 from tests.terms.contacts import on_feet, solo
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "legged" / "solo12_bump.toml"

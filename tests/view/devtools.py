@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 from websockets.sync.client import connect
 
-from mbocp.view.browser import browser_command
+from mbocp.view.movie import browser_command
 
 WAIT = 60.0  # [s]
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from mbocp import load_robot
-from mbocp.view import browser
+from mbocp.view import movie
 from mbocp.view.marks import ForceMark, Marks
 from mbocp.view.replay import write_replay
 from tests.view.test_replay_browser import browse, picture
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium"),
+    pytest.mark.skipif(movie.find_browser() is None, reason="no Chromium"),
 ]
 
 CLICKED = """<script>const waiting = setInterval(() => {

@@ -16,7 +16,7 @@ from PIL import Image
 
 from mbocp.exceptions import ReplayError
 from mbocp.robot import load_robot
-from mbocp.view import browser
+from mbocp.view import movie
 from mbocp.view.camera import fit_camera
 from mbocp.view.movie import Film, frame_times, write_frames, write_movie
 from mbocp.view.of_solution import film_solution, replay_solution
@@ -175,7 +175,7 @@ def test_so_many_ghosts_are_spread_over_the_motion(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium")
+@pytest.mark.skipif(movie.find_browser() is None, reason="no Chromium")
 def test_the_browser_draws_each_picture(tmp_path: Path) -> None:
     solution = motion(UR5, UR5.q0 + 0.9)
     film = Film(frames_per_second=2.0, size=(320, 240))

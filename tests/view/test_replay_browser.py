@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from mbocp.robot import Robot, load_robot
-from mbocp.view import browser
+from mbocp.view import movie
 from mbocp.view.replay import write_replay
 from tests.view.devtools import WAIT, OpenPage
 
@@ -19,13 +19,13 @@ NARROW = (400, 800)
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(browser.find_browser() is None, reason="no Chromium"),
+    pytest.mark.skipif(movie.find_browser() is None, reason="no Chromium"),
 ]
 
 
 def browse(page, *extra: str, time: float | None = None) -> str:
     address = page.as_uri() + ("" if time is None else f"#t={time}")
-    return browser.browse(address, page.parent / "profile", *extra, size=SIZE).stdout
+    return movie.browse(address, page.parent / "profile", *extra, size=SIZE).stdout
 
 
 def picture(page, time: float) -> np.ndarray:

@@ -11,8 +11,7 @@ import pytest
 
 from mbocp.meshes import mesh_parts as parts
 from mbocp.meshes.pictures import read_picture
-from mbocp.meshes.stl import binary_stl, read_stl
-from mbocp.meshes.triangles import check_single_file
+from mbocp.meshes.triangles import binary_stl, check_single_file, read_stl
 from mbocp.robot import load_robot
 from mbocp.view.meshcat import visuals
 from mbocp.view.replay import write_replay
@@ -252,7 +251,7 @@ def test_numbers_that_only_colour_are_left_out(tmp_path):
 
 
 def test_sizes_are_bounded(tmp_path, monkeypatch):
-    for module in ("stl", "wavefront", "collada"):
+    for module in ("triangles", "collada"):
         monkeypatch.setattr(f"mbocp.meshes.{module}.MESH_LIMIT", 100)
     _, told = replay(tmp_path, "m.stl", stl())
     assert "m.stl: mesh of 'upper_0' cannot be read: has 0.0 MB, expected an STL mesh of at most" in told[0]

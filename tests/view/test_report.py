@@ -16,7 +16,7 @@ from mbocp.robot import load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.solution.later import retold
 from mbocp.solution.solution import ProblemNotShownWarning
-from mbocp.view import browser
+from mbocp.view import movie
 from mbocp.view.report import compare_results, differences_of, write_report
 from mbocp.view.reports.page_plots import energy_panels, frame_panels
 from tests.view.test_replay_browser import SIZE, browse
@@ -222,7 +222,7 @@ def test_a_pointer_on_a_plot_moves_the_robot(page: Path) -> None:
     document = browse(copy, "--dump-dom")
     now = float(document.split('data-now="')[1].split('"')[0])
     assert now == pytest.approx(expected, abs=0.01)
-    log = browser.browse(
+    log = movie.browse(
         page.as_uri(), page.parent / "log", "--enable-logging=stderr", "--dump-dom", size=SIZE
     ).stderr
     assert not [line for line in log.splitlines() if "CONSOLE" in line and "Error" in line]

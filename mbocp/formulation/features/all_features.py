@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from mbocp.formulation.features.braking_within import BrakingWithin
+from mbocp.formulation.features.changing_constraints import Reactions, Switches
 from mbocp.formulation.features.clock import Clock, Moment
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
@@ -14,9 +15,7 @@ from mbocp.formulation.features.lines_within import LinesWithin
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.path_progress import Progress
-from mbocp.formulation.features.reactions import Reactions
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
-from mbocp.formulation.features.switches import Switches
 from mbocp.formulation.features.varying_weights import VaryingWeights
 from mbocp.formulation.features.within_steps import WithinSteps
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.problem import Problem
-from mbocp.problem.cost import typical_force, velocity_weight
+from mbocp.problem.weights import typical_force, velocity_weight
 from mbocp.terms.cost import RunningTerm
 from mbocp.terms.kinds import Effort, Velocity
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -27,11 +27,9 @@ from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.mechanics import JointMechanics, Mechanics
+from mbocp.problem import Problem
 from mbocp.robot import Label
 from mbocp.robot.named_numbers import put
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _FOUND = "found"
 _LEAST, _RANGE = "found.least", "found.range"

@@ -12,7 +12,7 @@ time.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,10 +21,8 @@ from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_squares, shares_of
+from mbocp.problem import Problem
 from mbocp.robot import Label
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _HEAT = "heat"
 _HEATING = "heating"  # the stage parameters 1 / L^2

@@ -16,7 +16,7 @@ speeds vary within a step a_0 is the mean, and a_1 is left out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,12 +26,10 @@ from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis, shares_of
+from mbocp.problem import Problem
 from mbocp.problem.between_nodes import has_cubics
 from mbocp.problem.speed_lines import SpeedLines, speed_lines, steps_held
 from mbocp.robot import Label
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 LINES_WITHIN = "lines_within"  # the block
 _GAINS, _SLOPES = "gains_of_lines", "slopes_of_lines"  # c and k

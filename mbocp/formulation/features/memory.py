@@ -20,16 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
+from mbocp.problem import Problem
 from mbocp.robot import Label
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _RISE = 8.0  # part of the duration over which the greatest jerk makes a typical acceleration
 

@@ -25,8 +25,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, dataclass
+from mbocp.formulation.end_rows import independent_rows
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
-from mbocp.formulation.goal import independent_rows
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols

@@ -28,9 +28,9 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
+from mbocp.formulation.features.changing_constraints import fill_lengths
 from mbocp.formulation.features.clock import STEP_SHARE
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
-from mbocp.formulation.features.switches import fill_lengths
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.steps import StepSymbols
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
+from mbocp.problem import Problem
 
 
 @dataclass(frozen=True)

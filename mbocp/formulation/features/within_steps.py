@@ -18,7 +18,7 @@ at the end, give or take what the jerk makes of them in a hundredth of a step.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -28,12 +28,10 @@ from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
+from mbocp.problem import Problem
 from mbocp.problem.between_nodes import widest_within
 from mbocp.robot import Label
 from mbocp.terms.rates import AT_END, PLACES, name_at
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _WORDS = {
     "v": "speed within the step of",

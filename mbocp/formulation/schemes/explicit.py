@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
-from mbocp.formulation.goal import end_condition_rows, parts_to_guard
+from mbocp.formulation.end_rows import end_condition_rows, parts_to_guard
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
@@ -28,13 +27,11 @@ from mbocp.formulation.state_bounds import free_speed_bounds
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import duals_of_momenta
 from mbocp.mechanics.forward import ForwardMechanics
+from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import difference
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
-from mbocp.formulation.features.switches import (
+from mbocp.formulation.end_rows import consistent_velocity, end_condition_rows
+from mbocp.formulation.features.changing_constraints import (
     acting,
     add_held_columns,
     fill_impulses,
@@ -19,7 +19,6 @@ from mbocp.formulation.features.switches import (
     repeat_at_impacts,
     ties_at_end,
 )
-from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
@@ -30,14 +29,11 @@ from mbocp.formulation.schemes.joint_states import (
     stage_costs,
     tangent_duals,
 )
-from mbocp.formulation.start import consistent_velocity
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
+from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot.kinematics import momenta_of
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

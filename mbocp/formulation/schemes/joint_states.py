@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals, Formulation
 from mbocp.formulation.build import check_size
-from mbocp.formulation.features.switches import breaks_symmetries, labels_of, switched_violation
-from mbocp.formulation.goal import EndRows, EndTarget
+from mbocp.formulation.end_rows import EndRows, EndTarget
+from mbocp.formulation.features.changing_constraints import breaks_symmetries, labels_of, switched_violation
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
@@ -21,13 +20,11 @@ from mbocp.formulation.states import States
 from mbocp.formulation.term_numbers import term_numbers
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.diagnostics import ConstraintViolation, constraint_violation, control_momenta
+from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
 from mbocp.terms.own_parts import running_terms
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _KEPT = 16  # functions of configuration spaces
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -11,7 +10,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.base import Duals, Formulation
 from mbocp.formulation.build import check_size, signature_of
-from mbocp.formulation.features.switches import (
+from mbocp.formulation.end_rows import EndRows, EndTarget, consistent_velocity, end_condition_rows
+from mbocp.formulation.features.changing_constraints import (
     breaks_symmetries,
     fill_impulses,
     fill_lengths,
@@ -20,7 +20,6 @@ from mbocp.formulation.features.switches import (
     ties_at_end,
     worse_of,
 )
-from mbocp.formulation.goal import EndRows, EndTarget, end_condition_rows
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Pieces, RowLabels, impulses
@@ -31,16 +30,13 @@ from mbocp.formulation.schemes.joint_states import (
     weighed_components,
     weighs_control_changes,
 )
-from mbocp.formulation.start import consistent_velocity
 from mbocp.formulation.states import States
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
 from mbocp.mechanics.diagnostics import ConstraintViolation, kept_symmetries, worst_violation
+from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -15,8 +14,8 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
+from mbocp.formulation.end_rows import end_condition_rows
 from mbocp.formulation.features.accelerations import acceleration_at, mean_acceleration
-from mbocp.formulation.goal import end_condition_rows
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
 from mbocp.formulation.schemes.joint_states import (
@@ -31,12 +30,10 @@ from mbocp.integrators.chain import Affine, Chain
 from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedRows, PartitionedStep, Stage
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import JointMechanics, Mechanics, duals_of_momenta
+from mbocp.problem import Problem
 from mbocp.programme import Iterate, zero_multipliers
 from mbocp.robot import Label
 from mbocp.robot.nodes import steps_between
-
-if TYPE_CHECKING:
-    from mbocp.problem import Problem
 
 _INSIDE = 1e-9  # of a step: what is nearer to an end is the end, but for round-off
 _OPERATIONS = 1500  # of "complete" by nv^2 and stage of the method, with arms and chains

@@ -31,10 +31,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._arrays import Array, null_space
 from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry
-from mbocp.mechanics.symmetries.separate_parts import independent_parts, part_name
+from mbocp.mechanics.symmetries.spins import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
 from mbocp.robot.large import working_data
 

@@ -13,23 +13,21 @@ from mbocp._keys import Table
 from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
-from mbocp.problem.cost import Cost
 from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
 from mbocp.problem.file.profile import is_of_profile
-from mbocp.problem.file.read_tables import READ
-from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.read_tables import READ, ProblemTable
 from mbocp.problem.goals.goal import Goal
-from mbocp.problem.guess import Guess
 from mbocp.problem.limits import Bounds
 from mbocp.problem.pipeline import Step
-from mbocp.problem.solver import SolverOptions
+from mbocp.problem.solver import Guess, SolverOptions
 from mbocp.problem.timeline.phase import check_phase
 from mbocp.problem.timeline.sequence import in_order
 from mbocp.problem.timeline.step_counts import scale_lengths
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import write_duration
+from mbocp.problem.weights import Cost
 from mbocp.terms.written import AUTO
 
 _TABLES = [

@@ -14,7 +14,6 @@ from mbocp._keys import Table, keys_of
 from mbocp._merged import merge_tables
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.problem.cost import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import read_columns, read_result
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
@@ -23,6 +22,7 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import are_alike
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.weights import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.robot import Robot
 from mbocp.terms.cost import Reader
 from mbocp.terms.kinds import COST_TERMS

@@ -27,15 +27,15 @@ from mbocp.problem.file.frame_table import FrameGoalTable
 from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
-from mbocp.problem.file.via_table import ViaTable
+from mbocp.problem.file.start_tables import ViaTable
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
 from mbocp.terms.contact import ContactTerm
+from mbocp.terms.heights import Surface, surface_from
 from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
-from mbocp.terms.surface import Surface, surface_from
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better

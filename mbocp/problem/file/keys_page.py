@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from mbocp._arrays import dataclass
 from mbocp._keys import Key, default_of, key_of, keys_of, tables_in, takes_of
 from mbocp.problem.file.frame_table import FrameGoalTable
-from mbocp.problem.file.schema import ProblemTable
+from mbocp.problem.file.read_tables import ProblemTable
 
 FRAME = "goal.frame"  # where the keys of frames are described, which stand in several tables
 HOME = "problem_files.md"  # the page that links within what keys say are of

@@ -36,21 +36,12 @@ class LimitsTable(Table):
         None
     )
     effort_rms: Annotated[
-        Sizes,
-        Key(
-            "of the [root mean squares](#root-mean-squares) of the controls",
-            "N, N m",
-        ),
+        Sizes, Key("of the [root mean squares](#root-mean-squares) of the controls", "N, N m")
     ] = None
     velocity: Annotated[Limits, Key("of the velocities", "m/s, rad/s")] = None
     position: Annotated[Ranges, Key("of lengths and angles", "m, rad")] = None
     acceleration: Annotated[
-        Limits,
-        _NUMBERS,
-        Key(
-            "of [accelerations](#accelerations-jerks-rates-and-powers)",
-            "m/s^2, rad/s^2",
-        ),
+        Limits, _NUMBERS, Key("of [accelerations](#accelerations-jerks-rates-and-powers)", "m/s^2, rad/s^2")
     ] = None
     jerk: Annotated[Limits, _NUMBERS, Key("of the jerks", "m/s^3, rad/s^3")] = None
     effort_rate: Annotated[Limits, _NUMBERS, Key("of the rates of the controls", "N/s, N m/s")] = None
@@ -117,10 +108,9 @@ def _of_velocities_or_controls(robot: Robot, letter: str, written: Any) -> _Side
     places = _Places.of_velocities(robot) if is_of_v else _Places.of_controls(robot, key)
     none = np.full(len(places.labels), np.inf)
     limits = robot.limits
-    own = {
-        "u": (limits.effort_lower, limits.effort),
-        "v": (-limits.velocity, limits.velocity),
-    }.get(letter, (-none, none))
+    own = {"u": (limits.effort_lower, limits.effort), "v": (-limits.velocity, limits.velocity)}.get(
+        letter, (-none, none)
+    )
     lower, upper = _sides(robot, key, written, own, places)
     if letter == "v" and written is True:  # of motors with gears that are found: paths keep them
         free = np.isin(np.arange(robot.nv), [motor.dof for motor in robot.found_gears])

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._measured import plain_numbers
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.file.messages import locate

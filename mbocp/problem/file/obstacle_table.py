@@ -32,11 +32,11 @@ from mbocp.robot.collision.covering_boxes import (
     boxes_of_cloud,
     boxes_of_heights,
 )
+from mbocp.robot.collision.geometry import LinkShape
 from mbocp.robot.collision.hull import Hull, hull_of
 from mbocp.robot.collision.mesh_file import body_of, body_of_file
 from mbocp.robot.collision.obstacle import MESH, SHAPES, SIZES, SMOOTHING, Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
-from mbocp.robot.collision.source import LinkShape
 from mbocp.terms.written import Finite, Positive, Quaternion, Triple
 
 SCENE = "scene"  # not one shape, but all of a file

@@ -27,9 +27,9 @@ from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.contact import ContactTerm
+from mbocp.terms.heights import SurfaceKeys, surface_from
 from mbocp.terms.kinds import PATH_KEYS, PATH_TERMS
 from mbocp.terms.span import SPAN, Span, SpanKeys
-from mbocp.terms.surface import SurfaceKeys, surface_from
 
 _HEAD = ("name", "kind", "frame", *SPAN)
 _MAX_BYTES = 16 * MEGABYTE

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp._measured import plain_number
-from mbocp._numbers import is_number
+from mbocp._quantities import is_number
 from mbocp._text import show
 from mbocp.exceptions import ProblemError
 from mbocp.problem.file.messages import locate

@@ -13,18 +13,18 @@ from mbocp._keys import Key, Table
 from mbocp.exceptions import ProblemError
 from mbocp.integrators import CONTROLS
 from mbocp.problem._checks import choice, whole
-from mbocp.problem.cost import weights_by_key
 from mbocp.problem.file.cost_table import PhaseCostTable
 from mbocp.problem.file.limits_table import LimitsTable, read_limits, write_limits
 from mbocp.problem.file.path_table import PathTable
+from mbocp.problem.file.start_tables import ViaTable
 from mbocp.problem.file.value_kinds import RELEASED, SEVERAL, Duration
-from mbocp.problem.file.via_table import ViaTable
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.phase import Phase, PhaseHold, PhaseRelease, check_phase
 from mbocp.problem.timeline.phase_values import in_phase
 from mbocp.problem.timeline.sequence import Horizon, horizon_of, in_order
 from mbocp.problem.timeline.step_counts import FIRST_STEPS
 from mbocp.problem.timeline.times import duration_from, write_duration
+from mbocp.problem.weights import weights_by_key
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.cost import Reader, shortest

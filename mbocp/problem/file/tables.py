@@ -13,17 +13,14 @@ import numpy as np
 from mbocp._arrays import plain
 from mbocp.problem.file.cost_table import write_cost
 from mbocp.problem.file.goal_table import write_goal
-from mbocp.problem.file.guess_table import write_guess
-from mbocp.problem.file.integrator_table import write_integrator
 from mbocp.problem.file.limits_table import write_limits
 from mbocp.problem.file.obstacle_table import write_self_collision
-from mbocp.problem.file.parameter_table import write_parameter
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.phase_table import write_phase
-from mbocp.problem.file.robust_table import write_robust
-from mbocp.problem.file.start_table import write_start
+from mbocp.problem.file.robust_table import write_parameter, write_robust
+from mbocp.problem.file.scheme_tables import write_guess, write_integrator
+from mbocp.problem.file.start_tables import write_start, write_via
 from mbocp.problem.file.term_table import write_term
-from mbocp.problem.file.via_table import write_via
 from mbocp.problem.problem_data import ProblemData
 from mbocp.problem.timeline.times import write_duration
 

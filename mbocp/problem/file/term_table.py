@@ -12,7 +12,7 @@ from pydantic import Field
 from mbocp._arrays import frozen_array
 from mbocp._keys import Key, Table
 from mbocp._merged import merge_tables
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning, choice
 from mbocp.robot import Robot

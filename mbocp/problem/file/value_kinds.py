@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 from pydantic import Field
 
 from mbocp._keys import Kind, OneOrSeveral
-from mbocp._numbers import finite_number, is_number
+from mbocp._quantities import finite_number, is_number
 from mbocp._text import show
 from mbocp.terms.written import Named, Vector, range_of, read_side, read_vector
 
@@ -157,9 +157,7 @@ Ranges = Annotated[Any, Kind("true, list or table of pairs", _ranges, _Ranges)]
 Duration = Annotated[
     Any,
     Kind(
-        "number > 0, or `{ min, max, guess }`",
-        _duration,
-        float | dict[Literal["min", "max", "guess"], float],
+        "number > 0, or `{ min, max, guess }`", _duration, float | dict[Literal["min", "max", "guess"], float]
     ),
 ]
 Free = Annotated[

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._linear import null_space
+from mbocp._arrays import Array, BoolArray, null_space
 from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
 from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, allowed_velocities, tangent_space

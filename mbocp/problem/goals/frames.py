@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._linear import independent_rows, null_space
+from mbocp._arrays import Array, BoolArray, independent_rows, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnreachableGoal, UnreachablePose
 from mbocp.mechanisms.completion import complete_goal

@@ -11,7 +11,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, frozen_mask
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite
 from mbocp.problem.goals.end_control import EndControl

@@ -27,7 +27,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, IntArray, dataclass
-from mbocp._numbers import is_number
+from mbocp._quantities import is_number
 from mbocp._text import find_repeated, show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError, UnknownFrame

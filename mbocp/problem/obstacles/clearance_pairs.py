@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import find_repeated
-from mbocp._warn import warn_caller
+from mbocp._text import find_repeated, warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning, check_frame
 from mbocp.problem.goals.frames import goal_branches

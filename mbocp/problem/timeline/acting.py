@@ -10,8 +10,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError, suggest
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobians
-from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE
-from mbocp.mechanisms.independent_rows import find_independent_rows, is_moved
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, find_independent_rows, is_moved
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.hold import Hold, Release, Schedule, Spans, holds_in
 from mbocp.problem.timeline.switches import Begin, SwitchTable, rows_of_frames

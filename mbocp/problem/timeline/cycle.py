@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray
-from mbocp._linear import align, null_space
+from mbocp._arrays import Array, BoolArray, align, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import ProblemError
 from mbocp.problem.goals.free_start import FreeStart

@@ -31,8 +31,7 @@ from mbocp.problem._checks import check_choice
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loops.constraints import HOLDS
-from mbocp.robot.loops.kinds.axes import Axis
-from mbocp.robot.loops.kinds.constraint import FrameConstraint
+from mbocp.robot.loops.kinds.constraint import Axis, FrameConstraint
 
 Spans = tuple[tuple[int, int], ...]
 

@@ -13,10 +13,10 @@ from typing import Any, Literal
 from mbocp._arrays import dataclass, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_choice, check_integer
-from mbocp.problem.cost import weights_by_key
 from mbocp.problem.limits import Bounds
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.times import check_duration
+from mbocp.problem.weights import weights_by_key
 from mbocp.terms.span import Place
 
 Meeting = Literal["impact", "soft"]  # the key `meeting` of [[phase.hold]] and [[phase.release]]

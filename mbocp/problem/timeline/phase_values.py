@@ -16,10 +16,10 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.exceptions import MbocpError, ProblemError
-from mbocp.problem.cost import Cost, weights_by_key
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.timeline.phase import Phase
+from mbocp.problem.weights import Cost, weights_by_key
 from mbocp.robot import Robot
 
 _AT_NODES = ("q", "v")  # letters of `LIMITS`; others are of steps

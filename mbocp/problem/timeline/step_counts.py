@@ -17,12 +17,12 @@ from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_finite, check_number
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.problem.cost import Cost
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import InPhase
 from mbocp.problem.timeline.via import ViaPoint
+from mbocp.problem.weights import Cost
 from mbocp.terms import OwnTerm
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.span import SPAN, AtVia, End, Share, Span

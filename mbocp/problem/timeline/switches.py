@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
-from mbocp._linear import null_space
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobians, held_labels, held_residuals
 from mbocp.problem.timeline.hold import Schedule

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mbocp._arrays import dataclass
-from mbocp._numbers import is_number
+from mbocp._quantities import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_number, check_positive

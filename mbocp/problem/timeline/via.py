@@ -10,9 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
-from mbocp._linear import independent_rows, largest_entry
-from mbocp._numbers import is_number
+from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, independent_rows, largest_entry
+from mbocp._quantities import is_number
 from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError

@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp._text import show
-from mbocp._warn import warn_caller
+from mbocp._text import show, warn_caller
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import ProblemWarning
 from mbocp.problem.timeline.phase import Phase

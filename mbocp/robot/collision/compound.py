@@ -17,12 +17,11 @@ from mbocp._arrays import Array, dataclass, freeze
 from mbocp._processes import python_command
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.mesh_parts import Indices
-from mbocp.meshes.volume import weld
+from mbocp.meshes.mesh_parts import Indices, weld
 from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.hull import Hull, box_of, hull_of
-from mbocp.robot.collision.samples import points_on
+from mbocp.robot.collision.solid import points_on
 
 MAX_TRIANGLES = 20_000  # results keep them
 CONCAVITY = 0.05  # of CoACD: of half the longest side, about; its own default

@@ -15,7 +15,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.robot.collision.geometry import mesh_of
 from mbocp.robot.collision.hull import Hull
-from mbocp.robot.collision.samples import CORNERS
+from mbocp.robot.collision.solid import CORNERS
 
 CLOUD, HEIGHTS = "cloud", "heights"
 RESOLUTION = 0.02  # [m]

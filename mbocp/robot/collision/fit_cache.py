@@ -19,7 +19,7 @@ from mbocp.exceptions import CompilationError
 from mbocp.meshes.triangles import triangles_of
 from mbocp.programme.cache import find_entry, unseal, write_entry
 
-_SOURCES = ("compound", "fitting", "geometry", "samples", "solid", "spheres")  # that say what is found
+_SOURCES = ("compound", "covering_spheres", "geometry", "solid", "spheres")  # that say what is found
 
 Arrays = Mapping[str, Array]
 

@@ -1,4 +1,4 @@
-"""Collision geometry of a robot as a `pin.GeometryModel`: shapes of links, meshes read within our limits.
+"""Shapes of links: as a robot's file says them, in coal, and what is said of spheres in robot.toml.
 
 Pinocchio's own builder hands mesh files to assimp, whatever they are; these are read as those of a replay
 are, see `mbocp.meshes`.
@@ -6,20 +6,98 @@ are, see `mbocp.meshes`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, dataclass
 from mbocp._text import shorten
 from mbocp.exceptions import RobotFileError
 from mbocp.meshes.mesh_parts import Indices
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
-from mbocp.robot.collision.source import LinkShape, ShapeSource
 from mbocp.robot.payload import SHAPES, Payload, shape_name
+
+
+@dataclass(frozen=True)
+class CollisionSphere:
+    """A sphere that moves with a frame.
+
+    Attributes
+    ----------
+    frame : str
+    center : (float, float, float)
+        In the frame [m].
+    radius : float
+        [m].
+    """
+
+    frame: str
+    center: tuple[float, float, float]
+    radius: float
+
+
+class LinkShape(NamedTuple):
+    """A shape of a link.
+
+    Attributes
+    ----------
+    link : str
+    number : int
+        Among the shapes of the link.
+    where : str
+        What it is called in messages.
+    geometry : coal.CollisionGeometry
+        Empty for a mesh.
+    mesh : str
+        Path of the mesh; empty if it is none.
+    scale : ndarray, shape (3,)
+        Of the mesh.
+    placement : pin.SE3
+        In the link.
+    """
+
+    link: str
+    number: int
+    where: str
+    geometry: coal.CollisionGeometry
+    mesh: str
+    scale: Array
+    placement: pin.SE3
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSource:
+    """What a robot's file says of the shapes of its links; solid ones are read when they are asked for.
+
+    Attributes
+    ----------
+    path : Path
+        The file, for messages.
+    solid : callable
+        Gives the shapes that links collide with; raises `RobotFileError`.
+    disabled : callable
+        Gives pairs of links that need not keep away from each other.
+    drawn : frozenset of str
+        Links with shapes to draw, missing ones included.
+    prefix : str
+        What stands before the names of its links among the robot's frames.
+    """
+
+    path: Path
+    solid: Callable[[], Iterator[LinkShape]]
+    disabled: Callable[[], frozenset[frozenset[str]]] = frozenset
+    drawn: frozenset[str] = frozenset()
+    prefix: str = ""
+
+    def within(self, prefix: str) -> ShapeSource:
+        """The same where names have one more prefix."""
+        return replace(self, prefix=prefix + self.prefix)
+
 
 MAX_TRIANGLES = 1_000_000  # of all meshes of a robot; the largest that we know has 60,000
 _MAX_SIZE = 1e6  # [m] of a mesh

@@ -9,9 +9,8 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.mesh_parts import Indices, count_open_edges, enclosed_body, weld
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
-from mbocp.meshes.volume import count_open_edges, enclosed_body, weld
 from mbocp.robot.collision.compound import CONCAVITY, Compound, compound_of
 from mbocp.robot.collision.hull import Hull, hull_of
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass, frozen_array
-from mbocp._numbers import is_number
+from mbocp._quantities import is_number
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import kinematics

@@ -11,11 +11,10 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass, freeze
 from mbocp.robot import kinematics
+from mbocp.robot.collision.covering_spheres import Cover, cover, sticking_out
 from mbocp.robot.collision.fit_cache import load_or_fit
-from mbocp.robot.collision.fitting import Cover, cover, sticking_out
-from mbocp.robot.collision.samples import box_around, surface_points
-from mbocp.robot.collision.solid import Solid
-from mbocp.robot.collision.source import CollisionSphere
+from mbocp.robot.collision.geometry import CollisionSphere
+from mbocp.robot.collision.solid import Solid, box_around, surface_points
 
 _TOLERANCE = 0.03  # of the robot's size: how far fitted spheres may stick out
 _MOST = 8  # spheres of a link

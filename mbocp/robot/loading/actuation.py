@@ -19,7 +19,7 @@ from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.joint_numbers import limit_of, range_of
 from mbocp.robot.loading.robot_tables import MotorTable, motor_of
 from mbocp.robot.loading.robot_toml import DriveTable, JointActuator, RobotTable, Tendon, Thruster, Wrench
-from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loading.table_types import TableReader
 from mbocp.robot.named_numbers import put_motors
 from mbocp.robot.parts import Actuation, Drive, FrameActuator, Label, Motor
 from mbocp.robot.robot import Robot

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue, LoopNotClosed, RobotFileError, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.kinematics import placement_from
@@ -23,7 +23,7 @@ from mbocp.robot.loading.locking import by_joint, lock_joints, pose_by_joint
 from mbocp.robot.loading.mechanics_checks import check_accelerations, check_drives, check_mechanics
 from mbocp.robot.loading.model_changes import with_motors, with_rotors_at_motors
 from mbocp.robot.loading.robot_toml import RobotTable
-from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loading.table_types import TableReader
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.projection import REDUNDANT_ROW_TOLERANCE, assemble, violations
 from mbocp.robot.loops.redundancy import redundant_rows

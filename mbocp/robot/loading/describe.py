@@ -30,7 +30,7 @@ from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
 from mbocp.robot.loading.robot_sources import Source, find_source
 from mbocp.robot.loading.robot_tables import InertiasTable, payloads_of
 from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable, read_robot_toml
-from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loading.table_types import TableReader
 from mbocp.robot.loading.whole_table import Part, with_own_tables
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
-from mbocp.robot.collision.source import ShapeSource
+from mbocp.robot.collision.geometry import ShapeSource
 from mbocp.robot.loading.joint_numbers import Follower, Losses
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.robot_tables import InertiasTable

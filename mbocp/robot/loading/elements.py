@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from mbocp.exceptions import UnknownFrame, UnknownJoint
 from mbocp.robot import joints
-from mbocp.robot.collision.source import CollisionSphere
+from mbocp.robot.collision.geometry import CollisionSphere
 from mbocp.robot.loading.robot_toml import QuarticSpringTable, RobotTable
-from mbocp.robot.loading.table_reader import TableReader
+from mbocp.robot.loading.table_types import TableReader
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.parts import Connector, QuarticSpring, SpringDamper
 

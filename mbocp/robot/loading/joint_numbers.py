@@ -11,8 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
-from mbocp._text import list_names
-from mbocp._warn import warn_caller
+from mbocp._text import list_names, warn_caller
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints
 from mbocp.robot.parts import Limits

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._arrays import Array, null_space
 from mbocp._text import quote_all
 from mbocp._tolerances import DIRECTION_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import UnsupportedRobot

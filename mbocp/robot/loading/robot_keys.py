@@ -16,7 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from mbocp._arrays import plain
 from mbocp._keys import Declared, Key, Kind
-from mbocp._numbers import finite_number, named_numbers
+from mbocp._quantities import finite_number, named_numbers
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
@@ -222,10 +222,7 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     ] = None
     rotations: Annotated[
         Rotations | None,
-        Key(
-            "what explicit schemes [integrate](robots.md#rotations)",
-            default=f'{_OWN}, else `"quaternion"`',
-        ),
+        Key("what explicit schemes [integrate](robots.md#rotations)", default=f'{_OWN}, else `"quaternion"`'),
     ] = None
     numbers: Annotated[
         dict[str, Number] | None,

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 from mbocp._keys import Declared, Key, Kind
 from mbocp._keys import Table as KeyTable
 from mbocp._measured import Measured
-from mbocp._numbers import finite_number
+from mbocp._quantities import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.loading.table_types import (
@@ -108,8 +108,7 @@ class PayloadTable(ShapeTable):
     frame: Annotated[Name, Key("that carries it")]
     mass: Annotated[Mass, Key("of a tool or a load", "kg")]
     position: Annotated[
-        Position | None,
-        Key("of its tip, the origin of its frame", "m", "the centre of mass", "3 numbers"),
+        Position | None, Key("of its tip, the origin of its frame", "m", "the centre of mass", "3 numbers")
     ] = None
     orientation: Annotated[
         Orientation | None,

@@ -13,8 +13,7 @@ import pinocchio as pin
 from mbocp._files import read_text
 from mbocp._text import shorten, show
 from mbocp.exceptions import RobotFileError, Unreadable
-from mbocp.robot.collision.geometry import mesh_of
-from mbocp.robot.collision.source import LinkShape
+from mbocp.robot.collision.geometry import LinkShape, mesh_of
 from mbocp.robot.loading.description import Reading
 from mbocp.robot.loading.readers.robot_yaml import parse_yaml
 from mbocp.robot.loading.robot_formats import reader_of

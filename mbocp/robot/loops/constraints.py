@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from mbocp.robot.loops.kinds.constraint import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
-from mbocp.robot.loops.kinds.hinge import Hinge
-from mbocp.robot.loops.kinds.point import Point
-from mbocp.robot.loops.kinds.point_on_line import PointOnLine
-from mbocp.robot.loops.kinds.point_on_plane import PointOnPlane
+from mbocp.robot.loops.kinds.hinges import Hinge, Screw, Weld
+from mbocp.robot.loops.kinds.points import Point, PointOnLine, PointOnPlane
 from mbocp.robot.loops.kinds.rod import Rod
-from mbocp.robot.loops.kinds.screw import Screw
-from mbocp.robot.loops.kinds.weld import Weld
 
 _KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling, Screw)
 

@@ -14,8 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space
+from mbocp._arrays import Array, null_space
 from mbocp._text import quote_all
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed

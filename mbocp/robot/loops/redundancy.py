@@ -13,8 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space, spanning_rows
+from mbocp._arrays import Array, null_space, spanning_rows
 from mbocp._text import quote_all
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loops.kinds.constraint import Constraint

@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
-from mbocp._linear import null_space, spanning_rows
+from mbocp._arrays import Array, null_space, spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.robot import joints
 from mbocp.robot.kinematics import is_singular

@@ -59,11 +59,7 @@ def begin(
 
 
 def resume(
-    newton: KernelNewton,
-    programme: StagewiseProgramme,
-    iterate: Iterate,
-    *,
-    is_centred: bool,
+    newton: KernelNewton, programme: StagewiseProgramme, iterate: Iterate, *, is_centred: bool
 ) -> KernelNewtonState:
     """State at a solution, or near one, with the iterate's own multipliers and the last barrier.
 

@@ -20,11 +20,17 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array, dataclass
-from mbocp._linear import norm
+from mbocp._arrays import Array, dataclass, norm
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
-from mbocp.solvers.nlp.iteration_log import IterationCallback, IterationLog, OfThread, whole_lines
+from mbocp.solvers.nlp.iteration_log import (
+    IterationCallback,
+    IterationLog,
+    OfThread,
+    advice_of,
+    status_of,
+    whole_lines,
+)
 from mbocp.solvers.nlp.nlp_functions import NlpFunctions, all_or_none, calm_or_none, parameters
 from mbocp.solvers.nlp.nlp_layout import (
     NlpLayout,
@@ -34,7 +40,6 @@ from mbocp.solvers.nlp.nlp_layout import (
     miss,
     tighten,
 )
-from mbocp.solvers.nlp.status_messages import advice_of, status_of
 from mbocp.solvers.records import Callback, IterationRecord, Status
 from mbocp.solvers.strategies.iterating import SolverResult
 

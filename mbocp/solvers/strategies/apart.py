@@ -22,10 +22,9 @@ from mbocp._arrays import Array
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.deadline import deadline_after
 from mbocp.solvers.nlp.interior_point import InteriorPoint, unpack
 from mbocp.solvers.nlp.nlp_layout import NlpLayout
-from mbocp.solvers.records import Callback, IterationRecord, Status
+from mbocp.solvers.records import Callback, IterationRecord, Status, deadline_after
 from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError, Tell
 from mbocp.solvers.strategies.iterating import SolverResult
 

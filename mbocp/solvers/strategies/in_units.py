@@ -24,8 +24,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp.programme import BoundMultipliers, Iterate, StagewiseProgramme
 from mbocp.programme.stagewise import Units
+from mbocp.solvers.options import SolverSettings
 from mbocp.solvers.records import IterationRecord, Status
-from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.iterating import SolverResult
 from mbocp.solvers.strategies.phases import Outcome, Start
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mbocp.solvers.newton_method.polish import can_be_polished, judge, meets, polisher
+from mbocp.solvers.newton_method.monolithic import can_be_polished, judge, meets, polisher
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from mbocp._arrays import dataclass
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import Iterate
-from mbocp.solvers.deadline import deadline_after, time_until
+from mbocp.solvers.options import SolverSettings
 from mbocp.solvers.protocol import Solver
-from mbocp.solvers.records import Callback, IterationRecord, Phase, Status
-from mbocp.solvers.settings import SolverSettings
+from mbocp.solvers.records import Callback, IterationRecord, Phase, Status, deadline_after, time_until
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest, run
 from mbocp.solvers.strategies.patience import Patience
 

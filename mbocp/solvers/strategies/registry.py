@@ -9,9 +9,8 @@ from typing import Any
 from mbocp.exceptions import InvalidValue
 from mbocp.solvers.added import added_solvers, make_added_solver
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
-from mbocp.solvers.options import Switch
+from mbocp.solvers.options import SolverSettings, Switch
 from mbocp.solvers.protocol import Solver
-from mbocp.solvers.settings import SolverSettings
 
 INTERIOR_POINT = ("ipopt", "fatrop")  # solvers of others, see `mbocp.solvers.nlp`; they run as a whole
 

@@ -9,8 +9,8 @@ import math
 from dataclasses import replace
 
 from mbocp.programme.stagewise import Units
+from mbocp.solvers.options import SolverSettings
 from mbocp.solvers.records import Status
-from mbocp.solvers.settings import SolverSettings
 from mbocp.solvers.strategies.auto import run_auto
 from mbocp.solvers.strategies.elsewhere import Tell
 from mbocp.solvers.strategies.in_units import run_in, run_with_tiny_costs

@@ -14,7 +14,7 @@ from mbocp.integrators import control_basis
 from mbocp.mechanics.motion_rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
-from mbocp.solution.records import dual_columns
+from mbocp.solution.details import dual_columns
 from mbocp.terms.rates import RATE_TERMS
 from mbocp.view.figures.lines import SHORT_NOTE, LinePanel, force_panels, line_panels, without_zigzag
 from mbocp.view.figures.style import (

@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from mbocp._arrays import Array, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import FrameTarget, Robot
 from mbocp.view.marks import Marks

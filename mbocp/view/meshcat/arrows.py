@@ -15,9 +15,8 @@ import pinocchio as pin
 from mbocp._arrays import Array, dataclass
 from mbocp.robot import Connector
 from mbocp.view.marks import ForceMark
-from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, shape_object
+from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, mg, shape_object
 from mbocp.view.meshcat.shapes import coil, cone, nice_length, tube
-from mbocp.view.meshcat.viewer import mg
 from mbocp.view.motion_samples import Motion
 
 _LONGEST = 0.25  # of the scene's size

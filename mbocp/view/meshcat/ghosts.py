@@ -13,13 +13,20 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import ReplayError
 from mbocp.robot import Robot
 from mbocp.robot.payload import shape_name
-from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform, shape_object
+from mbocp.view.meshcat.commands import (
+    Command,
+    Track,
+    colour_number,
+    mg,
+    set_object,
+    set_transform,
+    shape_object,
+)
 from mbocp.view.meshcat.shapes import tube
-from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion_samples import Motion
 

@@ -12,11 +12,19 @@ from mbocp._arrays import Array
 from mbocp.meshes.mesh_parts import Indices, MeshPart
 from mbocp.robot import LinkSpheres, Robot
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.robot.collision.samples import CORNERS, box_around
+from mbocp.robot.collision.solid import CORNERS, box_around
 from mbocp.view.marks import Marks
-from mbocp.view.meshcat.commands import Command, Track, colour_number, set_object, set_transform, shape_object
+from mbocp.view.meshcat.commands import (
+    Command,
+    Track,
+    colour_number,
+    load_primitive,
+    mg,
+    set_object,
+    set_transform,
+    shape_object,
+)
 from mbocp.view.meshcat.shapes import tube
-from mbocp.view.meshcat.viewer import load_primitive, mg
 from mbocp.view.meshcat.visuals import MergedGeometry
 from mbocp.view.motion_samples import Motion
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from mbocp._arrays import dataclass
 from mbocp.exceptions import ReplayError
+from mbocp.view.meshcat.commands import Ext, meshcat
 from mbocp.view.meshcat.scene import FORCES, Scene
-from mbocp.view.meshcat.viewer import Ext, meshcat
 
 _MIN_SHARED_TEXT = 512  # characters; shorter strings stay in the JSON
 _MIN_SHARED_LIST = 16  # numbers; a matrix stays in the JSON

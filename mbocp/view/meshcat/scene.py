@@ -13,7 +13,15 @@ from mbocp.robot import FrameTarget, LinkSpheres, Robot
 from mbocp.view.camera import Camera, fit_camera, upright
 from mbocp.view.marks import Marks
 from mbocp.view.meshcat.arrows import connector_commands, force_arrows
-from mbocp.view.meshcat.commands import Command, Track, set_animation, set_object, set_transform, shape_object
+from mbocp.view.meshcat.commands import (
+    Command,
+    Track,
+    mg,
+    set_animation,
+    set_object,
+    set_transform,
+    shape_object,
+)
 from mbocp.view.meshcat.ghosts import (
     Other,
     ghost_commands,
@@ -36,7 +44,6 @@ from mbocp.view.meshcat.goals import (
 )
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
-from mbocp.view.meshcat.viewer import mg
 from mbocp.view.meshcat.visuals import MeshLibrary
 from mbocp.view.motion_samples import Motion
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.meshes.mesh_parts import Indices
-from mbocp.view.meshcat.viewer import mg
+from mbocp.view.meshcat.commands import mg
 
 Colour = tuple[float, float, float]
 

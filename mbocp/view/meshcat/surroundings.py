@@ -8,9 +8,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.view.camera import Camera
-from mbocp.view.meshcat.commands import Command, set_object, set_property, set_transform, shape_object
+from mbocp.view.meshcat.commands import Command, mg, set_object, set_property, set_transform, shape_object
 from mbocp.view.meshcat.shapes import floor_disc, floor_lines, nice_length
-from mbocp.view.meshcat.viewer import mg
 
 BACKGROUND = (0.800, 0.835, 0.870)  # RGB
 FLOOR = (0.905, 0.925, 0.940)

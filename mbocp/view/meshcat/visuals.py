@@ -19,17 +19,14 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp._files import MEGABYTE
-from mbocp._text import shorten
-from mbocp._warn import warn_caller
+from mbocp._text import shorten, warn_caller
 from mbocp.exceptions import ReplayError, Unreadable
 from mbocp.meshes.mesh_parts import MeshPart, Surface, check_parts
 from mbocp.meshes.pictures import Picture, picture_folders, read_picture
-from mbocp.meshes.stl import binary_stl
-from mbocp.meshes.triangles import READERS, UNREADABLE, load_by_coal
+from mbocp.meshes.triangles import READERS, UNREADABLE, binary_stl, load_by_coal
 from mbocp.robot import Robot
-from mbocp.robot.collision.samples import CORNERS, box_around
-from mbocp.view.meshcat.commands import colour_number, shape_object
-from mbocp.view.meshcat.viewer import load_mesh, load_primitive, mg, pack_array
+from mbocp.robot.collision.solid import CORNERS, box_around
+from mbocp.view.meshcat.commands import colour_number, load_mesh, load_primitive, mg, pack_array, shape_object
 
 _ENDLESS = 1e6  # [m]; planes and half-spaces reach to the largest number there is
 _REPEAT = 1000  # three.js's RepeatWrapping, which Collada has by default

@@ -12,7 +12,7 @@ from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
 from mbocp.solution import Solution, Status
 from mbocp.solving import solve
-from mbocp.study.result_rows import NO_SOLVER, solver_seconds
+from mbocp.study.run_task import NO_SOLVER, solver_seconds
 from mbocp_papers.pendulums.cases import Form, paper_problem, strategy_settings
 from mbocp_papers.pendulums.data import Strategy
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.formulation.goal import end_condition_rows
+from mbocp.formulation.end_rows import end_condition_rows
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme

@@ -13,7 +13,7 @@ from typing import Any
 
 from mbocp.solution import Solution
 from mbocp.solving import solve
-from mbocp.study.result_rows import solver_seconds
+from mbocp.study.run_task import solver_seconds
 from mbocp_papers.layout import Column, PaperTable, Section
 from mbocp_papers.so3.data import FORMULATIONS, Formulation, Task, lattice
 from mbocp_papers.so3.experiment import SOLVERS, task_problem

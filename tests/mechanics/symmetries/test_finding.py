@@ -12,7 +12,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.integrators import TAU, VELOCITY_TAU
 from mbocp.mechanics.symmetries.finding import find_symmetries, momentum_map
-from mbocp.mechanics.symmetries.separate_parts import independent_parts
+from mbocp.mechanics.symmetries.spins import independent_parts
 from mbocp.robot import FrameActuator, QuarticSpring, Robot, Rod, SpringDamper
 from tests.mechanics.models import (
     BODY,

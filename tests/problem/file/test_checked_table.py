@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from mbocp._files import read_toml
-from mbocp.problem.file.schema import ProblemTable, check_tables
+from mbocp.problem.file.read_tables import ProblemTable, check_tables
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 DOCUMENTS = {path: read_toml(path) for path in sorted(EXAMPLES.rglob("*.toml"))}

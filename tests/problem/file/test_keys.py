@@ -18,7 +18,7 @@ from mbocp._keys import default_of, key_of, keys_of, row_of, tables_in, takes_of
 from mbocp.exceptions import ProblemFileError
 from mbocp.problem import parse_problem
 from mbocp.problem.file.keys_page import all_keys
-from mbocp.problem.file.schema import ProblemTable, problem_schema
+from mbocp.problem.file.read_tables import ProblemTable, problem_schema
 from mbocp.problem.solver import SolverOptions, SolverTable
 
 ROOT = Path(__file__).parents[3]

@@ -16,7 +16,7 @@ from mbocp._quantities import Quantity, unit_of
 from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem.file.keys_page import all_keys
 from mbocp.problem.file.load import parse_problem
-from mbocp.problem.file.schema import problem_schema
+from mbocp.problem.file.read_tables import problem_schema
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.robot import load_robot
 

@@ -17,7 +17,7 @@ import mbocp
 from mbocp.cli.app import app
 from mbocp.exceptions import RobotError
 from mbocp.meshes.mesh_parts import MeshPart
-from mbocp.meshes.stl import binary_stl
+from mbocp.meshes.triangles import binary_stl
 from mbocp.problem import parse_problem, problem_to_toml
 from mbocp.robot import EstimatedInertiaWarning, Robot, describe, gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.hull import hull_of

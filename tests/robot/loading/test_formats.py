@@ -12,7 +12,7 @@ import pytest
 
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import gather, load_parts, load_robot, load_stored
-from mbocp.robot.collision.source import LinkShape, ShapeSource
+from mbocp.robot.collision.geometry import LinkShape, ShapeSource
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.robot_formats import FORMATS, Format, format_of
 from mbocp.robot.robot_facts import find_oddities

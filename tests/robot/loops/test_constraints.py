@@ -22,7 +22,7 @@ from mbocp.robot import (
     Rod,
     Weld,
 )
-from mbocp.robot.loops.kinds.axes import perpendiculars
+from mbocp.robot.loops.kinds.constraint import perpendiculars
 from tests.mechanics.models import robot as by_hand
 
 KINDS = ("rod", "point", "hinge", "weld", "plane", "line", "coupling")

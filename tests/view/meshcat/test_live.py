@@ -13,7 +13,7 @@ from mbocp.exceptions import ReplayError
 from mbocp.robot import load_robot
 from mbocp.view import replay
 from mbocp.view.live_robot import LiveReplay
-from mbocp.view.meshcat.viewer import meshcat, mg
+from mbocp.view.meshcat.commands import meshcat, mg
 
 umsgpack = mg.umsgpack
 

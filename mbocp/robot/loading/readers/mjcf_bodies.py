@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.meshes.volume import scale_mass
+from mbocp.meshes.mesh_parts import scale_mass
 from mbocp.robot.loading.readers.mjcf_geoms import (
     Geom,
     MeshAsset,

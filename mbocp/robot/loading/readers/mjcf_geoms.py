@@ -14,12 +14,10 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError
-from mbocp.meshes.mesh_parts import Indices
+from mbocp.meshes.mesh_parts import Indices, enclosed_body, fill, scale_mass
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
-from mbocp.meshes.volume import enclosed_body, fill, scale_mass
-from mbocp.robot.collision.geometry import mesh_of
+from mbocp.robot.collision.geometry import LinkShape, mesh_of
 from mbocp.robot.collision.hull import hull_of
-from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
 from mbocp.robot.loading.readers.tree import TreeShape

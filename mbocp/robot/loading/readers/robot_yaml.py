@@ -27,8 +27,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from mbocp._files import MEGABYTE, read_text
-from mbocp._text import show
-from mbocp._warn import warn_caller
+from mbocp._text import show, warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
 from mbocp.robot.loading.description import Description, Oddity, Reading
 from mbocp.robot.loading.readers import urdf as urdf_reader
@@ -36,8 +35,8 @@ from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
-from mbocp.robot.loops.kinds.point import Point
-from mbocp.robot.loops.kinds.weld import Weld
+from mbocp.robot.loops.kinds.hinges import Weld
+from mbocp.robot.loops.kinds.points import Point
 from mbocp.robot.warnings import IgnoredKeysWarning
 
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB

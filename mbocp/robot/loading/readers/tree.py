@@ -13,11 +13,10 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import find_repeated, has_control_characters, list_names, show
-from mbocp._warn import warn_caller
+from mbocp._text import find_repeated, has_control_characters, list_names, show, warn_caller
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
-from mbocp.robot.collision.source import LinkShape, ShapeSource
+from mbocp.robot.collision.geometry import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS

@@ -16,14 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import quote_all, show
-from mbocp._warn import warn_caller
+from mbocp._text import quote_all, show, warn_caller
 from mbocp.exceptions import InvalidValue, RobotFileError, suggest
-from mbocp.meshes.mesh_parts import Indices
-from mbocp.meshes.volume import count_open_edges, enclosed_body, fill, scale_mass, weld
-from mbocp.robot.collision.geometry import read_mesh
+from mbocp.meshes.mesh_parts import Indices, count_open_edges, enclosed_body, fill, scale_mass, weld
+from mbocp.robot.collision.geometry import LinkShape, read_mesh
 from mbocp.robot.collision.hull import hull_of
-from mbocp.robot.collision.source import LinkShape
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, fault_of, is_rotor, read_inertials
 from mbocp.robot.loading.readers.urdf_shapes import link_shapes
 from mbocp.robot.loading.readers.urdf_xml import Urdf

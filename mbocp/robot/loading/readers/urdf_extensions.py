@@ -18,8 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from mbocp._text import list_names, shorten, show
-from mbocp._warn import warn_caller
+from mbocp._text import list_names, shorten, show, warn_caller
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.readers.urdf_inertia import read_inertials
 from mbocp.robot.loading.readers.urdf_xml import child_attribute, finite_number, finite_numbers

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import show
-from mbocp._warn import warn_caller
+from mbocp._text import show, warn_caller
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loading.readers.urdf_xml import LARGEST, child_attribute, finite_number, finite_numbers
 from mbocp.robot.warnings import ImpossibleInertiaWarning

@@ -15,10 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp._text import shorten, show
-from mbocp._warn import warn_caller
+from mbocp._text import shorten, show, warn_caller
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.collision.source import LinkShape, ShapeSource
+from mbocp.robot.collision.geometry import LinkShape, ShapeSource
 from mbocp.robot.loading.addresses import NO_PACKAGE, resolve, root_of_stored
 from mbocp.robot.loading.readers.urdf_xml import Urdf, child_attribute, finite_numbers, pairs_disabled_beside
 from mbocp.robot.warnings import MissingMeshWarning

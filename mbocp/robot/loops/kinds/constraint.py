@@ -1,6 +1,6 @@
-r"""What is known of each kind of holonomic constraint: the interface, and what those between frames share.
+"""What all kinds of constraints between bodies have in common.
 
-A kind is one class in one file: its keys in a robot.toml, names and units of its rows, its equations, what
+A kind is one class: its keys in a robot.toml, names and units of its rows, its equations, what
 its multipliers exert, and what others ask of it (a hold, a picture, a bound on forces). A frame is an index
 into `pin.Model.frames`; frame 0 is the universe, called "world". Frame a has the position p_a and the axes
 R_a = (x_a, y_a, z_a) in the world, frame b likewise. Positions are compared in the axes of frame b: what a
@@ -9,17 +9,57 @@ planar loop keeps then turns with it.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeAlias
 
 import casadi as ca
+import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table
-from mbocp.robot.loops.kinds.axes import Axis
+from mbocp.exceptions import InvalidValue
+from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table, TableReader
 from mbocp.robot.parts import Label
+
+Axis: TypeAlias = tuple[float, float, float]
+
+Z: Axis = (0.0, 0.0, 1.0)
+
+
+def unit_axis(axis: Axis, name: str) -> Axis:
+    """Normalise a direction. Raises `InvalidValue` if it has none; `name` begins the message."""
+    vector = np.array(axis, dtype=np.float64)
+    norm = float(np.linalg.norm(vector)) if vector.shape == (3,) else math.nan
+    if not (math.isfinite(norm) and norm > 0.0):
+        raise InvalidValue(name, axis, "three finite numbers, not all zero")
+    return _plain(vector / norm)
+
+
+def perpendiculars(axis: Axis) -> tuple[Axis, Axis]:
+    """Two unit vectors that form a right-handed triad with the unit vector `axis`; x and y for z."""
+    n = np.array(axis)
+    first = np.eye(3)[int(np.argmin(np.abs(n)))]
+    first = first - (first @ n) * n
+    first /= np.linalg.norm(first)
+    second = np.cross(n, first)
+    return _plain(first), _plain(second)
+
+
+def in_world(axes: ca.SX, direction: Axis) -> ca.SX:
+    """Direction in the world of a constant direction in a frame; nothing but a column where it is an axis."""
+    terms = [axes[:, i] * number for i, number in enumerate(direction) if number]
+    return sum(terms[1:], start=terms[0])
+
+
+def along(direction: Axis, vector: ca.SX) -> ca.SX:
+    """Component of a vector along a constant direction of its axes."""
+    return ca.dot(ca.DM(np.array(direction)), vector)
+
+
+def _plain(vector: np.ndarray) -> Axis:
+    x, y, z = (float(number) + 0.0 for number in vector)  # without negative zeros
+    return x, y, z
 
 
 class Kinematics(Protocol):

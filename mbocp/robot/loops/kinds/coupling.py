@@ -13,8 +13,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp._measured import Measured, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
-from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loading.table_types import FramePair, Number
+from mbocp.robot.loading.table_types import FramePair, Number, TableReader
 from mbocp.robot.loops.kinds.constraint import Constraint, ConstraintKeys, Kinematics
 from mbocp.robot.parts import Label
 

@@ -10,10 +10,8 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
-from mbocp.robot.loading.table_reader import TableReader
-from mbocp.robot.loading.table_types import Metres
-from mbocp.robot.loops.kinds.axes import Axis
-from mbocp.robot.loops.kinds.constraint import FrameConstraint, FrameKeys, Kinematics
+from mbocp.robot.loading.table_types import Metres, TableReader
+from mbocp.robot.loops.kinds.constraint import Axis, FrameConstraint, FrameKeys, Kinematics
 from mbocp.robot.parts import Label
 
 

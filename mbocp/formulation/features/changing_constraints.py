@@ -1,8 +1,8 @@
-"""Constraints that begin and end along the way, and impacts, see `mbocp.integrators.switched`."""
+"""Constraints that begin and end along the way, impacts, and forces of constraints that states remember."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.layout import Block, StateLayout
+from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import Switched
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
@@ -18,6 +20,7 @@ from mbocp.mechanics.held_frames import HeldFrame, held_labels
 from mbocp.problem import Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
+from mbocp.terms.contact import ContactTerm
 
 _ACTIVE = "active"  # the stage parameters e
 _IS_IMPACT = "is_impact"  # the stage parameter k
@@ -187,4 +190,72 @@ def _places(table: SwitchTable, qs: Array) -> Array:
         steps = np.flatnonzero((anchors == first).any(axis=1))
         residuals = table.residuals(qs[steps + 1], np.tile(qs[first], (len(steps), 1)))
         found[steps + 1] = np.where(anchors[steps] == first, residuals, found[steps + 1])
+    return found
+
+
+@dataclass(frozen=True)
+class Reactions(Feature):
+    """Rows of the robot's constraints whose forces states remember, in rising order."""
+
+    rows: tuple[int, ...]
+
+    @classmethod
+    def of(cls, problem: Problem, asked: Asked) -> Reactions | None:
+        """Return those that path constraints look at."""
+        rows = _rows_of(term for term in asked.path if isinstance(term, ContactTerm))
+        return cls(rows) if rows else None
+
+    def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
+        """A force for each; impacts have impulses in their place."""
+        return (Block("reaction", len(self.rows), has_unit=True, has_impacts=True),)
+
+    @property
+    def state_key(self) -> Mapping[str, Any]:
+        """Which rows they are."""
+        return {"reactions": self.rows}
+
+    def following(self, name: str, step: Passage) -> Any:
+        """Forces in the step."""
+        return step.forces(self.rows) / step.units[name]
+
+    def show(self, name: str, value: ca.SX) -> ca.SX:
+        """Forces at their rows, and zeros at those that are not remembered."""
+        found = ca.SX.zeros(self.rows[-1] + 1)
+        found[list(self.rows)] = value
+        return found
+
+    def units(self, problem: Problem) -> Mapping[str, float]:
+        """The largest scale of a contact [N, N m]."""
+        return {"reaction": _unit(problem)}
+
+    def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
+        """Of which constraint."""
+        labels = labels_of(problem)
+        return [f"force of {labels[row].name}" for row in self.rows]
+
+
+def _rows_of(terms: Iterable[ContactTerm]) -> tuple[int, ...]:
+    return tuple(sorted({row for term in terms for row in term.of_rows}))
+
+
+def _unit(problem: Problem) -> float:
+    return max((contact.scale for contact in problem.contacts), default=1.0)
+
+
+def reactions_along(problem: Problem, at: StateLayout, xs: Array) -> Array:
+    """Return forces of the robot's constraints in the steps to the nodes 1..N, shape (N, rows).
+
+    Zero where they are not remembered.
+
+    Parameters
+    ----------
+    problem : Problem
+    at : StateLayout
+    xs : ndarray, shape (N + 1, nx)
+        States that remember them.
+    """
+    rows = _rows_of(contact.term for contact in problem.contacts)
+    found = np.zeros((len(xs) - 1, rows[-1] + 1 if rows else 0))
+    if rows:
+        found[:, list(rows)] = _unit(problem) * xs[1:, at.states["reaction"]]
     return found

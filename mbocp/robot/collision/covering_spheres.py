@@ -15,8 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.robot.collision.samples import directions, sequence
-from mbocp.robot.collision.solid import Solid
+from mbocp.robot.collision.solid import Solid, directions, sequence
 
 _POINTS = 1200  # to cover, on the surface and inside each
 _TURNS = 10

@@ -1,4 +1,4 @@
-r"""Heights of a map as a smooth surface: a bicubic spline through all of them.
+r"""Heights of a map: as a smooth surface, and of frames above it as path constraints.
 
 .. math:: h(x, y) = \textstyle\sum_{ij} c_{ij} \, \beta(\eta - i) \, \beta(\xi - j), \qquad
     \beta(t) = \tfrac16 \textstyle\sum_{k=0}^4 (-1)^k \binom4k (t + 2 - k)_+^3
@@ -19,11 +19,14 @@ from typing import Annotated, Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, dataclass
 from mbocp._keys import Key, Table
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.written import Finite, Positive, Triple
+from mbocp.robot import Robot
+from mbocp.terms.path_term import PathNumbers, PathTerm, finite_bounds, one_bound
+from mbocp.terms.point import Point
+from mbocp.terms.written import Bound, Finite, Positive, Triple
 
 MOST_HEIGHTS = 1024  # each is an operation of every function that sees them
 _GRID = 6  # numbers of a grid
@@ -178,3 +181,66 @@ def surface_from(given: Mapping[str, Any], key: str) -> Surface | None:
     if given.get("cell") is None:
         raise ProblemError(f"{key}: heights: how far are they apart? Give cell [m]")
     return Surface.through(given["heights"], given["cell"], given.get("middle") or [0.0] * 3, key)
+
+
+@dataclass(frozen=True)
+class Height(PathTerm):
+    """Height of the frame's origin above a map.
+
+    Attributes
+    ----------
+    map_rows, map_columns : int
+        Of the map.
+    """
+
+    map_rows: int
+    map_columns: int
+
+    kind = "height"
+    unit = "m"
+
+    class Keys(SurfaceKeys):
+        """Keys."""
+
+        min: Annotated[Bound, Key("of a height above the map", "m", beside=("max",))] = None
+        max: Bound = None
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> Height:
+        """With the size of the map."""
+        return cls(given.frame, *_surface(given).size)
+
+    @property
+    def _shape(self) -> SurfaceShape:
+        return SurfaceShape(self.map_rows, self.map_columns)
+
+    @property
+    def sizes(self) -> dict[str, int]:  # type: ignore[override]
+        """Numbers of the map."""
+        return self._shape.sizes
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Nothing: what is no map was refused when it was made."""
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """The map and bounds."""
+        surface = surface_from(given, key)
+        if surface is None:
+            raise ProblemError(f"{key}: above what? Give heights and cell")
+        return {**surface._asdict(), **one_bound(given, key)}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """The map and bounds."""
+        return {**_surface(given).keys, **finite_bounds(given)}
+
+    def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Height [m]."""
+        place = at.mechanics.frame_position(self.frame, at.q)
+        return place[2] - self._shape.height(place, p)
+
+
+def _surface(given: PathNumbers) -> Surface:
+    return Surface(np.asarray(given.number("coefficients")), np.asarray(given.number("grid")))

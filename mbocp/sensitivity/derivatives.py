@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, dataclass
-from mbocp._warn import warn_caller
+from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
-from mbocp.sensitivity.change import Change
+from mbocp.sensitivity.change import Change, Parameter
 from mbocp.sensitivity.kkt import Optimum, Parts
 from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
-from mbocp.sensitivity.parameter import Parameter
 from mbocp.sensitivity.parameters import parameters_of
 from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, Reader, readings_of
 from mbocp.solution import Solution
