@@ -55,9 +55,10 @@ class MbocpError(Exception):
         return self._key if self._key != "" else key_in(str(self))
 
     def put_into(self, path: Path | str) -> None:
-        """Put the name of the file in front of the message."""
-        self._key = self.key
-        self.args = (f"{path}: {self}",)
+        """Put the name of the file in front of the message, unless it is there."""
+        if not str(self).startswith(f"{path}: "):
+            self._key = self.key
+            self.args = (f"{path}: {self}",)
 
 
 def _restore(kind: type[MbocpError], words: tuple[Any, ...]) -> MbocpError:

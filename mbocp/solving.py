@@ -6,6 +6,7 @@ The module is not called `solve`: importing it would put it into the place of th
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from mbocp.accuracy.errors import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged
 from mbocp.job import Job
 from mbocp.problem import Problem
+from mbocp.problem.file.messages import in_file
 from mbocp.problem.solver import MENU
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
@@ -114,14 +116,15 @@ def solve(
     job = Job.of(
         problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=gains or accuracy
     )
-    if problem.solver.starts == MENU:
-        from mbocp.menus.menu import BestOfMenu  # slow to import, and wanted only here
+    with nullcontext() if problem.source is None else in_file(problem.document.label):
+        if problem.solver.starts == MENU:
+            from mbocp.menus.menu import BestOfMenu  # slow to import, and wanted only here
 
-        solution = BestOfMenu().run(job)
-    else:
-        solution = strategy_for(job).run(job)
-    if accuracy and problem.accuracy is None:
-        solution = with_accuracy(problem, solution, job.deadline)
+            solution = BestOfMenu().run(job)
+        else:
+            solution = strategy_for(job).run(job)
+        if accuracy and problem.accuracy is None:
+            solution = with_accuracy(problem, solution, job.deadline)
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,6 +69,17 @@ def test_errors_of_files_have_kind_and_key(
 
 def subclasses_of(kind: type[MbocpError]) -> list[type[MbocpError]]:
     return [kind, *(one for sub in kind.__subclasses__() for one in subclasses_of(sub))]
+
+
+def test_what_is_refused_while_solving_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "tight.toml"
+    path.write_text(
+        ARM + "q = [0.3, 0.2]\n"
+        "[limits]\nvelocity = 2.0\n[robust]\nsigmas = 40.0\nstart = { q = 0.1, v = 0.1 }\n"
+    )
+    problem = mbocp.load_problem(path)
+    with pytest.raises(ProblemFileError, match=rf"^{re.escape(str(path))}: robust: .* has no room"):
+        mbocp.solve(problem)
 
 
 @pytest.mark.parametrize(

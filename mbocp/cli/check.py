@@ -116,7 +116,7 @@ def _configuration(robot: Robot, q: Array, shown: BoolArray | None = None) -> st
         q_place, v_place = robot.configuration_indices(name), robot.velocity_indices(name)
         if v_place.stop == v_place.start or (shown is not None and not shown[v_place].all()):
             continue
-        numbers = q[q_place].tolist()
+        numbers = [round(x, 9) + 0.0 for x in q[q_place].tolist()]  # what is left of a search is round-off
         if len(numbers) == 2:
             numbers = [math.atan2(numbers[1], numbers[0])]
         value = f"{numbers[0]:.4g}" if len(numbers) == 1 else f"[{', '.join(f'{x:.4g}' for x in numbers)}]"

@@ -5,17 +5,38 @@ from __future__ import annotations
 import os
 import re
 import sys
+from collections.abc import Iterable
 from typing import IO, Any, cast
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
 _PIPE_WIDTH = 200  # nobody looks at the lines of a pipe through a narrow window
 _WIDTHS = range(20, 10_000)  # that COLUMNS may ask for
 _BLANKS = re.compile(r"[ ]+(?=\n)")
+_HELD = "\ue000"  # stands for a blank at which no line breaks: rich breaks at Unicode's own, too
+_BEFORE_UNITS = re.compile(
+    r"(?<=\d) (?=(?:%|(?:rad|deg|mm|kg|ms|us|kB|MB|GB|[msNWJVA])\b))"
+    r"|(?<=\bN) (?=[ms]\b)|(?<=\bkg) (?=m\b)|(?<=\bm) (?=s\b)"
+)
 
 
 class _Output(Console):
+    """A console that breaks no line between a number and its unit."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        options = options or self.options
+        if isinstance(renderable, str):
+            renderable = self.render_str(renderable, highlight=options.highlight, markup=options.markup)
+        if not isinstance(renderable, Text):
+            return super().render(renderable, options)
+        held = renderable.copy()
+        held.plain = _BEFORE_UNITS.sub(_HELD, held.plain)
+        parts = super().render(held, options)
+        return (Segment(text.replace(_HELD, " "), style, control) for text, style, control in parts)
+
     def on_broken_pipe(self) -> None:
         """Leave it to `reporting`; rich would end with status 1, which means "not converged" here."""
         raise BrokenPipeError

@@ -12,8 +12,9 @@ turned half around. That is no solution of what was asked for. Two ends beside t
 Conditions on velocities are chosen by what the constraints leave free at `goal.q`, which is a guess where the
 goal does not give every joint. At another configuration they may leave velocities free that should be zero:
 `miss_of_rates` looks at the configuration in which the motion ends. What it finds across the constraints is
-the scheme's: those of index 3 keep velocities in the constraints to some order alone. A part of that may be
-seen along the constraints, until the conditions are chosen where the motion ends.
+the scheme's: those of index 3 keep velocities in the constraints to some order alone, and explicit ones leave
+the constraints themselves, too. A part of that may be seen along the constraints, until the conditions are
+chosen where the motion ends.
 """
 
 from __future__ import annotations
@@ -27,9 +28,13 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.changing_constraints import ties_at_end
 from mbocp.formulation.motion import Motion
+from mbocp.integrators import SCHEMES
 from mbocp.mechanics.diagnostics import constraint_violation
 from mbocp.mechanisms.consistent_states import allowed_velocities
+from mbocp.problem import Problem
+from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.frames import errors_of_poses
+from mbocp.problem.integration import SMALL_LOOP, has_rotations
 from mbocp.robot.kinematics import momenta_of
 
 _REACHED = 1e-6  # tangent-space distance [m, rad] beyond which the end is not at the goal
@@ -38,7 +43,8 @@ _OPEN = (
 )
 _UNSAID = "the conditions of the end do not say it there; start from another guess"
 _OF_BODIES = "those of bodies are those of joints to the order of the scheme alone: take more steps"
-_ACROSS = "the scheme leaves it across the constraints: take more steps, or the scheme"
+_ACROSS = "the scheme leaves it across the constraints"
+_GROSS_OPENING = 0.01  # [m, rad]: loops that are open by more are none
 _SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
@@ -177,22 +183,41 @@ def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool =
     tolerance = np.maximum(_REACHED * scale, _REACHED)
     by_scheme = np.maximum(_SHARE * scale, tolerance)
     # Velocities of bodies in natural coordinates are those of joints to the order of the scheme alone.
-    smallest = tolerance if formulation.counts_turns else by_scheme
-    largest = smallest if free.shape[1] == robot.nv else by_scheme
-    labels = robot.p_labels if is_momentum else robot.v_labels
-    across = f"{_ACROSS} {'se1' if problem.timeline.switches else 'lobatto3 or se1'}"
     of_joints = formulation.counts_turns
-    for is_free, part, least, most, remedy in (
-        (of_joints, along, smallest, largest, _UNSAID if of_joints else _OF_BODIES),
-        (False, error - along, by_scheme, by_scheme, across),
+    is_exact = of_joints and free.shape[1] == robot.nv
+    labels = robot.p_labels if is_momentum else robot.v_labels
+    for is_free, part, most, remedy in (
+        (of_joints, along, tolerance if is_exact else by_scheme, _UNSAID if of_joints else _OF_BODIES),
+        (False, error - along, by_scheme, f"{_ACROSS}: {_more_steps(problem)}"),
     ):
-        told = least if is_strict else most
+        told = tolerance if is_strict else most
         worst = int(np.argmax(np.abs(part) / told))
         size = abs(part[worst])
         if size > told[worst]:
             off = f"{labels[worst].name} ends {size:.3g} {labels[worst].unit} off goal.{goal.rate}"
             return RatesMissed(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
     return None
+
+
+def opening_of_loops(problem: Problem, motion: Motion) -> tuple[str, bool]:
+    """Say how far a scheme that does not solve constraints leaves them, and whether by far; "" where not."""
+    if SCHEMES[problem.scheme].solves_constraints or not problem.robot.nc:
+        return "", False
+    found = constraint_violation(problem.robot, motion.qs, motion.vs)
+    if found.position <= _REACHED:
+        return "", False
+    at = f"{found.position:.2g} at {found.position_name}, t = {motion.dts[: found.position_node].sum():.4g} s"
+    words = f"the scheme drifts off the loops by up to {at}: {_more_steps(problem)}"
+    return words, found.position > _GROSS_OPENING
+
+
+def _more_steps(problem: Problem) -> str:
+    """What to do about a scheme that leaves velocities or positions across the constraints."""
+    robot, is_natural = problem.robot, COORDINATES[problem.coordinates].needs_constraints
+    if robot.drives or (robot.rotations == "dcm" and has_rotations(robot)):
+        return "take more steps"
+    others = robot.nv > SMALL_LOOP or problem.timeline.switches or is_natural
+    return f"take more steps, or the scheme {'se1' if others else 'lobatto3 or se1'}"
 
 
 def _free_velocities(formulation: Formulation, q: Array) -> Array:

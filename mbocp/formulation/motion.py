@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.integrators import control_basis, control_powers
+from mbocp.integrators import control_powers, controls_within
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,11 @@ class Motion:
     @property
     def us_at_ends(self) -> Array:
         """Controls at the ends of the steps, shape (N, nu)."""
-        return self.us_at(1.0)
+        return self.us_at(np.ones(1))[:, 0]
 
-    def us_at(self, share: float) -> Array:
-        """Controls at a share of each step, shape (N, nu)."""
-        if not self.shares:
-            return self.us
-        return np.einsum("k,nku->nu", control_basis(self.shares, [share])[0], self.values)
+    def us_at(self, at: Array) -> Array:
+        """Controls at shares (m,) of each step, shape (N, m, nu)."""
+        return controls_within(self.us, self.values, self.shares, at)
 
     @property
     def us_in_powers(self) -> Array:

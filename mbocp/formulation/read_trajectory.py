@@ -17,8 +17,8 @@ from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
 from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.diagnostics import largest_turn
-from mbocp.mechanics.motion_rates import powers, works
 from mbocp.problem import Problem
+from mbocp.problem.step_powers import StepPowers
 from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
@@ -123,9 +123,8 @@ def _energies(problem: Problem, motion: Motion) -> tuple[float, float]:
     if units and not units & {"N", "N m"}:
         return np.nan, np.nan
     with np.errstate(invalid="ignore", over="ignore"):  # of numbers that diverged
-        begins = powers(robot, motion.qs[:-1], motion.vs[:-1], motion.us_at(0.0))
-        ends = powers(robot, motion.qs[1:], motion.vs[1:], motion.us_at_ends)
-        work, braked = works(begins, ends, motion.dts)
+        t = np.append(0.0, np.cumsum(motion.dts))
+        work, braked = StepPowers.of(robot, problem.scheme, t, motion.qs, motion.vs, motion.us_at).works
         rms = root_mean_squares(motion.dts, motion.us, motion.values, motion.shares)
         drawn = Energy.drawn(problem.cost, work, braked, motion.dts.sum() * rms**2)
     return float(work.sum()), drawn

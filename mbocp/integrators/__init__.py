@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mbocp.integrators.controls import control_means as control_means
     from mbocp.integrators.controls import control_powers as control_powers
     from mbocp.integrators.controls import control_squares as control_squares
+    from mbocp.integrators.controls import controls_within as controls_within
     from mbocp.integrators.controls import cost_order as cost_order
     from mbocp.integrators.controls import root_mean_squares as root_mean_squares
     from mbocp.integrators.controls import shares_of as shares_of

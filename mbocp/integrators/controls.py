@@ -68,6 +68,13 @@ def basis_slopes(shares: Sequence[float], at: float) -> Array:
     return (np.arange(1.0, k) * at ** np.arange(0.0, k - 1.0)) @ powers[1:]
 
 
+def controls_within(us: Array, values: Array, shares: Sequence[float], at: Sequence[float] | Array) -> Array:
+    """Controls at parts `at` of each step, shape (N, m, nu); see `root_mean_squares` for what is given."""
+    if not len(shares):
+        return np.repeat(us[:, None], len(at), axis=1)
+    return np.einsum("mk,nku->nmu", control_basis(shares, at), values)
+
+
 @lru_cache(maxsize=64)
 def control_powers(shares: tuple[float, ...]) -> Array:
     """From values to the coefficients of 1, s, s^2, ..., shape (k, k)."""

@@ -98,17 +98,3 @@ def powers(robot: Robot, qs: Array, vs: Array, us: Array) -> Array:
         return us * (vs @ constant)
     along = np.array([robot.actuation_matrix(q).T @ v for q, v in zip(qs, vs, strict=True)])
     return np.asarray(us * along, dtype=np.float64)
-
-
-def works(begins: Array, ends: Array, dts: Array) -> tuple[Array, Array]:
-    """Work that each control does, and that it brakes [J], shape (nu,): of each step by its mean power.
-
-    Parameters
-    ----------
-    begins, ends : ndarray, shape (N, nu)
-        Powers at both ends of the steps [W].
-    dts : ndarray, shape (N,)
-        Lengths of the steps [s].
-    """
-    means = (begins + ends) / 2.0
-    return dts @ np.maximum(means, 0.0), dts @ np.maximum(-means, 0.0)

@@ -32,7 +32,7 @@ from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 from mbocp.problem.speed_lines import kind_of, over_speed, speed_lines, steps_held
-from mbocp.problem.step_cubics import StepCubics
+from mbocp.problem.step_cubics import StepCubics, move_along
 from mbocp.robot import Label, Robot
 from mbocp.terms.rates import RATE_TERMS
 
@@ -297,12 +297,12 @@ class _Steps:
             yield _Look("effort", values, times, sides, self.problem.robot.u_labels)
 
     def _powers(self, sides: Sides) -> Iterator[_Look]:
-        """At the begins of the steps: at their ends limits hold."""
-        robot, us = self.problem.robot, self._controls(0.0)
-        values = powers(robot, self.begins, self.cubics.v0, us)
-        rates = RATE_TERMS["power"]
+        """At the begins of the steps, and where controls vary within them, too: at their ends limits hold."""
+        robot, rates = self.problem.robot, RATE_TERMS["power"]
         labels = tuple(Label(label.name, rates.unit(label.unit)) for label in robot.u_labels)
-        yield _Look("power", values, self.cubics.times(np.zeros(values.shape)), sides, labels)
+        for s in np.linspace(0.0, 1.0, _PLACES) if self.shares else np.zeros(1):
+            values = powers(robot, self._configurations(s), self.cubics.speeds(s), self._controls(s))
+            yield _Look("power", values, self.cubics.times(np.full(values.shape, s)), sides, labels)
 
     def look_at_lines(self, path: PathConstraint, steps: IntArray) -> Iterator[_Look]:
         """At rows that fall with a speed, in the steps of some numbers at both of whose ends these hold.
@@ -327,10 +327,7 @@ class _Steps:
 
     def _configurations(self, s: Array) -> Array:
         """At a share of each step, shape (n, nq)."""
-        robot, ways = self.problem.robot, self.cubics.ways(s)
-        if robot.is_vector_space:
-            return self.begins + ways
-        return np.array([robot.integrate(q, way) for q, way in zip(self.begins, ways, strict=True)])
+        return move_along(self.problem.robot, self.begins, self.cubics.ways(s))
 
     def _controls(self, s: float) -> Array:
         """At a share of each step, shape (n, nu)."""
@@ -433,16 +430,12 @@ def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, u
     the midpoint's means are those of both velocities. Means are then those of the cubics through velocities
     and accelerations at both ends: (v_0 + v_1) / 2 + h (a_0 - a_1) / 12.
     """
-    robot, lengths = problem.robot, np.diff(t)[steps, None]
-    if robot.is_vector_space:
-        ways = qs[steps + 1] - qs[steps]
-    else:
-        ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps])
-    means = ways / lengths
-    if SCHEMES[problem.scheme].order == 2 and _is_open(problem):
-        ends = [accelerations(robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
-        means = (vs[steps] + vs[steps + 1]) / 2.0 + lengths * (ends[0] - ends[1]) / 12.0
-    return StepCubics(t[steps, None], lengths, vs[steps], vs[steps + 1], means)
+    cubics = StepCubics.through(problem.robot, t, qs, vs)
+    if SCHEMES[problem.scheme].order != 2 or not _is_open(problem):
+        return cubics
+    ends = [accelerations(problem.robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
+    means = (vs[steps] + vs[steps + 1]) / 2.0 + cubics.lengths * (ends[0] - ends[1]) / 12.0
+    return replace(cubics, means=means)
 
 
 def widest_within(limits: Sides, steps: IntArray) -> Sides:

@@ -28,7 +28,7 @@ from mbocp.terms.own import OwnTerm
 
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
 AUTO_SCHEME = "auto"
-_SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
+SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
 _STIFF = 20.0  # times in a step that a velocity falls to 1/e: midpoint leaves 0.8 of it, with the other sign
 _LARGE = 50  # velocities, beyond which stages of "radau2" have too many operations
 _LONG_CHAIN = 24  # velocities, with which the functions of two stages have 350,000 operations
@@ -237,7 +237,7 @@ def choose_scheme(
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
         (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
         (has_cost, "midpoint", "costs of contact forces"),
-        (robot.nc > 0 and robot.nv <= _SMALL_LOOP, "lobatto3", "small closed loops"),
+        (robot.nc > 0 and robot.nv <= SMALL_LOOP, "lobatto3", "small closed loops"),
         (robot.nc > 0, "midpoint", "closed loops of many joints"),
         (turns, "midpoint", "a floating base or ball joints"),
         (robot.nv > _LONG_CHAIN, "midpoint", "a chain of many joints"),

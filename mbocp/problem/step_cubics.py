@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
+from mbocp.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,17 @@ class StepCubics:
     v0: Array
     v1: Array
     means: Array
+
+    @classmethod
+    def through(cls, robot: Robot, t: Array, qs: Array, vs: Array) -> StepCubics:
+        """Of all steps that take time, from the nodes of a motion."""
+        steps = np.flatnonzero(np.diff(t) > 0.0)
+        lengths = np.diff(t)[steps, None]
+        if robot.is_vector_space:
+            ways = qs[steps + 1] - qs[steps]
+        else:
+            ways = np.array([robot.difference(qs[n], qs[n + 1]) for n in steps]).reshape(-1, robot.nv)
+        return cls(t[steps, None], lengths, vs[steps], vs[steps + 1], ways / lengths)
 
     def times(self, s: Array) -> Array:
         """At shares of the steps [s]."""
@@ -71,3 +83,10 @@ class StepCubics:
 
 def _within(s: Array) -> Array:
     return np.where((s > 0.0) & (s < 1.0), s, 0.0)
+
+
+def move_along(robot: Robot, qs: Array, ways: Array) -> Array:
+    """Configurations at tangent vectors from others, shape (n, nq)."""
+    if robot.is_vector_space:
+        return qs + ways
+    return np.array([robot.integrate(q, way) for q, way in zip(qs, ways, strict=True)])

@@ -151,7 +151,8 @@ def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Cur
     """Joints, cubics, and by how much these lag behind the nodes [s]."""
     columns = list(_columns(solution))
     if not columns:
-        raise InvalidValue("solution", "no joint of one velocity", "joints that slide or turn about an axis")
+        expected = "joints that slide or turn about an axis; Solution.to_csv and recordings (.mcap) have all"
+        raise InvalidValue("solution", "no joint of one velocity", expected)
     names, positions, at_v = (list(one) for one in zip(*columns, strict=True))
     places = {column.name: k for k, column in enumerate(solution.labels.q)}
     free = np.array([[-np.inf], [np.inf]])  # continuous joints

@@ -31,11 +31,10 @@ class Load:
     largest : float
         Largest magnitude at ends of steps, and where controls vary at the places that they are given at.
     power, braking : float
-        Largest power that it gives and that it takes up, at the ends of steps [W]; NaN of controls that
+        Largest power that it gives and that it takes up, within steps, too [W]; NaN of controls that
         prescribe a motion.
     work, braked : float
-        Energy that it gives and that it takes up over the motion, of each step by the mean of its powers at
-        both ends [J]; NaN likewise.
+        Energy that it gives and that it takes up over the motion [J]; NaN likewise.
     """
 
     name: str
@@ -72,19 +71,12 @@ def loads_of(solution: SolutionData, robot: Robot) -> tuple[Load, ...]:
     robot : Robot
         That of the solution, see `Solution.load_robot`.
     """
-    from mbocp.mechanics.motion_rates import powers, works  # mechanics, which no summary needs
+    from mbocp.problem.step_powers import StepPowers  # mechanics, which no summary needs
 
-    lengths = np.diff(solution.t)
-    timed = lengths > 0.0  # impacts take no time, and no control acts
-    begins, squares, sizes = solution.t[:-1][timed], rms_of(solution), largest_of(solution)
-    first, last = solution.controls_at(begins), solution.us_at_ends[timed]
-    flows = np.vstack(
-        [
-            powers(robot, solution.qs[:-1][timed], solution.vs[:-1][timed], first),
-            powers(robot, solution.qs[1:][timed], solution.vs[1:][timed], last),
-        ]
-    )
-    work, braked = works(flows[: len(begins)], flows[len(begins) :], lengths[timed])
+    squares, sizes = rms_of(solution), largest_of(solution)
+    motion = (solution.t, solution.qs, solution.vs, solution.controls_within)
+    found = StepPowers.of(robot, solution.scheme, *motion)
+    flows, (work, braked) = found.values.reshape(-1, solution.nu), found.works
     return tuple(
         Load(
             column.name,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import DimensionMismatch
-from mbocp.integrators.controls import control_basis
+from mbocp.integrators.controls import control_basis, controls_within
 from mbocp.programme.iterate import Carried
 from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import check_arrays, json_copy
@@ -219,7 +219,11 @@ class SolutionData:
     @property
     def us_at_ends(self) -> Array:
         """Controls at the ends of the steps, shape (N, nu)."""
-        return self.us if self.has_constant_controls else self._controls_in(np.arange(self.num_steps), 1.0)
+        return self.controls_within(np.ones(1))[:, 0]
+
+    def controls_within(self, shares: Array) -> Array:
+        """Controls at shares (m,) of each step, shape (N, m, nu)."""
+        return controls_within(self.us, self.u_values, self.u_shares.tolist(), shares)
 
     @property
     def accelerations(self) -> Array:

@@ -31,6 +31,20 @@ def test_info(result: Path, run: Run) -> None:
     assert "drift of rotations" not in done.stdout
 
 
+@pytest.mark.parametrize("width", range(40, 56))
+def test_no_line_breaks_between_a_number_and_its_unit(
+    width: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    words = "wrist 3.5 N m and 12 kg m^2 at 31.9 rad/s, of 0.14 % in 3 ms, with 4 N m s"
+    print_rows("arm", [("effort", words)])
+    lines = capsys.readouterr().out.splitlines()[1:]
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= width
+    assert " ".join(" ".join(lines).split()) == f"effort {words}"
+    assert not [line for line in lines if re.search(r"(\d|\bN|\bm|\bkg)$", line) and line is not lines[-1]]
+
+
 def test_info_says_what_a_clearance_is_of(run: Run, tmp_path: Path, result: Path) -> None:
     near = {"clearance": 0.015, "clearance_between": "link and box", "clearance_time": 0.7}
     done = run("info", str(dataclasses.replace(Solution.load(result), **near).save(tmp_path / "near.h5")))

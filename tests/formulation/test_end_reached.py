@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -217,6 +218,27 @@ def test_what_the_scheme_leaves_across_the_constraints_is_no_other_root() -> Non
     assert large is not None
     assert not large.is_free
     assert miss_of_rates(formulated(problem), at_speeds(problem, 0.0 * across), is_strict=False) is None
+
+
+@pytest.mark.parametrize(
+    ("scheme", "status", "words"),
+    [
+        ("midpoint", "converged", r"rocker ends [\de.-]+ rad/s off goal.v: the scheme leaves it across"),
+        ("heun", "converged", r"drifts off the loops by up to [\d.]+ at pin\.[xz], t = "),
+        ("euler", "under_resolved", r"drifts off the loops by up to [\d.]+ at pin\.[xz], t = "),
+        ("lobatto3", "converged", ""),
+        ("se1", "converged", ""),
+    ],
+)
+def test_what_a_scheme_leaves_of_loops_is_said(scheme: str, status: str, words: str) -> None:
+    problem = Problem.create("four_bar", 0.6, 20, goal={"q": {"crank": 2.5}, "v": 0}, scheme=scheme)
+    s = mbocp.solve(problem)
+    assert str(s.status) == status, s.advice
+    if words:
+        assert re.search(words + ".*: take more steps, or the scheme lobatto3 or se1", s.advice), s.advice
+    else:
+        assert "goal.v" not in s.advice
+        assert np.abs(s.vs[-1]).max() < 1e-9
 
 
 def test_a_motion_that_is_not_at_rest_has_not_converged(

@@ -255,6 +255,13 @@ def test_powers_are_looked_at_where_steps_begin() -> None:
     assert (found.of, found.value, found.time, found.unit) == ("power of joint1", -6.0, 0.0, "W")
 
 
+def test_powers_are_looked_at_within_steps_where_controls_vary() -> None:
+    """A torque that falls from 4 to 0 while the speed grows from 0 to 2: nothing at both ends, 2 between."""
+    found = excess_of(swing("linear", 2, power=1.5), np.array([[[4.0, 0.0], [0.0, 0.0]]]), (0.0, 1.0))
+    assert (found.of, found.unit) == ("power of joint1", "W")
+    assert (found.value, found.time) == pytest.approx((2.0, 0.25))
+
+
 def test_accelerations_are_looked_at_where_they_are_extreme() -> None:
     """A constant acceleration is its mean; one that grows from zero is twice its mean at the end."""
     problem = swing("constant", 2, acceleration=4.0)

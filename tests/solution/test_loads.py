@@ -6,14 +6,28 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import mbocp
 from mbocp.cli.solution_summary import solution_rows
-from mbocp.mechanics.motion_rates import powers
 from mbocp.solution import loads_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def powers_of_flow(s: mbocp.Solution, robot: mbocp.Robot, parts: int = 100) -> np.ndarray:
+    """Powers along the flow of an arm from each node, at the middles of parts of its step."""
+    data = robot.model.createData()
+    found, h = [], s.duration / s.num_steps / parts
+    for n, (q, v) in enumerate(zip(s.qs[:-1], s.vs[:-1], strict=True)):
+        for u in s.controls_at(s.t[n] + (np.arange(parts) + 0.5) * h):
+            half = v + h / 2.0 * pin.aba(robot.model, data, q, v, u)
+            q_half = robot.integrate(q, h / 2.0 * v)
+            found.append(u * half)
+            v = v + h * pin.aba(robot.model, data, q_half, half, u)
+            q = robot.integrate(q, h * half)
+    return np.array(found)
 
 
 @pytest.mark.parametrize("controls", ["constant", "linear"])
@@ -27,16 +41,14 @@ def test_root_mean_squares_are_those_of_fine_samples(controls: str) -> None:
     np.testing.assert_allclose([load.rms for load in loads], np.sqrt((fine**2).mean(axis=0)), rtol=1e-7)
     ends = np.vstack([s.controls_at(s.t[:-1]), s.us_at_ends])
     np.testing.assert_allclose([load.largest for load in loads], np.abs(ends).max(axis=0))
-    work = np.vstack(
-        [
-            powers(robot, s.qs[:-1], s.vs[:-1], s.controls_at(s.t[:-1])),
-            powers(robot, s.qs[1:], s.vs[1:], s.us_at_ends),
-        ]
-    )
-    np.testing.assert_allclose([load.power for load in loads], work.max(axis=0).clip(0.0))
-    np.testing.assert_allclose([load.braking for load in loads], (-work).max(axis=0).clip(0.0))
-    gained = sum(load.work - load.braked for load in loads)
-    assert gained == pytest.approx((work[:20] + work[20:]).sum() / 2.0 * s.duration / 20.0)
+    flows = powers_of_flow(s, robot)
+    for sign, peaks, energies in (
+        (1.0, [load.power for load in loads], [load.work for load in loads]),
+        (-1.0, [load.braking for load in loads], [load.braked for load in loads]),
+    ):
+        given = (sign * flows).clip(0.0)
+        np.testing.assert_allclose(peaks, given.max(axis=0), rtol=0.03)
+        np.testing.assert_allclose(energies, given.mean(axis=0) * s.duration, rtol=5e-3)
     assert sum(load.work for load in loads) == pytest.approx(s.positive_work)
     assert math.isnan(s.drawn_energy)
     rows = {name: str(words).split(", ")[1] for name, words in solution_rows(s, "") if "effort" in name}

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mbocp._arrays import Array
-from mbocp.integrators import control_basis
 from mbocp.mechanics.motion_rates import rates_along
 from mbocp.robot import Robot
 from mbocp.solution import Column, Solution
@@ -103,8 +102,7 @@ def control_panels(solution: Solution) -> list[LinePanel]:
 def _within_steps(solution: Solution) -> tuple[Array, Array]:
     """Times and controls that draw the polynomials of all steps; where controls leap a time comes twice."""
     inner = np.linspace(0.0, 1.0, _FINE + 1)
-    weights = control_basis(solution.u_shares.tolist(), inner)
-    values = np.einsum("mk,nku->nmu", weights, solution.u_values)
+    values = solution.controls_within(inner)
     times = solution.t[:-1, None] + np.outer(np.diff(solution.t), inner)
     return times.ravel(), values.reshape(times.size, -1)
 
