@@ -21,13 +21,16 @@ import pinocchio as pin
 import mbocp
 from benchmarks.machine import header
 from benchmarks.tables import Table, show
+from mbocp import Solution
 from mbocp.problem import Problem
 from mbocp.robot import load_robot
+from tests.checker.system import read_system
+from tests.checker.walking import Stance, Steps, check_walk
 
-__all__ = ["GAITS", "gait", "gait_table", "record_of"]
+__all__ = ["GAITS", "gait", "gait_table", "judged", "record_of"]
 
 _SECONDS, _STEPS, _FASTEST, _TURN = 0.2, 12, 0.4, 0.5  # [s], 1, [m/s], [rad]
-_NUM_SWINGS = 4
+_NUM_SWINGS, _FRICTION = 4, 0.7
 _FAR = 0.15  # [m] of motions whose work is compared
 _LIMITS = {"solo12": 2.7}  # [N m]; those of the other robots are in their files
 _IN_FLIGHT = 10.0  # times the weight of velocities, for hops: with less, legs spin in the air
@@ -55,7 +58,7 @@ def gait(name: str, number: int, robot_name: str = "solo12") -> Problem:
     return Problem.create(
         robot,
         gait={"swings": name, "cycles": GAITS[name], "duration": _SECONDS, "steps": _STEPS, **stance},
-        ground={"feet": feet, "friction": 0.7},
+        ground={"feet": feet, "friction": _FRICTION},
         goal={"v": 0, "q": goal},
         cost={"effort": 1.0, "velocity": weight * (_IN_FLIGHT if is_hop else 1.0)},
         limits={"effort": _LIMITS.get(robot_name, True), "position": True},
@@ -64,26 +67,29 @@ def gait(name: str, number: int, robot_name: str = "solo12") -> Problem:
 
 
 def record_of(name: str, number: int, robot_name: str = "solo12") -> dict[str, Any]:
-    """What came of a motion, and how far feet that stand are from the ground [m]."""
+    """What came of a motion."""
     problem = gait(name, number, robot_name)
     begun = time.process_time()
     solution = mbocp.solve(problem, time_limit=120.0)
     seconds = time.process_time() - begun
     weight = pin.computeTotalMass(problem.robot.model) * np.linalg.norm(problem.robot.model.gravity.linear)
     way = np.linalg.norm(solution.qs[-1, :2] - solution.qs[0, :2])
-    robot, off = problem.robot, 0.0
-    for phase, place in zip(problem.phase, solution.named_phases, strict=True):
-        for held in phase.holds:
-            at = [
-                robot.frame_placement(held.hold.frame, q).translation[2]
-                for q in solution.qs[place.first : place.last + 1]
-            ]
-            level = robot.frame_placement(held.hold.frame, problem.q_start).translation[2]
-            off = max(off, float(np.abs(np.array(at) - level).max()))
-    status, iterations = str(solution.status), solution.iterations
+    found = {"status": str(solution.status), "iterations": solution.iterations, "seconds": seconds}
     transport = solution.positive_work / (weight * way)
-    found = {"status": status, "iterations": iterations, "seconds": seconds}
-    return {**found, "off": off, "transport": transport, "way": way}
+    return {**found, "transport": transport, "way": way, "judged": judged(problem, solution)}
+
+
+def judged(problem: Problem, solution: Solution) -> dict[str, float]:
+    """What the tests' checker finds, see `tests.checker.walking.check_walk`."""
+    assert problem.robot.source is not None
+    places = zip(problem.phase, solution.named_phases, strict=True)
+    stances = [
+        Stance(place.first, place.last, tuple(held.hold.frame for held in phase.holds))
+        for phase, place in places
+    ]
+    steps = Steps(solution.t, solution.qs, solution.vs, solution.us)
+    system = read_system(problem.robot.source, free_flyer=True)
+    return check_walk(system, stances, steps, _FRICTION, problem.scheme)
 
 
 def gait_table(robot_name: str, records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
@@ -99,7 +105,6 @@ def gait_table(robot_name: str, records: Mapping[str, Sequence[Mapping[str, Any]
                 str(len(good)),
                 ", ".join(f"{x:.0f}" for x in np.quantile(iterations, [0.5, 0.9])),
                 ", ".join(f"{x:.2f} s" for x in np.quantile(seconds, [0.5, 0.9])),
-                f"{max(one['off'] for one in good):.0e} m",
                 f"{np.median([one['transport'] for one in good if one['way'] > _FAR] or [np.nan]):.2f}",
             )
         )
@@ -109,14 +114,23 @@ def gait_table(robot_name: str, records: Mapping[str, Sequence[Mapping[str, Any]
         "converged",
         "iterations: median, 90 %",
         "time: median, 90 %",
-        "off the ground",
         "transport",
     )
     note = (
-        "Of those that converged; seconds of a processor, those of building functions in the first; feet "
-        f"that stand, at nodes. Transport: the median of motions of more than {_FAR:g} m."
+        "Of those that converged; seconds of a processor, those of building functions in the first. "
+        f"Transport: the median of motions of more than {_FAR:g} m."
     )
     return Table(f"Gaits of {robot_name}", columns, rows, note)
+
+
+def judged_table(robot_name: str, records: Mapping[str, Sequence[Mapping[str, Any]]]) -> Table:
+    """The worst that the checker finds, a line for each gait."""
+    rows, columns = [], list[str]()
+    for name, found in records.items():
+        good = [one["judged"] for one in found if one["status"] == "converged"]
+        columns = sorted({key for one in good for key in one}) or columns
+        rows.append((name, *(f"{max(one.get(key, 0.0) for one in good):.0e}" for key in columns)))
+    return Table(f"{robot_name}, by `tests/checker/walking.py`", ("", *columns), rows)
 
 
 def cycle(name: str, word: str) -> Problem:
@@ -130,7 +144,7 @@ def cycle(name: str, word: str) -> Problem:
     return Problem.create(
         robot,
         gait=gait,
-        ground={"feet": feet, "friction": 0.7, "lift": 0.04},
+        ground={"feet": feet, "friction": _FRICTION, "lift": 0.04},
         start={"free": {"v": True, "q": {"except": still}}},
         goal={"periodic": {"moved": {base: {"x": way}}}},
         cost={"effort": 1.0, "velocity": weight},
@@ -175,7 +189,7 @@ def main() -> None:
     records = {
         name: [record_of(name, k, options.robot) for k in range(options.count)] for name in options.gaits
     }
-    for table in (header(), gait_table(options.robot, records)):
+    for table in (header(), gait_table(options.robot, records), judged_table(options.robot, records)):
         show(table, markdown=options.markdown)
 
 

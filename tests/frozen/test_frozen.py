@@ -18,6 +18,7 @@ from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem,
 ROUGH = (
     "arms/straight_line.toml",
     "arms/throw_into_bucket.toml",
+    "legged/talos_sit_to_stand.toml",
     "legged/talos_stairs.toml",
     "legged/talos_step.toml",
 )

@@ -237,6 +237,18 @@ def test_the_first_shift_is_found_in_few_factorisations() -> None:
     assert BOLD.regrown_shift(1e-2, 0.0, 1e-6) == pytest.approx(0.3)
 
 
+def test_multipliers_that_no_shift_makes_up_for_are_forgotten() -> None:
+    """They make the Hessian indefinite by more than the largest shift: this ended as singular."""
+    problem = one_motor("joint1", [0.0, 0.0], [0.3, 0.0], 20)
+    programme, solver, _ = begun(problem)
+    guess, _ = make_guess("line", formulate(problem))
+    wild = 1e14 * np.random.default_rng(0).standard_normal(guess.ms.shape)
+    state = solver.init(programme, replace(guess, ms=wild))
+    while solver.terminate(state) is None:
+        state = solver.step(state)
+    assert solver.terminate(state) is Status.CONVERGED
+
+
 def test_steps_far_astray_get_no_correction() -> None:
     """On this Panda's motion at most half of the steps do."""
     state = solved(PEERS / "F.toml")

@@ -206,7 +206,7 @@ Newton::Next Newton::find_step(NewtonState& state) const {
         }
         shift = is_indefinite ? care.regrown_shift(shift, state.last_shift, least_shift)
                               : care.larger_shift(shift, least_shift);
-        if (shift > most_shift) return give_up(state, tried);
+        if (shift > most_shift) return give_up(state, tried.factorisation, is_indefinite);
     }
 }
 
@@ -250,7 +250,8 @@ Newton::Next Newton::rescue(NewtonState& state, const Tried& tried, bool is_last
     if (!is_last) return Next::larger_shift;
     // Where equations bend away, no line search goes on: steps that nobody judges may, or a sweep.
     if (state.patience == 0 && !state.evaluation.is_feasible()) {
-        state.reference = Reference{std::make_shared<Kept>(*state.programme), state.evaluation, relaxed_steps};
+        state.reference = Reference{std::make_shared<Kept>(*state.programme), state.evaluation, state.shift,
+                                    state.augmentation, relaxed_steps};
         state.shift = tried.shift;
         relax(state);
         return Next::done;
@@ -290,18 +291,17 @@ void Newton::accept(NewtonState& state, const Tried& tried, const Care& care, co
 }
 
 // No shift allows a step: the barrier is fixed, or the multipliers begin anew; or it has failed.
-Newton::Next Newton::give_up(NewtonState& state, const Tried& tried) const {
-    const bool is_singular = !tried.direction;
+Newton::Next Newton::give_up(NewtonState& state, const Factorisation& last, bool is_singular) const {
     if (state.is_free()) {
         fix_barrier(state);
         return Next::anew;
     }
-    if (!is_singular && state.restarts < most_restarts) {
+    if (state.restarts < most_restarts) {
         restart_multipliers(state);
         return Next::anew;
     }
     state.failure = is_singular ? Status::singular : Status::line_search_failed;
-    state.failed_stage = tried.factorisation.bad_stage;
+    state.failed_stage = last.bad_stage;
     return Next::done;
 }
 
@@ -379,6 +379,7 @@ void Newton::go_back(NewtonState& state, const Reference& reference) const {
     state.evaluation = state.programme->evaluate(1.0);
     ++state.iteration;
     state.increment = NewtonState::infinite, state.step_length = 0.0;
+    state.shift = reference.shift, state.augmentation = reference.augmentation;
     state.reference.reset();
     state.patience = pause;
 }

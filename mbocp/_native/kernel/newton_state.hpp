@@ -28,7 +28,8 @@ struct Kept {
 struct Reference {
     std::shared_ptr<const Kept> kept;
     Evaluation evaluation;
-    int steps_left;  // that may still be taken
+    double shift, augmentation;  // with which it began
+    int steps_left;              // that may still be taken
 };
 
 // How a run ends. The names are those of mbocp/solvers/records.py.

@@ -201,6 +201,22 @@ def test_soles_stay_flat_and_land_flat() -> None:
     assert landed.translation[0] == pytest.approx(0.2, abs=1e-8)
 
 
+def test_a_seat_bears_until_it_is_left() -> None:
+    problem = mbocp.load_problem(EXAMPLES / "talos_sit_to_stand.toml")
+    solution = mbocp.solve(problem, check=True)
+    robot, (lean, rise) = problem.robot, solution.named_phases
+    seat, *feet = (contact.wrenches(solution.lams)[:, 0] for contact in problem.contacts)
+    weight = 9.81 * pin.computeTotalMass(robot.model)
+    sits = slice(lean.first, lean.last - 1)  # the last step is the parting
+    assert 0.5 * weight < seat[lean.first] < weight
+    assert seat[sits].min() >= 0.0
+    assert not seat[rise.first :].any()
+    assert feet[0][-1] + feet[1][-1] == pytest.approx(weight, rel=0.05)
+    pelvis = np.array([robot.frame_placement("base_link", q).translation for q in solution.qs])
+    assert np.abs(pelvis[lean.first : lean.last] - pelvis[0]).max() < 1e-9
+    assert pelvis[-1, 2] > pelvis[0, 2] + 0.2
+
+
 def test_feet_that_stand_bear_a_little() -> None:
     """0.5 % of the weight where they may slip, unless it is said: at the tip of a cone solvers stall."""
     problem = solo(steps(["FL", "FR", "HL", "HR"]))
