@@ -62,7 +62,8 @@ def test_neighbours_have_the_steps_that_an_accuracy_has_found():
 def test_what_a_limit_holds_stays(problem):
     """Of a right-hand side that limits bear alone, nothing is left but round-off."""
     found = SolutionMap.of(problem, WORDS)
-    node, joint = np.argwhere(found.first.vs == problem.limits.v_upper)[0]
+    room = problem.limits.v_upper - found.first.vs
+    node, joint = np.unravel_index(room.argmin(), room.shape)
     bars = {name: np.zeros(shape) for name, shape in found.shapes.items()}
     bars["vs"][node, joint] = 1.0
     for gradient in found.pull(found.values, bars):
