@@ -59,6 +59,17 @@ def test_neighbours_have_the_steps_that_an_accuracy_has_found():
     assert {name: np.shape(given) for name, given in out.items()} == found.shapes
 
 
+def test_what_a_limit_holds_stays(problem):
+    """Of a right-hand side that limits bear alone, nothing is left but round-off."""
+    found = SolutionMap.of(problem, WORDS)
+    room = problem.limits.v_upper - found.first.vs
+    node, joint = np.unravel_index(room.argmin(), room.shape)
+    bars = {name: np.zeros(shape) for name, shape in found.shapes.items()}
+    bars["vs"][node, joint] = 1.0
+    for gradient in found.pull(found.values, bars):
+        assert np.abs(gradient).max() < 1e-12
+
+
 def test_at_the_problems_own_numbers_nothing_is_solved_again(problem, monkeypatch):
     found = SolutionMap.of(problem, WORDS)
     monkeypatch.setattr("mbocp.autodiff.solution_map.solve", None)

@@ -73,6 +73,7 @@ public:
     // are the states of the nodes 1..N, algebraic unknowns, controls, multipliers of the steps, of the end condition,
     // and of the limits that are equations. Also the largest that is left of one.
     static constexpr std::size_t num_parts = 6;
+    static constexpr double grain = 0x1p-46;  // of an entry: what is less beside it is round-off
     using Parts = std::array<Numbers, num_parts>;
     std::pair<Parts, double> solve_for(const Parts& rhs, int count) {
         const auto sizes = part_sizes();
@@ -96,16 +97,18 @@ public:
     // What these solutions, each by three times its size, add up to, beside the solution of what their right-hand
     // sides add up to. That has other round-off, which shows how much of it is in the solutions where K is nearly
     // singular. Of each part how far the two are apart, and the largest term. Multipliers of limits are left out: where
-    // limits follow from others, these are some of many.
+    // limits follow from others, these are some of many. A solution that is next to nothing beside these is left out,
+    // too: limits bear all of its right-hand side, and the rest is round-off.
     std::pair<Numbers, Numbers> compare_sums(const Parts& rhs, const Parts& found, int count) {
         const auto sizes = part_sizes();
         Numbers shares;
         for (int k = 0; k < count; ++k) {
+            const auto largest_of = [&](std::size_t part) {
+                return dense::largest(static_cast<int>(sizes[part]), found[part].data() + sizes[part] * k);
+            };
             double size = 0;
-            for (std::size_t part = 0; part < 3; ++part)
-                size =
-                    std::max(size, dense::largest(static_cast<int>(sizes[part]), found[part].data() + sizes[part] * k));
-            shares.push_back(1.0 / (3.0 * (size > 0.0 ? size : 1.0)));
+            for (std::size_t part = 0; part < 3; ++part) size = std::max(size, largest_of(part));
+            shares.push_back(size <= grain * largest_of(num_parts - 1) ? 0.0 : 1.0 / (3.0 * size));
         }
         Parts whole;
         std::array<const double*, num_parts> given;
