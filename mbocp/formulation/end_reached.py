@@ -199,8 +199,25 @@ def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool =
     return None
 
 
-def opening_of_loops(problem: Problem, motion: Motion) -> tuple[str, bool]:
+def miss_of_vias(formulation: Formulation, motion: Motion) -> tuple[str, bool]:
+    """Say how velocities miss those of via points, the worst, and whether by far; "" where they do not."""
+    problem, worst, words = formulation.problem, 1.0, ""
+    scale = _largest_of_unit(formulation, motion, is_momentum=False)
+    tolerance = np.maximum(_REACHED * scale, _REACHED)
+    for point in problem.timeline.waypoints:
+        goal = point.via.goal
+        ratios = np.where(goal.rate_active, np.abs(motion.vs[point.node] - goal.value) / tolerance, 0.0)
+        if ratios.max() > worst:
+            entry = int(ratios.argmax())
+            worst, label = ratios[entry], problem.robot.v_labels[entry]
+            off = f"{label.name} passes {worst * tolerance[entry]:.3g} {label.unit} off its v"
+            words = f"via {point.via.name!r}: {off}: {_ACROSS}: {_more_steps(problem)}"
+    return words, worst > _SHARE / _REACHED
+
+
+def opening_of_loops(formulation: Formulation, motion: Motion) -> tuple[str, bool]:
     """Say how far a scheme that does not solve constraints leaves them, and whether by far; "" where not."""
+    problem = formulation.problem
     if SCHEMES[problem.scheme].solves_constraints or not problem.robot.nc:
         return "", False
     found = constraint_violation(problem.robot, motion.qs, motion.vs)

@@ -18,7 +18,7 @@ from mbocp import __version__
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.end_reached import miss_of_rates, opening_of_loops
+from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
@@ -281,15 +281,19 @@ def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: s
     """Status and advice of a motion that leaves closed loops, or ends with other velocities than asked."""
     if status is not Status.CONVERGED:
         return status, advice
-    opening, is_gross = opening_of_loops(formulation.problem, motion)
-    if is_gross:
-        return Status.UNDER_RESOLVED, f"{opening}; the optimality conditions hold: {advice}"
+    (opening, _), (at_via, _) = found = (
+        opening_of_loops(formulation, motion),
+        miss_of_vias(formulation, motion),
+    )
+    for words, is_gross in found:
+        if is_gross:
+            return Status.UNDER_RESOLVED, f"{words}; the optimality conditions hold: {advice}"
     gross = miss_of_rates(formulation, motion, is_strict=False)
     if gross is not None:
         status = Status.OTHER_ROOT if gross.is_free else Status.UNDER_RESOLVED
         return status, f"{gross.words}; the optimality conditions hold: {advice}"
     missed = miss_of_rates(formulation, motion)
-    return status, advice + _suffix(opening or (missed and missed.words))
+    return status, advice + _suffix(opening or (missed and missed.words)) + _suffix(at_via)
 
 
 def _ratio_of(excess: LimitExcess | None, problem: Problem) -> float:
