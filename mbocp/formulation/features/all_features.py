@@ -14,6 +14,7 @@ from mbocp.formulation.features.lines_within import LinesWithin
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.path_progress import Progress
+from mbocp.formulation.features.paths_within import PathsWithin
 from mbocp.formulation.features.reactions import Reactions
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.switches import Switches
@@ -35,6 +36,7 @@ _KINDS: tuple[type[Feature], ...] = (
     LinesWithin,
     BrakingWithin,
     Progress,
+    PathsWithin,
     Heat,
     Reactions,
     MovedStart,
