@@ -120,8 +120,8 @@ class OneSolve:
 class WithinSteps:
     """Solve so that speeds, accelerations and what falls with a speed keep their limits between nodes, too.
 
-    Limits of accelerations and jerks hold there from the first, and others with them; those of speeds and
-    motors alone, or where that comes to nothing, only if the motion leaves them by far.
+    Limits of accelerations and jerks hold there from the first, and others with them; path constraints, those
+    of speeds and motors alone, or all where that comes to nothing, only if the motion leaves them by far.
 
     Attributes
     ----------
@@ -133,14 +133,15 @@ class WithinSteps:
 
     def run(self, job: Job) -> Solution:
         """Solve up to six times; nothing else looks at jerks between nodes, so that these are tried again."""
-        can = can_hold_within(job.problem)
+        can = can_hold_within(job.problem).replace("p", "")
         if not limits_accelerations(job.problem) or job.rough:
             return self._solve_in_turn(job)
-        solution = self.once.run(replace(job.with_limits_within(can), brief=job.brief or _WITHIN))
+        within = "".join(sorted({*can, *_held_by_start(job)}))
+        solution = self.once.run(replace(job.with_limits_within(within), brief=job.brief or _WITHIN))
         asked = job.problem.solver.max_iterations
         is_spent = asked is not None and solution.iterations >= asked
         if solution.is_stationary or solution.status.is_stopped or job.is_late or is_spent:
-            return solution
+            return self._add_in_turn(job, solution, within)
         found = after(solution, self._solve_in_turn(job.anew()), "limits within steps")
         if not found.is_stationary or job.is_late or "j" not in can:
             return found
@@ -152,10 +153,12 @@ class WithinSteps:
 
     def _solve_in_turn(self, job: Job) -> Solution:
         """Up to four times; a motion that keeps its limits already begins with them."""
+        within = _held_by_start(job)
+        return self._add_in_turn(job, self.once.run(job.with_limits_within(within)), within)
+
+    def _add_in_turn(self, job: Job, solution: Solution, within: str) -> Solution:
+        """Solve again with what a solution leaves, beside limits that hold within steps, by their letters."""
         can = can_hold_within(job.problem)
-        begun = job.start.iterate if isinstance(job.start, Solution) else None
-        within = "".join(letter for letter in can if begun is not None and letter in begun.limits_within)
-        solution = self.once.run(job.with_limits_within(within))
         while solution.status is Status.UNDER_RESOLVED and not (job.rough or job.is_late):
             letter = letter_of(solution.limit_excess_of)
             if letter not in set(can) - set(within):
@@ -163,10 +166,18 @@ class WithinSteps:
             within = "".join(sorted(within + letter))
             start = solution if solution.limit_excess < _NEARLY_KEPT else None  # else it leads nowhere soon
             again = WarmStart(self.once, self.once).run(replace(job.with_limits_within(within), start=start))
-            if not again.is_stationary or again.limit_excess >= solution.limit_excess:
+            is_better = again.converged or again.limit_excess < solution.limit_excess
+            if not (again.is_stationary and is_better):
                 return retold(solution, wall_time_s=solution.wall_time_s + again.wall_time_s)
             solution = after(solution, again, "limits at nodes alone")
         return solution
+
+
+def _held_by_start(job: Job) -> str:
+    """Letters of the limits that hold within the steps of a warm start, and can again."""
+    begun = job.start.iterate if isinstance(job.start, Solution) else None
+    held = "" if begun is None else begun.limits_within
+    return "".join(letter for letter in can_hold_within(job.problem) if letter in held)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from mbocp.formulation.features.braking_within import BRAKING_WITHIN, names_of_b
 from mbocp.formulation.features.changing_constraints import reactions_along
 from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
+from mbocp.formulation.features.paths_within import PATHS_WITHIN, names_of_paths, slopes_of_paths
 from mbocp.formulation.features.within_steps import names_within, units_within
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.state_bounds import sides_of_path
@@ -39,7 +40,12 @@ def inequalities(formulation: Formulation, iterate: Iterate, motion: Motion) -> 
 
 def _names_within(problem: Problem) -> tuple[str, ...]:
     """Of all limits that hold within steps, too."""
-    return (*names_within(problem), *names_of_lines(problem), *names_of_braking(problem))
+    return (
+        *names_within(problem),
+        *names_of_lines(problem),
+        *names_of_braking(problem),
+        *names_of_paths(problem),
+    )
 
 
 def limit_violation(formulation: Formulation, iterate: Iterate, motion: Motion) -> float:
@@ -132,6 +138,9 @@ def _multipliers(formulation: Formulation, iterate: Iterate, path: Array) -> dic
     states = formulation.layout.states
     within = units_within(problem) | dict.fromkeys(states.keys() & {LINES_WITHIN, BRAKING_WITHIN}, 1.0)
     of_path += [bounds.xs[1:, states[name]] / within[name] for name in states if name in within]
+    if PATHS_WITHIN in states:
+        multipliers = bounds.xs[1:, states[PATHS_WITHIN]]
+        of_path.append(multipliers * slopes_of_paths(problem, multipliers))
     return {"lam_us": lam_us, "lam_qs": lam_qs, "lam_vs": lam_vs, "lam_path": np.hstack(of_path)}
 
 

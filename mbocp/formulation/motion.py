@@ -13,6 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.integrators import control_powers, controls_within
+from mbocp.mechanics import Mechanics
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +112,8 @@ class Passage:
         Configuration before, where coordinates are those of the joints [m, rad].
     way : callable
         What leads from the configuration before to that after it, of the shape of speeds [m, rad].
+    mechanics : callable
+        The mechanics of the robot.
     begin : casadi.SX, shape (nu,), or ndarray, shape (N, nu), or None
         Controls at the begin of the step where they are linear in it; u is at its end.
     """
@@ -129,6 +132,7 @@ class Passage:
     forces: Callable[[Sequence[int]], Any]
     q0: Any
     way: Callable[[], Any]
+    mechanics: Callable[[], Mechanics]
     begin: Any = None
 
     @property

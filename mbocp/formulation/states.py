@@ -14,6 +14,7 @@ from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage
+from mbocp.mechanics import JointMechanics
 from mbocp.mechanics.motion_rates import spacings
 from mbocp.problem import Problem
 
@@ -102,6 +103,7 @@ class States:
                 forces=lambda rows: forces[taken][:, list(rows) if forces.size else []],
                 q0=xs[:-1, at.z][taken],
                 way=lambda: self._ways(xs, taken),
+                mechanics=lambda: JointMechanics(problem.robot),
                 begin=motion.values[taken, 0] if problem.controls == "linear" else None,
             )
 

@@ -188,7 +188,7 @@ class StepSymbols:
         units = {name: self.given[unit_of(name)] for name in before if unit_of(name) in self.given}
         own = (self.units_of_u, self.dt, self.spacing, self.has_before, before, units)
         rules = (self.named_inputs, self.given, self._forces, self.at0[self.space.layout.z], self._way)
-        return Passage(s0, s1, self.u, *own, *rules, self.begin)
+        return Passage(s0, s1, self.u, *own, *rules, lambda: self.mechanics, self.begin)
 
     def _way(self) -> ca.SX:
         at = self.space.layout

@@ -30,12 +30,20 @@ from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
+from mbocp.problem.paths_within import (
+    LEAST_SIZE,
+    can_hold_in_middles,
+    paths_within,
+    rows_within,
+    tolerances_within,
+)
 from mbocp.problem.problem import Problem
 from mbocp.problem.speed_lines import kind_of, over_speed, speed_lines, steps_held
 from mbocp.problem.step_cubics import StepCubics, move_along
 from mbocp.robot import Label, Robot
 from mbocp.terms.rates import RATE_TERMS
 
+PATH = "path constraint"
 GROSS_EXCESS = (
     0.05  # of a limit: what drives put up with for a moment; beyond, steps do not resolve the motion
 )
@@ -43,6 +51,7 @@ GROSS_EXCESS = (
 _GROSS_MEAN = 0.5
 _NONE = 1e-6  # part of a limit by which solvers may leave it
 _PLACES = 33  # in a step, at which polynomials of controls are looked at
+_PARTS_OF_PATHS = 8  # of a step, between which path constraints are
 _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
 _FOLLOWED = 8  # steps
 _PARTS = 16  # that a step is followed in
@@ -58,7 +67,7 @@ class LimitExcess:
 
     Attributes
     ----------
-    kind : {"speed", "position", "acceleration", "effort", "power", "torque", "value"}
+    kind : {"speed", "position", "acceleration", "effort", "power", "torque", "value", "path constraint"}
     name : str
         Of the joint's direction, the control, or the row of what falls with a speed.
     value, bound : float
@@ -89,7 +98,7 @@ class LimitExcess:
     @property
     def of(self) -> str:
         """Which limit."""
-        return f"{self.kind} of {self.name}"
+        return f"{self.kind} {self.name if self.kind == PATH else f'of {self.name}'}"
 
     @property
     def words(self) -> str:
@@ -110,11 +119,12 @@ def can_hold_within(problem: Problem) -> str:
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
     Jerks of controls that leap at nodes are no limits of cubics. Limits that fall with a speed, "m", hold at
-    the begins of steps, too, whatever the scheme.
+    the begins of steps, too, whatever the scheme, and path constraints, "p", in their middles.
     """
     letters = "ajv" if problem.controls == "linear" and _resolves_jerks(problem) else "av"
     has_limits = [letter for letter in letters if letter in problem.widest_limits.letters]
     found = [*(has_limits if has_cubics(problem) else ()), *("m" if speed_lines(problem) else "")]
+    found += "p" if can_hold_in_middles(problem) else ""
     return "".join(sorted(found))
 
 
@@ -140,7 +150,8 @@ def _resolves_jerks(problem: Problem) -> bool:
 
 def letter_of(excess: str) -> str:
     """Letter of the limit that is left, by `LimitExcess.of`; "" where it cannot be had within steps."""
-    return {"speed": "v", "acceleration": "a", "torque": "m", "value": "m"}.get(excess.partition(" ")[0], "")
+    letters = {"speed": "v", "acceleration": "a", "torque": "m", "value": "m", "path": "p"}
+    return letters.get(excess.partition(" ")[0], "")
 
 
 def largest_excess(
@@ -161,15 +172,18 @@ def largest_excess(
     """
     limits = {letter: sides for letter, sides in problem.limits_along().items() if np.isfinite(sides).any()}
     steps = np.flatnonzero(np.diff(t) > 0.0)  # impacts take no time
-    of_speeds = over_speed(problem)
-    if not ((limits or of_speeds) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))):
+    of_speeds, of_paths = over_speed(problem), paths_within(problem) if is_followed(problem) else ()
+    if not (
+        (limits or of_speeds or of_paths) and steps.size and all(np.isfinite(x).all() for x in (qs, vs, us))
+    ):
         return None
     within = us[steps].reshape(steps.size, -1, us.shape[-1])
     motion = _Steps(
         problem, _cubics(problem, steps, t, qs, vs, within), qs[steps], qs[steps + 1], within, shares
     )
     of_limits = motion.looks({letter: widest_within(sides, steps) for letter, sides in limits.items()})
-    looks = chain(of_limits, *(motion.look_at_lines(path, steps) for path in of_speeds))
+    of_rows = (motion.look_at_lines(path, steps) for path in of_speeds)
+    looks = chain(of_limits, *of_rows, *(motion.look_at_path(path, steps) for path in of_paths))
     found = [one for look in looks for one in look.excesses() if one.ratio > _NONE]
     return max(found, key=lambda one: (one.is_gross, one.ratio), default=None)
 
@@ -190,7 +204,7 @@ class _Look:
         lower, upper = self.sides
         largest = np.maximum(*(np.where(np.isfinite(side), np.abs(side), 0.0) for side in self.sides))
         is_range = (self.kind == "position") & np.isfinite(upper - lower)
-        size = np.maximum(np.where(is_range, upper - lower, largest), 1e-9)
+        size = np.maximum(np.where(is_range, upper - lower, largest), LEAST_SIZE)
         for bound, over in ((lower, lower - self.values), (upper, self.values - upper)):
             yield bound, np.where(np.isfinite(bound) & np.isfinite(self.values), over, -np.inf) / size
 
@@ -324,6 +338,26 @@ class _Steps:
         values = path.values_along(problem.robot, qs, vs, us, np.vstack([rate[held] for rate in rates]))
         lower, upper, times = (np.broadcast_to(x, values.shape) for x in (path.lower, path.upper, times))
         yield _Look(kind_of(path).excess, values, times, (lower, upper), path.labels)
+
+    def look_at_path(self, path: PathConstraint, steps: IntArray) -> Iterator[_Look]:
+        """At rows of a path constraint, one after the other, within the steps of some numbers."""
+        held, robot = rows_within(path, self.problem)[steps], self.problem.robot
+        (taken,) = np.nonzero(held.any(axis=1))
+        if not taken.size:
+            return
+        shares = np.arange(1, _PARTS_OF_PATHS) / _PARTS_OF_PATHS
+        qs, vs, times = (
+            np.concatenate(np.stack([of(s)[taken] for s in shares], axis=1))  # by the time
+            for of in (self._configurations, self.cubics.speeds, self.cubics.times)
+        )
+        values = path.values_along(robot, qs, vs, np.zeros((len(qs), robot.nu)))
+        for k in np.flatnonzero(held.any(axis=0)):
+            here = np.repeat(held[taken, k], len(shares))
+            lower, upper = (
+                np.full((np.count_nonzero(here), 1), side[k]) for side in (path.lower, path.upper)
+            )
+            most = tolerances_within(path)[k]
+            yield _Look(PATH, values[here][:, [k]], times[here], (lower, upper), (path.labels[k],), most)
 
     def _configurations(self, s: Array) -> Array:
         """At a share of each step, shape (n, nq)."""

@@ -11,6 +11,8 @@ of schemes of first order are not that of the flow with their velocities: of the
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
@@ -23,17 +25,17 @@ class StepCubics:
 
     Attributes
     ----------
-    begins, lengths : ndarray, shape (n, 1)
+    begins, lengths : ndarray, shape (n, 1), or symbols of one step
         [s].
-    v0, v1, means : ndarray, shape (n, nv)
+    v0, v1, means : ndarray, shape (n, nv), or casadi.SX, shape (nv,)
         Speeds at both ends, and their means [m/s, rad/s].
     """
 
-    begins: Array
-    lengths: Array
-    v0: Array
-    v1: Array
-    means: Array
+    begins: Any
+    lengths: Any
+    v0: Any
+    v1: Any
+    means: Any
 
     @classmethod
     def through(cls, robot: Robot, t: Array, qs: Array, vs: Array) -> StepCubics:
@@ -50,11 +52,11 @@ class StepCubics:
         """At shares of the steps [s]."""
         return self.begins + s * self.lengths
 
-    def speeds(self, s: Array) -> Array:
+    def speeds(self, s: Any) -> Any:
         """At shares of the steps, shape (n, nv)."""
         return (1 - 4 * s + 3 * s**2) * self.v0 + (3 * s**2 - 2 * s) * self.v1 + 6 * s * (1 - s) * self.means
 
-    def ways(self, s: Array) -> Array:
+    def ways(self, s: Any) -> Any:
         """From the begins of the steps, at shares of them, shape (n, nv)."""
         weighed = (
             (s - 2 * s**2 + s**3) * self.v0 + (s**3 - s**2) * self.v1 + (3 * s**2 - 2 * s**3) * self.means

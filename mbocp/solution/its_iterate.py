@@ -14,7 +14,7 @@ from mbocp.storage.content import FileContent
 
 MEANING = "iterate_meaning"  # among the texts of a result file
 _PART = "iterate_"  # how names of its arrays begin
-_LETTERS = "vajm"  # of limits that may hold within steps; files of before tell fewer
+_LETTERS = "vajmp"  # of limits that may hold within steps; files of before tell fewer
 _STATES, _CONTROLS, _PATH, _GUARD, _WITHIN = (
     f"{_PART}{name}" for name in ("lam_xs", "lam_us", "lam_path", "lam_guard", "within")
 )

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass
-from mbocp._tolerances import BOUND_TOLERANCE
+from mbocp._tolerances import BOUND_TOLERANCE, PATH_TOLERANCE_PART, PATH_TOLERANCES
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.problem.obstacles.clearance import Clearance
@@ -28,9 +28,6 @@ from mbocp.terms.rates import RATE_TERMS
 
 _PARTS = 8  # of a polynomial at whose ends they are looked at
 _SAME = 1e-6  # of a step: times closer to a node than this are the node's
-# Excesses that count: what arms are exact by on a path [m, rad], or a part of a limit of another unit.
-TOLERANCES = {"m": 5e-4, "rad": 5e-3}
-_PART = 0.01
 
 
 def path_excesses(follower: Follower, problem: Problem) -> tuple[tuple[Excess, ...], tuple[str, ...]]:
@@ -129,7 +126,8 @@ def _beyond(constraint: BoundedTerm, motion: _Motion, problem: Problem, rows: Bo
     values = constraint.values_along(problem.robot, motion.qs, motion.vs, motion.us, motion.rates)
     for k, label in enumerate(constraint.labels):
         row, bounds = held[:, k], np.array([constraint.lower[k], constraint.upper[k]])
-        tolerance, size = TOLERANCES.get(label.unit, _PART), 1.0 if label.unit in TOLERANCES else None
+        is_plain = label.unit in PATH_TOLERANCES
+        tolerance, size = PATH_TOLERANCES.get(label.unit, PATH_TOLERANCE_PART), 1.0 if is_plain else None
         yield from find_excesses(
             "path", label.name, values[row, k], bounds, motion.t[row], label.unit, tolerance, size
         )
@@ -139,7 +137,7 @@ def _nearer(clearance: Clearance, motion: _Motion) -> Iterator[Excess]:
     found = nearest_approach(clearance, motion.t, motion.qs)
     if found is not None:
         short = found.margin - found.distance
-        if short > TOLERANCES["m"] or found.distance < -BOUND_TOLERANCE:
+        if short > PATH_TOLERANCES["m"] or found.distance < -BOUND_TOLERANCE:
             name = f"distance of {found.between}"
             yield Excess("path", name, found.distance, found.margin, found.time, short, "m")
 
@@ -272,7 +270,7 @@ def _of_links(follower: Follower, along: _Along) -> Iterator[Excess]:
         unit, bounds = solution.labels.q[at_q].unit, solution.limits_q[:, at_q]
         size = float(np.abs(bounds[np.isfinite(bounds)]).max(initial=0.0))
         yield from find_excesses(
-            "position", joint.name, qs[:, at_q], bounds, times, unit, TOLERANCES[unit] / (size or 1.0)
+            "position", joint.name, qs[:, at_q], bounds, times, unit, PATH_TOLERANCES[unit] / (size or 1.0)
         )
         unit = solution.labels.v[at_v].unit
         yield from find_excesses(

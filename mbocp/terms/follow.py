@@ -218,7 +218,16 @@ class Follow(PathTerm):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """What is left to the path [m], or along it and its square [m^2]; the same of turns; 1 - s."""
+        return self._rows_at(at.remembered["progress"][self.index], at, p)
+
+    def within(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """The same at the nearest point to first order: within a step progress is not steady."""
         s = at.remembered["progress"][self.index]
+        point, slope = symbolic_curve(s, p["knots"], p["pieces"], self.size)
+        away = at.mechanics.frame_position(self.frame, at.q) - point[:3]
+        return self._rows_at(s + ca.dot(slope[:3], away) / ca.sumsqr(slope[:3]), at, p)
+
+    def _rows_at(self, s: ca.SX, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         point, slope = symbolic_curve(s, p["knots"], p["pieces"], self.size)
         away = at.mechanics.frame_position(self.frame, at.q) - point[:3]
         rows = [away] if self.is_exact else [ca.dot(slope[:3], away) / p["length"], ca.sumsqr(away)]

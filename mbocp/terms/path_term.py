@@ -162,6 +162,10 @@ class PathTerm(Structure, ABC):
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Its function at a point, smooth wherever a motion may be, with its parameters by name."""
 
+    def within(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
+        """Its function within a step, where what is remembered is that of steady progress."""
+        return self.expression(at, p)
+
     @property
     def rows(self) -> int:
         """Number of inequalities."""

@@ -15,6 +15,7 @@ from mbocp.formulation.features.lines_within import LinesWithin
 from mbocp.formulation.features.memory import Memory
 from mbocp.formulation.features.moved_start import MovedStart
 from mbocp.formulation.features.path_progress import Progress
+from mbocp.formulation.features.paths_within import PathsWithin
 from mbocp.formulation.features.step_lengths import StepLengths, UnequalLengths
 from mbocp.formulation.features.varying_weights import VaryingWeights
 from mbocp.formulation.features.within_steps import WithinSteps
@@ -34,6 +35,7 @@ _KINDS: tuple[type[Feature], ...] = (
     LinesWithin,
     BrakingWithin,
     Progress,
+    PathsWithin,
     Heat,
     Reactions,
     MovedStart,

@@ -67,7 +67,7 @@ class Progress(Feature):
 
     def following(self, name: str, step: Passage) -> Any:
         """What was before, and e w."""
-        return step.before[name] + step.given[_ADVANCES] * step.controls["paces"]
+        return step.before[name] + gained(step)
 
     def idle_cost(self, at: StepSymbols) -> ca.SX:
         """Half the square of paces that nothing depends on."""
@@ -95,6 +95,11 @@ class Progress(Feature):
         e = advances(problem)
         gained = np.diff(progress_along(problem, motion.qs), axis=0)
         return {"paces": np.divide(gained, e, out=np.zeros_like(e), where=e > 0.0)}
+
+
+def gained(step: Passage) -> Any:
+    """Progress along each path in a step, e w."""
+    return step.given[_ADVANCES] * step.controls["paces"]
 
 
 def _followers(problem: Problem) -> tuple[PathConstraint, ...]:
