@@ -12,9 +12,9 @@ import typer
 from rich.text import Text
 
 from mbocp.cli.app import Json, ProblemFile, Quiet, Settings, output_file
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.error_report import tell
 from mbocp.cli.solve import PAGES, check_output
-from mbocp.cli.summary_words import clearance_lines
 from mbocp.exceptions import MbocpError
 
 if TYPE_CHECKING:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.text import Text
 
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.limit_rows import limit_rows
-from mbocp.cli.summary_words import accuracy_words, clearance_lines, coarse_words, goal_error
+from mbocp.cli.summary_words import accuracy_words, coarse_words, goal_error
 from mbocp.integrators.schemes import SCHEMES
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from mbocp.solution.problem_facts import (
 )
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms import OwnTerm
-from mbocp.terms.joint_reserves import Braking
+from mbocp.terms.braking import Braking
 from mbocp.terms.over_speed import place_of
 from mbocp.terms.rates import RATE_TERMS
 

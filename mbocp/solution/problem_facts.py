@@ -124,7 +124,7 @@ class BrakingPlace(NamedTuple):
     lower, upper : float
         Limits of its position; infinite where there is none.
     deceleration, reserve : float
-        See `mbocp.terms.joint_reserves.Braking`.
+        See `mbocp.terms.braking.Braking`.
     """
 
     joint: str

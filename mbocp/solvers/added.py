@@ -1,7 +1,7 @@
 """Solvers that other packages add.
 
 Their entry points in the group `mbocp.solvers` name a function each, which takes `SolverSettings` and returns
-an object with `name`, `tolerance`, `init`, `step` and `terminate`, see `mbocp.solvers.records.Solver`.
+an object with `name`, `tolerance`, `init`, `step` and `terminate`, see `mbocp.solvers.protocol.Solver`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pytest
 
 import mbocp
 from benchmarks.touching import Touching
-from mbocp.cli.summary_words import clearance_lines
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import InvalidValue, MbocpError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import nearest_approach

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.cli.summary_words import clearance_lines
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import MbocpError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.cli.summary_words import clearance_lines
+from mbocp.cli.clearance_words import clearance_lines
 from mbocp.exceptions import MbocpError, ProblemError
 from mbocp.formulation import formulate
 from mbocp.mechanics import JointMechanics

@@ -6,7 +6,7 @@ stay within the convex hull of their Bernstein coefficients of degree three,
 .. math:: (q_0, v_0), \quad \bigl(q_0 + \tfrac{h v_0}{3}, \tfrac{v_0 + 2 b}{3}\bigr), \quad
     \bigl(q_1 - \tfrac{h v_1}{3}, \tfrac{2 b + v_1}{3}\bigr), \quad (q_1, v_1).
 
-Where a joint stands that brakes, see `mbocp.terms.joint_reserves`, is convex in both: where it keeps its
+Where a joint stands that brakes, see `mbocp.terms.braking`, is convex in both: where it keeps its
 limit at these four places it does so in the whole step. Nodes keep theirs, and the state after the step
 remembers those of the other two. Where controls are constant in steps speeds bulge less between nodes, and a
 little more reserve there is cheaper, see `mbocp.strategies`.
@@ -30,7 +30,7 @@ from mbocp.problem.between_nodes import has_cubics
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.speed_lines import steps_held
 from mbocp.robot import Label
-from mbocp.terms.joint_reserves import Braking, stop
+from mbocp.terms.braking import Braking, stop
 
 BRAKING_WITHIN = "braking_within"  # the block
 _RESERVES, _DECELERATIONS = "reserves_within", "decelerations_within"

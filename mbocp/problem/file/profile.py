@@ -93,7 +93,7 @@ _RATE, _SECOND_RATE = Measured("m/s, rad/s", _PARTS), Measured("m/s^2, rad/s^2",
 
 
 class _BrakingTable(Table):
-    """Velocities that fall towards the limits of position, see `mbocp.terms.joint_reserves`."""
+    """Velocities that fall towards the limits of position, see `mbocp.terms.braking`."""
 
     deceleration: Annotated[_Plain, _SECOND_RATE]
     reserve: Annotated[_Plain, _RATE] = 0.0

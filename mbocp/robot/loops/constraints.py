@@ -8,7 +8,7 @@ from __future__ import annotations
 from mbocp.robot.loops.kinds.constraint import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
 from mbocp.robot.loops.kinds.hinges import Hinge, Screw, Weld
-from mbocp.robot.loops.kinds.points import Point, PointOnLine, PointOnPlane
+from mbocp.robot.loops.kinds.kept_points import Point, PointOnLine, PointOnPlane
 from mbocp.robot.loops.kinds.rod import Rod
 
 _KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling, Screw)

@@ -36,7 +36,7 @@ from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.kinds.hinges import Weld
-from mbocp.robot.loops.kinds.points import Point
+from mbocp.robot.loops.kinds.kept_points import Point
 from mbocp.robot.warnings import IgnoredKeysWarning
 
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB
