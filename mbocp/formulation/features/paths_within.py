@@ -32,7 +32,7 @@ from mbocp.problem.path import PathConstraint
 from mbocp.problem.paths_within import paths_within, rows_within, sides_within
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label
-from mbocp.terms.path import PathTerm
+from mbocp.terms.path_term import PathTerm
 from mbocp.terms.point import Point
 
 if TYPE_CHECKING:
