@@ -29,12 +29,13 @@ from mbocp.terms.distances import (
     core_of,
     distance_from_core,
     hull_measure,
+    level_off,
     plane_slots,
 )
 from mbocp.terms.point import Point
 
 _LEAST_SLOTS = 16
-_CENTER, _AT, _AXES, _PLACED = slice(0, 3), slice(3, 6), slice(6, 15), 15
+_CENTER, _AT, _AXES, _KEPT, _PLACED = slice(0, 3), slice(3, 6), slice(6, 15), 15, 16
 _NUMBERS = _PLACED + CORE  # of a row, beside its places
 _OF_HULL = _PLACED + 2  # of a row about a hull: which, and its sharpness
 _PLACE = 12  # axes by columns and origin
@@ -64,6 +65,8 @@ class ClearanceRow:
     axes : ndarray, shape (3, 3)
         Axes of the shape at its place, columns.
     core : Core or HullCore
+    kept : float
+        Least distance of the sphere's centre from the core [m].
     """
 
     place: int
@@ -72,6 +75,7 @@ class ClearanceRow:
     at: Array
     axes: Array
     core: Core | HullCore
+    kept: float = 0.0
 
     @classmethod
     def idle(cls) -> ClearanceRow:
@@ -83,7 +87,7 @@ class ClearanceRow:
     def numbers(self) -> Array:
         """Shape (_NUMBERS,); those of a hull without which it is."""
         core = [self.core.sharpness] if isinstance(self.core, HullCore) else self.core.numbers
-        return np.concatenate([self.center, self.at, self.axes.ravel(order="F"), core])
+        return np.concatenate([self.center, self.at, self.axes.ravel(order="F"), [self.kept], core])
 
 
 @dataclass(frozen=True)
@@ -190,6 +194,8 @@ class ClearanceTerm(Structure):
 
     def function(self, at: Point) -> ca.Function:
         """(q, m, still, moving) -> h, dh_dq, upper Hessian of m'h; h are distances of centres from cores [m].
+
+        As far as these are near, see `mbocp.terms.distances.level_off`.
 
         Parameters
         ----------
@@ -359,7 +365,7 @@ def _row(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
     along = _point(moved, numbers)
     at_rest = ca.Function("rest", [e, *given, numbers], [along, ca.jacobian(along, e)])
     p0, J = at_rest(ca.SX.zeros(nq), *given, numbers)
-    h, slope, curvature = measure(p0, numbers[_PLACED:])
+    h, slope, curvature = level_off(numbers[_KEPT], *measure(p0, numbers[_PLACED:]))
     rest = ca.Function("bilinear", [e, pull, *given, numbers], [ca.hessian(ca.dot(pull, along), e)[0]])
     bilinear = rest(ca.SX.zeros(nq), slope, *given, numbers)
     hessian = m * (J.T @ (curvature @ J) + bilinear)
@@ -377,7 +383,7 @@ def _distance(carriers: int, measure: ca.Function) -> ca.Function:
     """(place..., numbers) -> h."""
     here = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)]
     numbers = ca.SX.sym("numbers", _PLACED + measure.numel_in(1))
-    h = measure(_point(here, numbers), numbers[_PLACED:])[0]
+    h = level_off(numbers[_KEPT], *measure(_point(here, numbers), numbers[_PLACED:]))[0]
     return ca.Function("row_value", [*here, numbers], ca.cse([h]), STAYS_A_CALL)
 
 

@@ -33,6 +33,9 @@ next to a side. With :math:`w_i = e^{k g_i} / \sum_j e^{k g_j}` its gradient is 
 curvature :math:`k (\sum_i w_i n_i n_i^T - \nabla d \nabla d^T)`, so that d is convex. Planes are numbers;
 functions depend on how many there is room for.
 
+What is far does not matter to a motion, but with its curvature Newton's method takes more iterations:
+where d is well beyond what a row keeps, it levels off, see `level_off`.
+
 A sum over planes was chosen over the projection onto the hull, whose second derivatives jump wherever the
 nearest face, edge or corner changes, and over the largest distance from the faces alone, which beyond a
 corner of a cube is 0.58 of the true one.
@@ -51,6 +54,9 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 
 CORE = 5  # numbers of a core
+# [m] beyond what a row keeps, see `level_off`. The kernel starts slacks 0.1 m above their bounds, or 10 % of
+# these: rows that level off below that begin violated, with no slope to mend it, and some solves fail.
+_AS_GIVEN, _LEVEL = 0.1, 0.18
 _BROAD = 1e3  # [m]: what has no side; cancellation takes 1e-13 m
 
 
@@ -122,6 +128,29 @@ def _positive(w: ca.SX, e: ca.SX) -> ca.SX:
 
 def _largest(a: ca.SX, b: ca.SX, e: ca.SX) -> ca.SX:
     return (a + b + _length(a - b, e)) / 2
+
+
+def level_off(kept: ca.SX, distance: ca.SX, gradient: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Distance that is the same wherever it is large, with its gradient and curvature.
+
+    Up to 10 cm beyond what is kept it is as given, from 18 cm on constant, with two continuous derivatives;
+    where more than 1 m is kept, up to 10 % of that, and from 18 % on.
+
+    Parameters
+    ----------
+    kept : casadi.SX
+        The distance that a row keeps [m].
+    distance : casadi.SX
+        [m].
+    gradient, curvature : casadi.SX, shapes (3,) and (3, 3)
+        Of the distance, by the place.
+    """
+    size = ca.fmax(kept, 1)
+    end, gap = kept + _AS_GIVEN * size, (_LEVEL - _AS_GIVEN) * size
+    part = ca.fmin(ca.fmax((distance - end) / gap, 0), 1)
+    first, second = 1 - part**2 * (3 - 2 * part), -6 * part * (1 - part) / gap
+    level = ca.fmin(distance, end) + gap * (part - part**3 + part**4 / 2)
+    return level, first * gradient, first * curvature + second * (gradient @ gradient.T)
 
 
 PLANE = 4  # numbers of a plane

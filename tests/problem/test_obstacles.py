@@ -20,6 +20,7 @@ from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.robot import Robot, load_robot
 from mbocp.terms.point import Point
 from tests.robot.urdfs import link, robot, write
+from tests.terms.test_distances import leveled
 
 BALL = '<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="0.1"/></geometry></collision>'
 LIMIT = '<limit lower="-3" upper="3" effort="50" velocity="9"/>'
@@ -137,7 +138,8 @@ def test_derivatives_of_the_rows(planar):
     h, J, H = (np.array(ca.DM(x).full()) for x in f(at, m, *numbers))
     kept = np.isfinite(clearance.lower)
     radii = clearance.inner_bounds[0][kept] - clearance.lower[kept]
-    np.testing.assert_allclose(h.ravel()[kept] - radii, clearance.values(planar, at, at)[kept], atol=1e-12)
+    expected = leveled(clearance.values(planar, at, at)[kept], clearance.lower[kept])
+    np.testing.assert_allclose(h.ravel()[kept] - radii, expected, atol=1e-12)
     sides = [[f(at + s * step * e, m, *numbers) for s in (1, -1)] for e in np.eye(3)]
     ahead = [(np.array(a[0]) - np.array(b[0])) / (2 * step) for a, b in sides]
     np.testing.assert_allclose(J, np.hstack(ahead), atol=1e-7)

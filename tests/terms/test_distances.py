@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbocp.robot.collision.obstacle import SIZES, Obstacle
-from mbocp.terms.distances import core_of, distance_from_core
+from mbocp.terms.distances import core_of, distance_from_core, level_off
 
 LENGTHS = {
     "sphere": [0.2],
@@ -97,6 +97,26 @@ def test_gradients_push_out_and_are_about_one_long(shape):
 @pytest.mark.parametrize("shape", SIZES)
 def test_distances_are_smooth_in_the_middle(shape):
     assert all(np.isfinite(np.array(x)).all() for x in function(shape)(np.zeros(3)))
+
+
+def leveled(distances: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """What rows are of some distances, shape (n,) [m]."""
+    d, least = ca.SX.sym("d"), ca.SX.sym("kept")
+    level = ca.Function("level", [d, least], [level_off(least, d, ca.SX(1), ca.SX(0))[0]])
+    return np.array(level(distances, kept)).ravel()
+
+
+def test_large_distances_level_off():
+    """They stay as they are up to 10 cm beyond what is kept, and are constant from 18 cm on, smoothly."""
+    near, far = np.linspace(-0.5, 0.3, 9), np.linspace(0.38, 5.0, 9)
+    np.testing.assert_allclose(leveled(near, np.full(9, 0.2)), near, atol=1e-15)
+    np.testing.assert_allclose(leveled(far, np.full(9, 0.2)), 0.34, atol=1e-15)
+    np.testing.assert_allclose(leveled(np.array([2.2, 3.0]), np.full(2, 2.0)), [2.2, 2.28], atol=1e-15)
+    d = ca.SX.sym("d")
+    row = ca.Function("row", [d], [*level_off(ca.SX(0.2), d, ca.SX(1), ca.SX(0))])
+    for at in (0.1, 0.3, 0.33, 0.38, 0.5):
+        ahead, behind = (np.array(row(at + step)).ravel() for step in (1e-6, -1e-6))
+        np.testing.assert_allclose((ahead - behind)[:2] / 2e-6, np.array(row(at)).ravel()[1:], atol=1e-3)
 
 
 def test_points_that_meet():

@@ -414,8 +414,10 @@ class Clearance(BoundedTerm):
     @cached_property
     def numbers(self) -> dict[str, Array]:
         """Parameters by name."""
-        idle = ClearanceRow.idle()
-        rows = [idle if k < 0 else self._pair_clearances.row(k) for k in self._order]
+        idle, (kept, _) = ClearanceRow.idle(), self.inner_bounds
+        rows = [
+            idle if k < 0 else self._pair_clearances.row(k, x) for k, x in zip(self._order, kept, strict=True)
+        ]
         if not self.movers:
             return self.term.numbers(rows)
         motions = np.hstack([motion.numbers(self._pieces) for motion in self.movers])

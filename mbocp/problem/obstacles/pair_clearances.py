@@ -80,11 +80,11 @@ class PairClearances:
         spheres, shapes = (self.spheres[k] for k in kept_spheres), (self.shapes[k] for k in kept_shapes)
         return PairClearances(model, frames, tuple(spheres), tuple(shapes), table)
 
-    def row(self, pair: int) -> ClearanceRow:
-        """What solvers see of a pair."""
+    def row(self, pair: int, kept: float = 0.0) -> ClearanceRow:
+        """What solvers see of a pair whose distance of centre and core is to be so large at least [m]."""
         sphere, shape = self.pairs[pair, :2].astype(np.intp)
-        (place, center), (other, *placed) = self.spheres[sphere], self.shapes[shape]
-        return ClearanceRow(place, other, center, *placed)
+        (place, center), (other, at, axes, core) = self.spheres[sphere], self.shapes[shape]
+        return ClearanceRow(place, other, center, at, axes, core, kept)
 
     def values(self, qs: Array, near: float = np.inf, pairs: IntArray | None = None) -> Array:
         """Clearances of pairs, by default of all, shape (n, pairs) [m].
