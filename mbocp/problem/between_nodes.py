@@ -30,7 +30,7 @@ from mbocp._arrays import Array, BoolArray, IntArray, dataclass
 from mbocp.integrators import PAIRS, SCHEMES, control_basis
 from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.paths_within import (
+from mbocp.problem.paths_between_nodes import (
     LEAST_SIZE,
     can_hold_in_middles,
     paths_within,

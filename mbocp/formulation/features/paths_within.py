@@ -29,7 +29,7 @@ from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.mechanics import Mechanics
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.paths_within import paths_within, rows_within, sides_within
+from mbocp.problem.paths_between_nodes import paths_within, rows_within, sides_within
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.robot import Label
 from mbocp.terms.path_term import PathTerm
