@@ -32,7 +32,7 @@ from mbocp.mechanics.motion_rates import accelerations, powers
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.paths_between_nodes import (
     LEAST_SIZE,
-    can_hold_in_middles,
+    can_hold_paths_within,
     paths_within,
     rows_within,
     tolerances_within,
@@ -119,12 +119,12 @@ def can_hold_within(problem: Problem) -> str:
 
     Of schemes of order two what speeds leave between nodes is as large as what the steps are wrong by.
     Jerks of controls that leap at nodes are no limits of cubics. Limits that fall with a speed, "m", hold at
-    the begins of steps, too, whatever the scheme, and path constraints, "p", in their middles.
+    the begins of steps, too, whatever the scheme, and path constraints, "p", within them.
     """
     letters = "ajv" if problem.controls == "linear" and _resolves_jerks(problem) else "av"
     has_limits = [letter for letter in letters if letter in problem.widest_limits.letters]
     found = [*(has_limits if has_cubics(problem) else ()), *("m" if speed_lines(problem) else "")]
-    found += "p" if can_hold_in_middles(problem) else ""
+    found += "p" if can_hold_paths_within(problem) else ""
     return "".join(sorted(found))
 
 

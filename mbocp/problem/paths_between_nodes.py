@@ -1,4 +1,4 @@
-"""Path constraints between nodes: which are looked at there, and which hold in the middle of steps, too.
+"""Path constraints between nodes: which are looked at there, and which hold within steps, too.
 
 The tool's place and speed there follow from the cubics of the joints, whose rows of other kinds have means of
 their own, see `mbocp.problem.speed_lines` and `mbocp.terms.braking`. Equations on places are none of them:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _ELSEWHERE = (OverSpeed, Braking)
 LEAST_SIZE = 1e-9  # of a limit
-_ROOM = 0.5  # of what rows may be left by between nodes: solvers get it in the middle of steps
+_ROOM = 0.5  # of what rows may be left by between nodes: solvers get it within steps
 
 
 def paths_within(problem: Problem) -> tuple[PathConstraint, ...]:
@@ -38,8 +38,8 @@ def paths_within(problem: Problem) -> tuple[PathConstraint, ...]:
     )
 
 
-def can_hold_in_middles(problem: Problem) -> bool:
-    """Whether there are some, and rows in the middle of steps can keep them."""
+def can_hold_paths_within(problem: Problem) -> bool:
+    """Whether there are some, and rows within steps can keep them."""
     scheme = SCHEMES[problem.scheme]
     is_known = (
         scheme.order > 1 and scheme.solves_constraints and COORDINATES[problem.coordinates].has_joint_states
@@ -56,7 +56,7 @@ def rows_within(path: PathConstraint, problem: Problem) -> BoolArray:
 
 
 def sides_within(path: PathConstraint) -> tuple[Array, Array]:
-    """Bounds of the expression in the middle of steps, shapes (rows,)."""
+    """Bounds of the expression within steps, shapes (rows,)."""
     room = _ROOM * tolerances_within(path) * _sizes(path)
     return path.term.inner((path.lower - room, path.upper + room))
 
