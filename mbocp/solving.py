@@ -6,13 +6,12 @@ The module is not called `solve`: importing it would put it into the place of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from mbocp.accuracy.errors import follows_fast, with_accuracy
-from mbocp.exceptions import NotConverged
+from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.file.messages import in_file
@@ -116,7 +115,7 @@ def solve(
     job = Job.of(
         problem, warm_start, at, time_limit=time_limit, callback=callback, has_gains=gains or accuracy
     )
-    with nullcontext() if problem.source is None else in_file(problem.document.label):
+    try:
         if problem.solver.starts == MENU:
             from mbocp.menus.menu import BestOfMenu  # slow to import, and wanted only here
 
@@ -125,6 +124,11 @@ def solve(
             solution = strategy_for(job).run(job)
         if accuracy and problem.accuracy is None:
             solution = with_accuracy(problem, solution, job.deadline)
+    except ProblemError:
+        if problem.source is None:
+            raise
+        with in_file(problem.document.label):
+            raise
     if check and not solution.converged:
         raise NotConverged(solution)
     return solution

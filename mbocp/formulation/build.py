@@ -21,7 +21,8 @@ from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.ordinary_units import units_of
-from mbocp.formulation.pieces import NUMBERS, ParameterLayout, Pieces, concatenate, mask, path_parameters
+from mbocp.formulation.parameter_layout import NUMBERS, ParameterLayout, concatenate, mask, path_parameters
+from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.row_words import RowDescriber
 from mbocp.formulation.signature import FunctionSignature, check_operations
 from mbocp.formulation.stage import LATER, build_end_functions, build_first_functions, build_functions

@@ -18,7 +18,8 @@ from mbocp.formulation.build import load_end_functions
 from mbocp.formulation.end_rows import EndTarget
 from mbocp.formulation.layout import places
 from mbocp.formulation.ordinary_units import units_of_end
-from mbocp.formulation.pieces import Pieces, concatenate
+from mbocp.formulation.parameter_layout import concatenate
+from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.row_words import RowDescriber
 from mbocp.integrators import PAIRS, TABLEAUX
 from mbocp.problem import Problem

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from mbocp._arrays import BoolArray
-from mbocp.formulation.pieces import ParameterLayout, Pieces, mask
+from mbocp.formulation.parameter_layout import ParameterLayout, mask
+from mbocp.formulation.pieces import Pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.problem import Problem
 from mbocp.problem.weights import typical_force

@@ -12,7 +12,7 @@ import numpy as np
 from mbocp.formulation.features.accelerations import driven_acceleration
 from mbocp.formulation.features.clock import CLOCK, STEP_SHARE
 from mbocp.formulation.layout import Block
-from mbocp.formulation.pieces import NUMBERS, parameter_layout, path_parameters, pieces
+from mbocp.formulation.parameter_layout import NUMBERS, parameter_layout, path_parameters, pieces
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import StepSymbols, unit_of
 from mbocp.terms.clearance_term import ClearanceTerm

@@ -39,8 +39,8 @@ from mbocp._arrays import dataclass
 from mbocp.formulation.features.feature import Feature
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage
+from mbocp.formulation.parameter_layout import parameter_layout, pieces, symbols_for
 from mbocp.formulation.path_functions import build_path, build_path_values
-from mbocp.formulation.pieces import parameter_layout, pieces, symbols_for
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.steps import HAS_BEFORE, StepDerivatives, StepSymbols
 from mbocp.lie import ConfigurationSpace

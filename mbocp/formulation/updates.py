@@ -16,7 +16,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.clock import TIME
 from mbocp.formulation.features.feature import join
 from mbocp.formulation.layout import places
-from mbocp.formulation.pieces import NUMBERS, path_parameters
+from mbocp.formulation.parameter_layout import NUMBERS, path_parameters
 from mbocp.formulation.steps import HAS_BEFORE
 from mbocp.formulation.term_numbers import term_numbers
 from mbocp.problem.coordinates import COORDINATES

@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
-from mbocp.formulation.pieces import NUMBERS
+from mbocp.formulation.parameter_layout import NUMBERS
 from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import (

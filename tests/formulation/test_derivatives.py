@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.formulation.pieces import parameter_layout
+from mbocp.formulation.parameter_layout import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_end_functions, build_functions

@@ -12,7 +12,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.memory import Memory
-from mbocp.formulation.pieces import parameter_layout, pieces
+from mbocp.formulation.parameter_layout import parameter_layout, pieces
 from mbocp.formulation.schemes.explicit_steps import ExplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions, state_space

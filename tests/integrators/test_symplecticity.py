@@ -16,7 +16,7 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.formulation.pieces import parameter_layout
+from mbocp.formulation.parameter_layout import parameter_layout
 from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
 from mbocp.formulation.signature import FunctionSignature
 from mbocp.formulation.stage import build_functions

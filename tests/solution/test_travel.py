@@ -199,7 +199,7 @@ def test_without_meshes(place: Path, tmp_path: Path) -> None:
 def test_large_meshes_are_left_out_unasked_and_that_is_told(
     place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mbocp.solution.its_problem, "MESH_LIMIT", 10)
+    monkeypatch.setattr("mbocp.solution.its_robot.MESH_LIMIT", 10)
     solution = fabricated(load_robot(place / "robots"))
     with pytest.warns(RobotNotStoredWarning, match="--meshes"):
         small = solution.save(tmp_path / "a.h5")

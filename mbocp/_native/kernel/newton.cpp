@@ -250,8 +250,7 @@ Newton::Next Newton::rescue(NewtonState& state, const Tried& tried, bool is_last
     if (!is_last) return Next::larger_shift;
     // Where equations bend away, no line search goes on: steps that nobody judges may, or a sweep.
     if (state.patience == 0 && !state.evaluation.is_feasible()) {
-        state.reference = Reference{std::make_shared<Kept>(*state.programme), state.evaluation, state.shift,
-                                    state.augmentation, relaxed_steps};
+        state.reference = Reference{std::make_shared<Kept>(*state.programme), state.evaluation, relaxed_steps};
         state.shift = tried.shift;
         relax(state);
         return Next::done;
@@ -379,7 +378,6 @@ void Newton::go_back(NewtonState& state, const Reference& reference) const {
     state.evaluation = state.programme->evaluate(1.0);
     ++state.iteration;
     state.increment = NewtonState::infinite, state.step_length = 0.0;
-    state.shift = reference.shift, state.augmentation = reference.augmentation;
     state.reference.reset();
     state.patience = pause;
 }

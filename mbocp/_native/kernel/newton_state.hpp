@@ -28,8 +28,7 @@ struct Kept {
 struct Reference {
     std::shared_ptr<const Kept> kept;
     Evaluation evaluation;
-    double shift, augmentation;  // with which it began
-    int steps_left;              // that may still be taken
+    int steps_left;  // that may still be taken
 };
 
 // How a run ends. The names are those of mbocp/solvers/records.py.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -14,9 +14,11 @@ from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
-from mbocp.problem import Problem
-from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Label
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
+    from mbocp.problem.timeline.timeline import Timeline
 
 CLOCK = "time"  # [s]
 STEP_SHARE = "step_share"  # the parameter 1/N, where lengths of steps are found

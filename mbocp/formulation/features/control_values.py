@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -26,7 +26,9 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols, within
 from mbocp.integrators import control_means, shares_of
-from mbocp.problem import Problem
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 _SHARE = 0.01  # of a step, in which the limit of the rate leads from the control before the start
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -22,9 +22,11 @@ from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.mechanics import Mechanics
-from mbocp.problem import Problem
 from mbocp.robot import Label
 from mbocp.terms.clearance_term import ClearanceTerm
+
+if TYPE_CHECKING:
+    from mbocp.problem import Problem
 
 V = TypeVar("V")
 
