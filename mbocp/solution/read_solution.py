@@ -288,11 +288,11 @@ def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: s
     for words, is_gross in found:
         if is_gross:
             return Status.UNDER_RESOLVED, f"{words}; the optimality conditions hold: {advice}"
-    gross = miss_of_rates(formulation, motion, is_strict=False)
+    missed = miss_of_rates(formulation, motion)
+    gross = missed and miss_of_rates(formulation, motion, is_strict=False)
     if gross is not None:
         status = Status.OTHER_ROOT if gross.is_free else Status.UNDER_RESOLVED
         return status, f"{gross.words}; the optimality conditions hold: {advice}"
-    missed = miss_of_rates(formulation, motion)
     return status, advice + _suffix(opening or (missed and missed.words)) + _suffix(at_via)
 
 

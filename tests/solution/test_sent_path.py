@@ -25,6 +25,7 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     """The largest distance is that of Pinocchio's own kinematics, in a closer look."""
     problem = mbocp.load_problem(LINE).with_(steps=10, integrator={"scheme": "rk4"})  # no rows within steps
     solution = mbocp.solve(problem)
+    assert "between nodes the path constraint line of tool0" in solution.advice
     sent = motion_as_sent(solution, 1000.0)
     (found,), unseen = path_excesses(Follower.of(sent, problem.robot), problem)
     assert not unseen

@@ -15,6 +15,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import transcribe
 from mbocp.problem import Problem
 from mbocp.solution import Solution
+from mbocp.solvers import Status
 from tests.integrators.explicit import hector
 
 FILE = Path(__file__).parents[2] / "examples" / "paper" / "elastic_pendulum.toml"
@@ -27,10 +28,12 @@ PATH = f"path=[{BOX}, {LEASH}, {CALM}]"
 TOLERANCE = {"monolithic": 1e-9, "ipopt": 1e-9, "fatrop": 1e-7}
 
 
-def solved(method: str, *settings: str) -> Solution:
+def solved(method: str, *settings: str, is_left: bool = False) -> Solution:
+    """Solve with settings; `is_left`: limits are left between nodes, where explicit steps have no rows."""
     tolerance = f"solver.tolerance={TOLERANCE[method]}"
     s = mbocp.solve(mbocp.load_problem(FILE, ["horizon.steps=20", tolerance, *settings]), solver=method)
-    assert s.converged or "between nodes the path" in s.advice, s.advice  # explicit steps have no rows there
+    assert s.status is (Status.UNDER_RESOLVED if is_left else Status.CONVERGED), s.advice
+    assert ("between nodes the path constraint" in s.advice) == is_left
     assert s.limit_violation <= 1e-8
     return s
 
@@ -39,7 +42,8 @@ def solved(method: str, *settings: str) -> Solution:
 @pytest.mark.parametrize("setting", [LIMITS, PATH], ids=["limits", "path"])
 def test_methods_agree_where_inequalities_are_active(scheme: str, setting: str) -> None:
     integrator = f"integrator.scheme={scheme}"
-    ipopt, *others = (solved(method, integrator, setting) for method in ("ipopt", "fatrop", "monolithic"))
+    is_left, methods = scheme == "rk4" and setting == PATH, ("ipopt", "fatrop", "monolithic")
+    ipopt, *others = (solved(method, integrator, setting, is_left=is_left) for method in methods)
     assert ipopt.active_limits
     for other in others:
         touched = [{(a.kind, a.name, a.side) for a in s.active_limits} for s in (ipopt, other)]
