@@ -129,14 +129,20 @@ def _of_task(task: Task, is_quick: bool) -> Bound:
     if efforts > 0.0:
         words.append("momenta")
     value = value + efforts if math.isnan(task.reached) else min(value + efforts, max(task.reached, value))
-    # Steps of this scheme are motions of constant accelerations, whose forces and jerks are others.
-    has_joint_states = COORDINATES[task.problem.coordinates].has_joint_states
-    is_linear = has_joint_states and VELOCITY_TAU.get(task.problem.scheme) == 0.5
-    is_same = not efforts and method not in (BY_FORCES, BY_FRAMES)
-    is_free = not task.problem.robot.nc  # steps of closed loops put them together again
-    is_both = is_linear and is_same and is_free and "j" not in task.problem.widest_limits.letters
-    of = "continuous and discretised" if is_both else "continuous"
+    is_of_steps = not efforts and method not in (BY_FORCES, BY_FRAMES) and _holds_for_steps(task.problem)
+    of = "continuous and discretised" if is_of_steps else "continuous"
     return Bound(value, least, "; ".join(words), of, "" if value > 0.0 else reason)
+
+
+def _holds_for_steps(problem: Problem) -> bool:
+    """Whether what bounds speeds and accelerations bounds those of steps, which are pieces of constant ones.
+
+    Forces and jerks of steps are others than those of a continuous motion.
+    """
+    has_joint_states = COORDINATES[problem.coordinates].has_joint_states
+    is_linear = has_joint_states and VELOCITY_TAU.get(problem.scheme) == 0.5
+    is_free = not problem.robot.nc  # steps of closed loops put them together again
+    return is_linear and is_free and "j" not in problem.widest_limits.letters
 
 
 def _cost_of_motion(task: Task, times: Array) -> Array:

@@ -7,7 +7,7 @@ the goal. The body is there in the middle of its feet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -63,8 +63,7 @@ def footholds(table: SwitchTable, stops: Mapping[int, Stop], clock: Array) -> di
     """
     robot, stands = table.robot, list(_stands(table))
     start, end = min(stops), max(stops)
-    landing = {node: [s for s in stands if s.first == node] for node in stops if start < node < end}
-    landing = {node: feet for node, feet in landing.items() if feet and _are_all(feet, stops[node].goal)}
+    landing = _landings(stands, stops)
     if not landing:
         return {}
     in_air = {s.foot for s in stands} - {s.foot for s in stands if s.first == start}
@@ -90,6 +89,13 @@ def footholds(table: SwitchTable, stops: Mapping[int, Stop], clock: Array) -> di
         targets = tuple(target for target in places if not target.is_empty)
         found[node] = Landing(at(float(np.mean(standing))), targets)
     return found
+
+
+def _landings(stands: Sequence[_Stand], stops: Mapping[int, Stop]) -> dict[int, list[_Stand]]:
+    """Feet that land at inner stops whose goals are theirs alone, by their nodes."""
+    _, *inner, _ = sorted(stops)
+    landing = {node: [stand for stand in stands if stand.first == node] for node in inner}
+    return {node: feet for node, feet in landing.items() if feet and _are_all(feet, stops[node].goal)}
 
 
 def takeoffs(table: SwitchTable) -> set[int]:

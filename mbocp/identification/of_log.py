@@ -282,7 +282,7 @@ def measure_log(
     UnknownJoint
         For a torque constant of a joint without a motor.
     """
-    robot, source = dynamics.robot, Path(log.source)
+    robot = dynamics.robot
     known = {*robot.joint_names, *(frame.name for frame in robot.model.frames)}
     others = list_names([joint for joint in log.joints if joint not in known], MOST_NAMES)
     for name in constants:
@@ -295,16 +295,7 @@ def measure_log(
         messages.append(
             f"positions of {list_names(unused, MOST_NAMES)} are not used: loops or locks decide them"
         )
-    positions = []
-    for name in dynamics.names:
-        column = log.joints.get(name, {}).get("q")
-        if column is None:
-            question = f"it has {others}, which the robot does not have" if others else ""
-            words = f"no column {name}.q: record the position of joint {name!r}, or lock it"
-            raise LogError(source, with_question(words, question))
-        if np.ptp(column) == 0.0:
-            raise LogError(source, f"{name}.q: the joint does not move: move it, or lock it")
-        positions.append(_unwrap(robot, name, column, source))
+    positions = [_position(log, robot, name, others) for name in dynamics.names]
     rates = [
         np.stack([log.joints[name][kind] for name in dynamics.names], axis=1)
         if all(kind in log.joints[name] for name in dynamics.names)
@@ -313,6 +304,18 @@ def measure_log(
     ]
     controls = [_torque(log, label.name, constants) for label in robot.u_labels]
     return Measured(log.t, (np.stack(positions, axis=1), rates[0], rates[1]), np.stack(controls, axis=1))
+
+
+def _position(log: Log, robot: Robot, name: str, others: str) -> Array:
+    """Positions of a joint; `others` names columns of joints that the robot does not have."""
+    column, source = log.joints.get(name, {}).get("q"), Path(log.source)
+    if column is None:
+        question = f"it has {others}, which the robot does not have" if others else ""
+        words = f"no column {name}.q: record the position of joint {name!r}, or lock it"
+        raise LogError(source, with_question(words, question))
+    if np.ptp(column) == 0.0:
+        raise LogError(source, f"{name}.q: the joint does not move: move it, or lock it")
+    return _unwrap(robot, name, column, source)
 
 
 def _torque(log: Log, name: str, constants: Mapping[str, float]) -> Array:

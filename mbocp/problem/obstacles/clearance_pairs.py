@@ -55,11 +55,10 @@ def clearance_of(
     pieces = [piece for obstacle in obstacles for piece in obstacle.pieces]
     apart = [_reasons_apart(robot, piece, balls) for piece in pieces]
     kept = [(sphere, k) for k, told in enumerate(apart) for sphere in told if not told[sphere]]
-    reasons, rest = {}, iter(apart)
+    rest = iter(apart)
+    reasons = {each.name: _common([next(rest) for _ in each.pieces]) for each in obstacles}
     for obstacle in obstacles:
-        told = reasons[obstacle.name] = _common([next(rest) for _ in obstacle.pieces])
-        if obstacle.motion is None and _FAR in told.values() and all(told.values()):
-            _warn_if_astray(robot, obstacle, [*balls.values()])
+        _warn_if_astray(robot, obstacle, [*reasons[obstacle.name].values()], [*balls.values()])
     found = _self_pairs(robot, own, limits)
     between = () if found is None else found.spheres
     used = sorted({sphere for sphere, _ in kept}.union(*between))
@@ -154,8 +153,12 @@ def _never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ba
     return _FAR if is_known and motion.distance_from(at) > size + radius + obstacle.margin else ""
 
 
-def _warn_if_astray(robot: Robot, obstacle: Obstacle, reaches: Sequence[_Ball]) -> None:
-    """Warn of an obstacle that is many times as far away as the robot reaches."""
+def _warn_if_astray(
+    robot: Robot, obstacle: Obstacle, reasons: Sequence[str], reaches: Sequence[_Ball]
+) -> None:
+    """Warn of an obstacle that is many times as far away as the robot reaches; `reasons` of each sphere."""
+    if obstacle.motion is not None or _FAR not in reasons or not all(reasons):
+        return
     placed = robot.model.frames[robot.frame_id(obstacle.frame)].placement * obstacle.placement
     size = max(radius for _, radius in reaches)
     if np.linalg.norm(reaches[0][0] - placed.translation) <= _ASTRAY * size:

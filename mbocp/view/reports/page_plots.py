@@ -168,22 +168,11 @@ def _tie(
                 axes.set_title("", loc=place)
             picture = _picture(figure)
             box = axes.get_position()
-        sizes = np.abs(np.concatenate([panel.values.ravel() for panel in tile]))
         curves = {
-            "parts": [
-                {
-                    "t": _round(panel.t),
-                    "values": [_round(column) for column in panel.values.T[:_MAX_NAMES]],
-                    "step": panel.step,
-                }
-                for panel in tile
-            ],
-            "places": _places(float(sizes[np.isfinite(sizes)].max(initial=0.0)), zero),
+            **_curves(tile, float(solution.t[0]), zero),
             "box": [box.x0, box.x1, 1.0 - box.y1, 1.0 - box.y0],
             "from": axes.get_xlim()[0],
             "to": axes.get_xlim()[1],
-            "start": float(solution.t[0]),
-            "duration": float(max(panel.t[-1] for panel in tile) - solution.t[0]),
         }
         shown = [name for panel in tile for name in panel.names[:_MAX_NAMES]]
         legend = "".join(
@@ -193,6 +182,25 @@ def _tie(
         notes += [_MEANS] if any(panel.faint is not None for panel in tile) else []
         data = html.escape(json.dumps(curves, separators=(",", ":")))
         yield _figure(picture, tile[0].title, data, legend, " ".join(filter(None, notes)))
+
+
+def _curves(tile: Sequence[LinePanel], start: float, zero: float) -> dict[str, Any]:
+    """What the page's script reads of a tile: its curves, decimals and times."""
+    sizes = np.abs(np.concatenate([panel.values.ravel() for panel in tile]))
+    parts = [
+        {
+            "t": _round(panel.t),
+            "values": [_round(column) for column in panel.values.T[:_MAX_NAMES]],
+            "step": panel.step,
+        }
+        for panel in tile
+    ]
+    return {
+        "parts": parts,
+        "places": _places(float(sizes[np.isfinite(sizes)].max(initial=0.0)), zero),
+        "start": start,
+        "duration": float(max(panel.t[-1] for panel in tile) - start),
+    }
 
 
 def _places(largest: float, zero: float) -> int:

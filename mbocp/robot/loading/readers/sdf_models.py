@@ -7,7 +7,7 @@ that stands for it: the model's name, or `_merged__NAME__model__`, as in the for
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import field
 from pathlib import Path
@@ -179,20 +179,23 @@ def _parts(
     for part in parts:
         if part.tag == "link" or (part.tag == "frame" and not part.get("attached_to")):
             _place_in_model(part)
-        if part.tag in PLACED:
-            part.set("name", called(part.get("name", "")))
-        for element in part.iter():
-            names = ("joint",) if element.tag == "mimic" else _NAMES
-            element.attrib.update(
-                {key: called(element.attrib[key]) for key in names if key in element.attrib}
-            )
-        for end in (each for each in part if each.tag in _ENDS.get(part.tag, ())):
-            end.text = called((end.text or "").strip())
+        _rename(part, called)
     frame = ElementTree.Element("frame", {"name": inside, **({"attached_to": carrier} if carrier else {})})
     if pose is not None:
         frame.append(deepcopy(pose))
     _place_in_model(frame)
     return [frame, *parts]
+
+
+def _rename(part: ElementTree.Element, called: Callable[[str], str]) -> None:
+    """Give a part, and what it names, the names that they have in the model around."""
+    if part.tag in PLACED:
+        part.set("name", called(part.get("name", "")))
+    for element in part.iter():
+        names = ("joint",) if element.tag == "mimic" else _NAMES
+        element.attrib.update({key: called(element.attrib[key]) for key in names if key in element.attrib})
+    for end in (each for each in part if each.tag in _ENDS.get(part.tag, ())):
+        end.text = called((end.text or "").strip())
 
 
 def _place_in_model(part: ElementTree.Element) -> None:
