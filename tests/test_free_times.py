@@ -225,6 +225,11 @@ def test_a_way_of_no_length_takes_the_least_time_and_is_named() -> None:
     assert touched.name == "b"
     assert s.via_times["b"] - s.via_times["a"] == pytest.approx(1e-3 * 0.2 * 2.0, rel=1e-4)
     assert "way to b in the least time" in str(dict(solution_rows(s, "robot"))["limits"])
+    words = "the time between via 'a' and 'b' vanishes (0.0004 s), as where their tolerances meet"
+    assert words in s.advice
+    early = mbocp.solve(bead(2.0, via, steps=20, solver={"max_iterations": 26}))
+    assert not early.converged
+    assert early.advice.startswith("the time between via 'a' and 'b' vanishes")
 
 
 @pytest.mark.parametrize("kind", ["line", "hold", "control", "at_rest"])

@@ -19,6 +19,7 @@ chosen where the motion ends.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ _UNSAID = "the conditions of the end do not say it there; start from another gue
 _OF_BODIES = "those of bodies are those of joints to the order of the scheme alone: take more steps"
 _ACROSS = "the scheme leaves it across the constraints"
 _GROSS_OPENING = 0.01  # [m, rad]: loops that are open by more are none
+_NO_TIME = 0.01  # of the mean length of a step
 _SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
@@ -213,6 +215,22 @@ def miss_of_vias(formulation: Formulation, motion: Motion) -> tuple[str, bool]:
             off = f"{label.name} passes {worst * tolerance[entry]:.3g} {label.unit} off its v"
             words = f"via {point.via.name!r}: {off}: {_ACROSS}: {_more_steps(problem)}"
     return words, worst > _SHARE / _REACHED
+
+
+def vias_at_once(problem: Problem, t: Array) -> str:
+    """Say between which via points of free times no time passes; "" where some does.
+
+    What holds between them asks for nothing then, or for what cannot be.
+    """
+    timeline = problem.timeline
+    mean = (t[-1] - t[0]) / timeline.num_timed_steps
+    for before, phase in pairwise(timeline.free_phases):
+        length, names = t[phase.last] - t[phase.first], [timeline.name_of(one) for one in (before, phase)]
+        is_short = length < _NO_TIME * mean * phase.steps
+        if is_short and phase is not timeline.phases[-1] and not (before.name or phase.name):
+            between = f"the time between via {names[0]!r} and {names[1]!r} vanishes ({length:.2g} s)"
+            return f"{between}, as where their tolerances meet: make these smaller, or leave one out"
+    return ""
 
 
 def opening_of_loops(formulation: Formulation, motion: Motion) -> tuple[str, bool]:

@@ -58,6 +58,8 @@ class PathConstraint(BoundedTerm):
         [m] or [m/s]; infinite where there is none.
     further : mapping of str to ndarray
         Parameters of other kinds by name.
+    profile : str, optional
+        Name of the profile that it is of.
     span : Span
         When it holds: at all nodes 1..N, or at those of a part of the horizon.
     """
@@ -71,6 +73,7 @@ class PathConstraint(BoundedTerm):
     lower: Array
     upper: Array
     further: Mapping[str, Any] = field(default_factory=dict)
+    profile: str | None = None
     span: Span = field(default_factory=Span)
 
     def __post_init__(self) -> None:

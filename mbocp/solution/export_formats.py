@@ -27,6 +27,7 @@ from mbocp.solution.solution_data import SolutionData
 
 _MOST_NAMES = 3
 _TRIES = 4  # at a slower motion: within 1.3 % of the duration that it needs
+_ROUND_OFF = 1e-9
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
 _SUFFIXES = MappingProxyType(
@@ -123,10 +124,28 @@ def what_helps(sent: Sent, excesses: Sequence[Excess]) -> str:
         return "the state in which it begins leads there: begin slower, or with less acceleration"
     if sent.curves.has_impacts and excesses[0].kind in ("acceleration", "jerk"):
         return 'its velocities leap, at impacts: let holds begin at rest, or meeting = "soft"'
-    if sent.mean and excesses[0].kind == "path":
-        words = f"accelerations that change from step to step are smoothed over {1e3 * sent.mean:.0f} ms"
-        return f"take more steps, or give cost.acceleration a weight: {words}"
+    if excesses[0].kind == "path" and (sent.mean or sent.is_nearest):
+        return _what_helps_paths(sent, max(excess.over_tolerance for excess in excesses))
     return "take more steps"
+
+
+def _what_helps_paths(sent: Sent, over: float) -> str:
+    """Say what makes smoothing leave paths by less, which it does by so many times what may be left.
+
+    A mean over a step keeps jerks whose accelerations are constant in steps, and leaves a path by the square
+    of its time.
+    """
+    step, steps = float(np.diff(sent.solution.t).max()), sent.solution.num_steps
+    if not sent.curves.is_from_rest_to_rest:
+        return (
+            "take more steps: what begins or ends in motion is sent as the nearest motion of each joint alone"
+        )
+    if sent.is_nearest or sent.mean > (1.0 + _ROUND_OFF) * step:
+        kept = 'take scheme = "midpoint" and controls = "constant", whose jerks a mean over a step keeps'
+        return f"{kept}: here accelerations leap within steps"
+    words = f"accelerations that change from step to step are smoothed over {1e3 * sent.mean:.0f} ms"
+    many = math.ceil(steps * math.sqrt(over) / 10.0) * 10 + 10
+    return f"take about {many} steps, or give cost.acceleration a weight: {words}"
 
 
 def write_recording(
@@ -197,7 +216,8 @@ def prepare_within(
     if not (fit and excesses and all(excess.falls_with_speed for excess in excesses)):
         return sent, excesses
     found, low, pause = (sent, excesses), sent.slower, 1.0 / (_rate_of(name, rate) or math.inf)
-    high = max(low, low * ((1.0 + MOST) * solution.duration - pause) / float(sent.curves.nodes[-1]))
+    most = (1.0 + MOST - _ROUND_OFF) * solution.duration - pause
+    high = max(low, low * most / float(sent.curves.nodes[-1]))
     for _ in range(_TRIES):
         factor = high if found[1] else (low + high) / 2.0
         tried = prepare(name, solution, rate, interpolation, fit=True, slower=factor, mean=mean)

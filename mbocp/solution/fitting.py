@@ -93,22 +93,25 @@ class Fitting:
         return asked if found is None else Fit(found[1], slower=found[0], is_nearest=True)
 
     def _smoother(self) -> Fit:
-        """The moving mean of cubics or a spline that is shortest once it is slow enough."""
+        """The moving mean of cubics or a spline that is shortest once it is slow enough.
+
+        That over one step keeps limits of jerks as problems have them: of means of steps.
+        """
         sides = np.abs(self.joints.bounds["jerk"]).min(axis=0)
         largest = np.abs(self.cubics.places(1)[1][2]).max(axis=0)
         reach = np.divide(largest, sides, out=np.zeros_like(largest), where=sides > 0.0)  # [s]
         most = MOST * float(self.cubics.nodes[-1])
         least = float(np.clip(_PART * reach.max(), _LEAST_PART * most, 0.5 * most))
-        found = []
+        step, found = np.diff(self.cubics.nodes).max(keepdims=True), []
         for base in (self.cubics, self.cubics.spline()):
             near, far = least, most
             for _ in range(2):  # coarsely, and about the best
-                widths = np.geomspace(near, far, _WIDTHS)
+                widths = np.union1d(np.geomspace(near, far, _WIDTHS), step[(near < step) & (step < far)])
                 means = [base.mean(width) for width in widths]
                 durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
                 k = int(np.argmin(durations))
                 found.append((durations[k], Fit(means[k], float(widths[k]))))
-                near, far = widths[max(k - 1, 0)], widths[min(k + 1, _WIDTHS - 1)]
+                near, far = widths[max(k - 1, 0)], widths[min(k + 1, len(widths) - 1)]
         return min(found, key=lambda one: one[0])[1]
 
 

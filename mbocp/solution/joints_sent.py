@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
+from mbocp._tolerances import PATH_TOLERANCE_PART, PATH_TOLERANCES
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import AT_REST, Curves, differences
 from mbocp.solution.nearest import Ends
@@ -57,7 +58,17 @@ class Excess:
     @property
     def falls_with_speed(self) -> bool:
         """Whether a slower motion on the same way has less of it, but for the weight."""
-        return self.kind in _OF_CONTROLS or (self.kind == "path" and self.unit not in ("m", "rad"))
+        is_rate = (
+            self.kind == "path" and self.unit not in PATH_TOLERANCES and abs(self.value) > abs(self.bound)
+        )
+        return self.kind in _OF_CONTROLS or is_rate
+
+    @property
+    def over_tolerance(self) -> float:
+        """How many times what a path constraint may be left by it is."""
+        return (
+            self.ratio / PATH_TOLERANCES.get(self.unit, PATH_TOLERANCE_PART) if self.kind == "path" else 0.0
+        )
 
     @property
     def words(self) -> str:

@@ -18,7 +18,7 @@ from mbocp import __version__
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops
+from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops, vias_at_once
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
@@ -207,7 +207,9 @@ def judge(
     excess = largest_excess(formulation.problem, t, motion.qs, motion.vs, us, motion.shares)
     light = _light_joints(formulation.problem, motion, t, excess)
     status, advice = _within_limits(excess, status, advice, light, varies=bool(motion.shares))
-    return status, advice, excess
+    at_once = vias_at_once(formulation.problem, t)
+    both = (advice, at_once) if status is Status.CONVERGED else (at_once, advice)
+    return status, "; ".join(filter(None, both)), excess
 
 
 def _rest(

@@ -87,6 +87,7 @@ class _Motion:
         sent = follower.sent
         curves, solution = sent.curves, sent.solution
         at_nodes = np.clip(sent.times_of(solution.t), 0.0, curves.nodes[-1])
+        at_nodes[[0, -1]] = 0.0, curves.nodes[-1]  # a mean rests half its time later at its ends
         t = np.union1d(curves.places(_PARTS)[0], at_nodes)
         nodes = np.interp(t, at_nodes, np.arange(len(at_nodes)))
         nodes[[0, -1]] = 0.0, len(at_nodes) - 1.0

@@ -40,7 +40,7 @@ class Braking(PathTerm):
     class Keys(Table):
         """Keys."""
 
-        deceleration: Annotated[Bound, Key('of a `"braking"` joint, `frame`', "rad/s^2", "required")] = None
+        deceleration: Annotated[Bound, Key('of a `"braking"` joint', "rad/s^2", "required")] = None
         reserve: Annotated[Bound, Key("of a braking joint: velocity on top", "rad/s", "0")] = None
         min: Annotated[Bound, Key("of a braking joint's angle", "rad", beside=("max",))] = None
         max: Bound = None

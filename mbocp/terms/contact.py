@@ -132,7 +132,7 @@ class ContactKeys(SurfaceKeys):
         ),
     ] = None
     max_normal: Bound = None
-    max: Annotated[Bound, Key("of the size of a contact force", "N")] = None
+    max: Annotated[Bound, Key("of a contact force", "N")] = None
     pressure: Annotated[
         Pair, Key("sides of the rectangle of a weld's centre of pressure", "m", takes="2 numbers > 0")
     ] = None

@@ -202,7 +202,7 @@ class Height(PathTerm):
     class Keys(SurfaceKeys):
         """Keys."""
 
-        min: Annotated[Bound, Key("of a height above the map", "m", beside=("max",))] = None
+        min: Annotated[Bound, Key("of a height", "m", beside=("max",))] = None
         max: Bound = None
 
     @classmethod

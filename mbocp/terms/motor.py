@@ -49,7 +49,7 @@ class Motor(OverSpeed):
 
         stall: Annotated[
             Bound,
-            Key('of a `"motor"`: torque of a joint, `frame`, at rest', "N m", "required, but with a curve"),
+            Key('of a `"motor"`: torque of a joint at rest', "N m", "required, but with a curve"),
         ] = None
         no_load: Annotated[
             Bound, Key("of a motor: speed without torque", "rad/s", "required, but with a curve")

@@ -11,7 +11,9 @@ import pytest
 import typer
 
 import mbocp
+from mbocp import Problem, Solution
 from mbocp.cli.results import export
+from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.sent import motion_as_sent
 from mbocp.solution.sent_checks import check_sent, path_excesses
 from mbocp.solution.sent_states import Follower
@@ -50,6 +52,37 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     fine = mbocp.solve(mbocp.load_problem(LINE), check=True)
     export(fine.save(result), table, **given)
     assert table.exists()
+
+
+def smooth_bend(scheme: str, steps: int) -> Solution:
+    """A tool along a bend in the least time, jerks limited."""
+    bend = {"kind": "follow", "frame": "tool0", "points": [[0, 0, 0], [0.02, 0.1, 0.05], [0, 0.2, 0]]}
+    return mbocp.solve(
+        Problem.create(
+            "ur5",
+            {"min": 0.3, "max": 8, "guess": 1.5},
+            steps,
+            start={"q": [0, -1.57, 1.57, -1.57, -1.57, 0]},
+            goal={"v": 0},
+            path=[bend | {"relative": True, "tolerance": 0.002}],
+            cost={"time": 1.0, "effort": 1e-5, "velocity": 1e-2},
+            limits={"acceleration": 15.0, "jerk": 150.0},
+            scheme=scheme,
+        ),
+        check=True,
+    )
+
+
+def test_what_smoothing_leaves_of_a_path_falls_with_the_steps_as_advice_says(tmp_path: Path) -> None:
+    """Jerks of a scheme with one acceleration in each step are kept by a mean over one step, to the end."""
+    table = tmp_path / "a.csv"
+    with pytest.raises(LimitsExceeded, match='take scheme = "midpoint" and controls = "constant"'):
+        smooth_bend("gauss2", 12).export(table, rate=1000)
+    with pytest.raises(LimitsExceeded, match=r"follow of tool0: 0\.0026.*take about 30 steps"):
+        smooth_bend("midpoint", 12).export(table, rate=1000)
+    fine = smooth_bend("midpoint", 20)
+    assert motion_as_sent(fine, 1000.0, fit=True).mean == pytest.approx(fine.t[1], rel=1e-6)
+    assert fine.export(table, rate=1000).exists()
 
 
 def test_a_constraint_is_looked_at_while_it_holds() -> None:

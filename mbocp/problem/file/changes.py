@@ -16,10 +16,10 @@ from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
-from mbocp.problem.file.profile import is_of_profile
 from mbocp.problem.file.read_tables import READ, ProblemTable
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
+from mbocp.problem.path import PathConstraint
 from mbocp.problem.pipeline import Step
 from mbocp.problem.solver import Guess, SolverOptions
 from mbocp.problem.timeline.phase import check_phase
@@ -121,7 +121,10 @@ def _check_words(values: Mapping[str, Any]) -> None:
 
 def _is_table(name: str, value: Any) -> bool:
     if name in _LISTS:
-        return isinstance(value, (list, tuple)) and any(isinstance(entry, Mapping) for entry in value)
+        is_empty = name == "path" and not len(value)
+        return isinstance(value, (list, tuple)) and (
+            is_empty or any(isinstance(entry, Mapping) for entry in value)
+        )
     return name in (*_TABLES, *_OPTIONAL, "self_collision") and isinstance(value, Mapping)
 
 
@@ -135,23 +138,31 @@ def _value_of(name: str, value: Any) -> Any:
 
 def _with_tables(document: Document, tables: Mapping[str, Any], written: Written) -> Document:
     """Put keys into tables; tables for which values stand are written first."""
-    found, values = dict(document.tables), dict(document.values)
+    found, values, of_profile = dict(document.tables), dict(document.values), list[Any]()
     for name, value in tables.items():
         stand_in = [key for key, table in FIELDS.values() if table == name and key in values]
         if stand_in:
             found[name] = written().get(name, {})
+        if name == "path":
+            of_profile = [row for row in found.get(name) or () if row.get("profile")]
         for key in (*stand_in, *(("phases_unweighted",) if name == "phase" else ())):
             values.pop(key, None)
         found[name] = _change_table(name, found.get(name), plain(value))
-    if "profile" in tables.get("limits", {}):  # with its rows; a result keeps those of its own as numbers
-        found["path"] = [row for row in found.get("path", ()) if not is_of_profile(row.get("name", ""))]
+    if of_profile and "profile" not in found.get("limits", {}):  # of a result, which has them as numbers
+        found["path"] = [*found["path"], *of_profile]
+    if "profile" in tables.get("limits", {}):
+        found["path"] = [row for row in found.get("path", ()) if not row.get("profile")]
         if "said_path" in values:
-            values["said_path"] = tuple(row for row in values["said_path"] if not is_of_profile(row.name))
+            values["said_path"] = tuple(row for row in values["said_path"] if not _is_of_profile(row))
     if "phase" in tables:  # it says how long all is, and what is held
         found["horizon"] = _without(found.get("horizon", {}), "duration", "steps", "lengths")
         values = {key: value for key, value in values.items() if key not in ("said_holds", "said_releases")}
         values.pop("said_impacts", None)
     return replace(document, tables=found, values=values)
+
+
+def _is_of_profile(row: object) -> bool:
+    return isinstance(row, PathConstraint) and row.profile is not None
 
 
 def _change_table(name: str, old: Any, table: Any) -> Any:

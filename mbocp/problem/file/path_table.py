@@ -31,7 +31,7 @@ from mbocp.terms.heights import SurfaceKeys, surface_from
 from mbocp.terms.kinds import PATH_KEYS, PATH_TERMS
 from mbocp.terms.span import SPAN, Span, SpanKeys
 
-_HEAD = ("name", "kind", "frame", *SPAN)
+_HEAD = ("name", "kind", "frame", "profile", *SPAN)
 _MAX_BYTES = 16 * MEGABYTE
 _COLUMNS = "x, y, z, or x, y, z, qx, qy, qz, qw"
 
@@ -43,8 +43,9 @@ class PathHead(Table):
     kind: Annotated[str, choice(PATH_KEYS), Key("what is constrained")]
     frame: Annotated[
         str | None,
-        Key("frame of the robot, or its origin", "", "required, but for forces and all of the robot"),
+        Key("frame of the robot", "", "required, but for forces and all of the robot"),
     ] = None
+    profile: Annotated[str | None, Key("that it is of, in results")] = None
 
 
 PathTable = merge_tables(
@@ -112,6 +113,7 @@ def _constraint(
         name=table.name or (f"{kind} of {name}" if table.frame else kind),
         kind=kind,
         frame=frame,
+        profile=table.profile,
         span=Span.read(table),
         further={name: value for name, value in values.items() if name not in known},
         **{name: value for name, value in values.items() if name in known},
@@ -183,6 +185,7 @@ def _table(robot: Robot, constraint: PathConstraint) -> dict[str, Any]:
         **({} if term.of_robot else {"frame": robot.frame_names[constraint.frame]}),
         **term.write(constraint, robot),
         **constraint.span.write(),
+        **({} if constraint.profile is None else {"profile": constraint.profile}),
     }
 
 

@@ -6,7 +6,6 @@ A profile speaks of joints by name. Those of a robot may have a prefix, or sever
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain
@@ -38,7 +37,6 @@ _OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
     "effort": Motor,
     "acceleration": AccelerationOverSpeed,
 }  # by key
-_NAME = re.compile(r".+'s (braking|motor|acceleration) of .+")  # of its path constraints, in results, too
 _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked
 
 _Numbers: TypeAlias = float | list[float]
@@ -161,7 +159,7 @@ class Profile:
     def paths(self, robot: Robot) -> list[dict[str, Any]]:
         """Return the tables of `[[path]]` for a robot."""
         over_speed = chain(*(self._over_speed(key, term, robot) for key, term in _OVER_SPEEDS.items()))
-        return [*over_speed, *self._braking(robot)]
+        return [{**row, "profile": self.name} for row in (*over_speed, *self._braking(robot))]
 
     def _over_speed(self, key: str, term: type[OverSpeed], robot: Robot) -> list[dict[str, Any]]:
         """What falls with the speeds of joints and motors, beyond that at rest, which `[limits]` has.
@@ -309,11 +307,6 @@ class Profile:
 def _ratios(robot: Robot) -> dict[str, float]:
     """Of the gears behind which profiles speak of torques, before which controls are, by joint."""
     return {motor.name: motor.gear_ratio for motor in robot.motors}
-
-
-def is_of_profile(name: str) -> bool:
-    """Whether the path constraint of a name is one that a profile made."""
-    return _NAME.fullmatch(name) is not None
 
 
 def profile_names() -> list[str]:

@@ -259,11 +259,18 @@ def test_a_result_says_numbers(panda: Robot) -> None:
     """What was solved does not change with the profile."""
     one = problem(panda, {"profile": "fr3"}, start={"q": [0, 0, 0, -2, 0, 2, 0, 0, 0]})
     text = problem_to_toml(one)
-    assert "profile" not in text
     again = parse_problem(text)
+    assert "profile" not in again.document.tables["limits"]
     np.testing.assert_array_equal(again.limits.a_upper, one.limits.a_upper)
     assert [path.name for path in again.path] == [path.name for path in one.path]
     for same in (one, again):  # also of numbers of another one
+        slow = {"name": "slow", "kind": "speed", "frame": "panda_hand", "max": 0.5}
+        for path in ([], [slow], [slow]):  # its rows go with it, whatever else is asked for
+            same = same.with_(path=path)
+            names = [row.name for row in same.path if row.name != "slow"]
+            assert (names, len(same.path)) == ([row.name for row in one.path], 7 + len(path))
+        same = same.with_(path=same.path).with_(path=[])
+        assert len(same.path) == 7
         other = same.with_(limits={"profile": "panda"})
         assert other.limits.a_upper[0] == 15.0
         assert not other.path
