@@ -14,28 +14,43 @@ typedef mbocp_lanes V;
 #define mbocp_lane(x, i) ((*(x))[i])
 #endif
 
+static inline __attribute__((unused)) int mbocp_any(V x) {
+  int i, any = 0;
+  for (i = 0; i < MBOCP_LANES; ++i) any |= mbocp_lane(&x, i) != 0;
+  return any;
+}
+
+static __attribute__((unused, noinline)) void mbocp_zero(V* to, int count) {
+  int i;
+  for (i = 0; i < count; ++i) to[i] = mbocp_all(0.);
+}
+
 static __attribute__((unused, noinline)) void mbocp_copy(V* to, const V* from, int count) {
   int i;
   for (i = 0; i < count; ++i) to[i] = from[i];
 }
 
-/* Column `which` of a table; beyond its ends no numbers. */
-static __attribute__((unused, noinline)) void mbocp_choose_column(V* to, const V* table, int rows, int columns, V which) {
+/* Where column `which` of a table is, beyond whose ends are no numbers; it is put into `to` where lanes choose apart. */
+static __attribute__((unused, noinline)) const V* mbocp_choose_column(V* to, const V* table, int rows, int columns,
+                                                                      V which) {
   int i, row;
   for (i = 0; i < MBOCP_LANES; ++i) {
     const double number = mbocp_lane(&which, i);
     const int is_there = number >= 0 && number < columns;
     const V* column = table + (is_there ? rows * (int)number : 0);
-    if (i == 0 && is_there && mbocp_agree(which)) {
-      mbocp_copy(to, column, rows);
-      return;
-    }
+    if (i == 0 && is_there && mbocp_agree(which)) return column;
     for (row = 0; row < rows; ++row) mbocp_lane(to + row, i) = is_there ? mbocp_lane(column + row, i) : 0. / 0.;
   }
+  return to;
 }
 
 static __attribute__((unused, noinline)) void mbocp_add_chosen(V* row, int count, V which, V share) {
+  const double first = mbocp_first(which);
   int i;
+  if (first >= 0 && first < count && mbocp_agree(which)) {
+    row[(int)first] += share;
+    return;
+  }
   for (i = 0; i < MBOCP_LANES; ++i) {
     const double number = mbocp_lane(&which, i);
     if (number >= 0 && number < count) mbocp_lane(row + (int)number, i) += mbocp_lane(&share, i);

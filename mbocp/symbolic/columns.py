@@ -10,6 +10,8 @@ import casadi as ca
 
 # Their names; `mbocp/_native/kernel/graph.cpp` has them, too.
 CHOOSE, ADD_CHOSEN = "choose_columns", "add_chosen_columns"
+# The name of functions that are zero where their first input is: C calls them where it is not in some stage.
+WHERE_ANY = "where_any"
 STAYS_A_CALL = {"never_inline": True}  # where a function is written out that calls it
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.robot.collision.obstacle_motion import PIECE, placement_of_piece
-from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
+from mbocp.symbolic.columns import STAYS_A_CALL, WHERE_ANY, add_chosen_columns, choose_columns
 from mbocp.terms.bounded import Structure
 from mbocp.terms.distances import (
     CORE,
@@ -219,13 +219,15 @@ class ClearanceTerm(Structure):
         for group in self._groups:
             first, count = sum(part.numel() for part in h), group.count
             chosen, numbers = group.take(given)
-            row = _row(nq, group.carriers, group.measure).map(count)
-            arguments = [choose_columns(placed, which) for which in chosen]
-            found = row(*arguments, numbers, m[first : first + count].T)
-            h.append(found[0].T)
-            dh.append(found[1].T)
-            hessian += ca.repsum(found[2], 1, count)
-            for which, share in zip(chosen, found[3:], strict=True):  # added up by place
+            distance = _distance(_PLACE * (1 + nq), group.carriers, group.measure).map(count)
+            slopes = _slopes(nq, group.carriers, group.measure).map(count)
+            arguments = [*(choose_columns(placed, which) for which in chosen), numbers]
+            values, is_near = distance(*arguments)
+            found = slopes(is_near, *arguments, m[first : first + count].T)
+            h.append(values.T)
+            dh.append(found[0].T)
+            hessian += ca.repsum(found[1], 1, count)
+            for which, share in zip(chosen, found[2:], strict=True):  # added up by place
                 weights += add_chosen_columns(num_places, which, share)
         upper = ca.MX(ca.Sparsity.upper(nq), hessian) + bend(q, weights, *known)
         outputs = [ca.vertcat(*h), ca.vertcat(*dh), upper]
@@ -242,8 +244,8 @@ class ClearanceTerm(Structure):
         h = [ca.MX(0, 1)]
         for group in self._groups:
             chosen, numbers = group.take(given)
-            row = _distance(group.carriers, group.measure).map(group.count)
-            h.append(row(*(choose_columns(placed, which) for which in chosen), numbers).T)
+            distance = _distance(_PLACE, group.carriers, group.measure).map(group.count)
+            h.append(distance(*(choose_columns(placed, which) for which in chosen), numbers)[0].T)
         return ca.Function("clearances", [q, *given.values(), *numbers_of_robot], [ca.vertcat(*h)])
 
     def _coordinates(self, at: Point) -> ca.SX:
@@ -351,21 +353,23 @@ def _places(symbols: ca.SX, columns: list[ca.SX], inputs: list[ca.SX]) -> tuple[
     )
 
 
-def _row(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
-    """(place..., numbers, m) -> h, its gradient, m times its curvature by first derivatives, m dh_dplace...
+def _slopes(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
+    """(is_near, place..., numbers, m) -> dh, m times the curvature of h by first derivatives, m dh_dplace...
 
-    Along the tangent e of the configuration places are, to first order, their value and Jacobian times e.
-    What these leave out of the second derivative is the curvature of the places, weighed with m dh_dplace.
+    What is not near has none of these. Along the tangent e of the configuration places are, to first order,
+    their value and Jacobian times e. What these leave out of the second derivative is the curvature of the
+    places, weighed with m dh_dplace.
     """
     given = [ca.SX.sym(f"place{k}", _PLACE * (1 + nq)) for k in range(carriers)]
     numbers, m = ca.SX.sym("numbers", _PLACED + measure.numel_in(1)), ca.SX.sym("m")
+    is_near = ca.SX.sym("is_near")
     e, pull = ca.SX.sym("e", nq), ca.SX.sym("pull", 3)
     here = [column[:_PLACE] for column in given]
     moved = [column[:_PLACE] + ca.reshape(column[_PLACE:], _PLACE, nq) @ e for column in given]
     along = _point(moved, numbers)
     at_rest = ca.Function("rest", [e, *given, numbers], [along, ca.jacobian(along, e)])
     p0, J = at_rest(ca.SX.zeros(nq), *given, numbers)
-    h, slope, curvature = level_off(numbers[_KEPT], *measure(p0, numbers[_PLACED:]))
+    _, slope, curvature, _ = level_off(numbers[_KEPT], *measure(p0, numbers[_PLACED:]))
     rest = ca.Function("bilinear", [e, pull, *given, numbers], [ca.hessian(ca.dot(pull, along), e)[0]])
     bilinear = rest(ca.SX.zeros(nq), slope, *given, numbers)
     hessian = m * (J.T @ (curvature @ J) + bilinear)
@@ -375,16 +379,17 @@ def _row(nq: int, carriers: int, measure: ca.Function) -> ca.Function:
         "shares", [pull, *symbols, numbers], [ca.densify(ca.gradient(pulled, s)) for s in symbols]
     ).call([m * slope, *here, numbers])
     upper = ca.densify(hessian)[ca.Sparsity.upper(nq)]
-    outputs = [h, ca.densify(J.T @ slope), upper.nz[:], *shares]
-    return ca.Function("row", [*given, numbers, m], ca.cse(outputs), STAYS_A_CALL)
+    outputs = [ca.densify(J.T @ slope), upper.nz[:], *shares]
+    return ca.Function(WHERE_ANY, [is_near, *given, numbers, m], ca.cse(outputs), STAYS_A_CALL)
 
 
-def _distance(carriers: int, measure: ca.Function) -> ca.Function:
-    """(place..., numbers) -> h."""
-    here = [ca.SX.sym(f"place{k}", _PLACE) for k in range(carriers)]
+def _distance(rows: int, carriers: int, measure: ca.Function) -> ca.Function:
+    """(place..., numbers) -> h, whether it is near; of places with so many rows the first ones count."""
+    given = [ca.SX.sym(f"place{k}", rows) for k in range(carriers)]
     numbers = ca.SX.sym("numbers", _PLACED + measure.numel_in(1))
-    h = level_off(numbers[_KEPT], *measure(_point(here, numbers), numbers[_PLACED:]))[0]
-    return ca.Function("row_value", [*here, numbers], ca.cse([h]), STAYS_A_CALL)
+    p = _point([place[:_PLACE] for place in given], numbers)
+    h, *_, is_near = level_off(numbers[_KEPT], *measure(p, numbers[_PLACED:]))
+    return ca.Function("distance", [*given, numbers], ca.cse([h, is_near]), STAYS_A_CALL)
 
 
 def _point(places: list[ca.SX], numbers: ca.SX) -> ca.SX:

@@ -130,8 +130,10 @@ def _largest(a: ca.SX, b: ca.SX, e: ca.SX) -> ca.SX:
     return (a + b + _length(a - b, e)) / 2
 
 
-def level_off(kept: ca.SX, distance: ca.SX, gradient: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Distance that is the same wherever it is large, with its gradient and curvature.
+def level_off(
+    kept: ca.SX, distance: ca.SX, gradient: ca.SX, curvature: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Distance that is the same wherever it is large, with gradient and curvature, and whether it has these.
 
     Up to 10 cm beyond what is kept it is as given, from 18 cm on constant, with two continuous derivatives;
     where more than 1 m is kept, up to 10 % of that, and from 18 % on.
@@ -150,7 +152,7 @@ def level_off(kept: ca.SX, distance: ca.SX, gradient: ca.SX, curvature: ca.SX) -
     part = ca.fmin(ca.fmax((distance - end) / gap, 0), 1)
     first, second = 1 - part**2 * (3 - 2 * part), -6 * part * (1 - part) / gap
     level = ca.fmin(distance, end) + gap * (part - part**3 + part**4 / 2)
-    return level, first * gradient, first * curvature + second * (gradient @ gradient.T)
+    return level, first * gradient, first * curvature + second * (gradient @ gradient.T), part < 1
 
 
 PLANE = 4  # numbers of a plane

@@ -19,7 +19,7 @@ from mbocp.programme.compilation import load_functions
 from mbocp.programme.compiler import compiler
 from mbocp.programme.native_modules import has_avx2, kernel, number_of_lanes
 from mbocp.programme.tapes import as_operations
-from mbocp.symbolic.columns import STAYS_A_CALL, add_chosen_columns, choose_columns
+from mbocp.symbolic.columns import STAYS_A_CALL, WHERE_ANY, add_chosen_columns, choose_columns
 from tests.programme.test_tape import STEP, built
 
 pytestmark = [
@@ -196,6 +196,19 @@ def test_numbers_beyond_the_columns_choose_nothing() -> None:
     tape = kernel().StageFunction.of(as_operations(loops()))
     inputs = [x.ravel(), which.ravel()]
     assert_same(native.evaluate(inputs, COUNT, True), tape.evaluate(inputs, COUNT, True))
+
+
+def test_what_is_zero_in_all_lanes_is_not_called() -> None:
+    is_any, x = ca.SX.sym("is_any"), ca.SX.sym("x", 2)
+    ahead = ca.Function(WHERE_ANY, [is_any, x], [x + 1], STAYS_A_CALL)  # not zero: so that it shows
+    f = ca.Function("f", [is_any, x], [ahead.call([is_any, x], False, True)[0]])
+    native = load_functions("ahead", lambda: {"f": f}).stage_function("f")
+    lanes = max(native.num_lanes, 2)
+    xs, flags = np.arange(4.0 * lanes).reshape(-1, 2), np.zeros(2 * lanes)
+    flags[1] = 1.0
+    (found,) = native.evaluate([flags, xs.ravel()], 2 * lanes, True)
+    is_called = np.arange(2 * lanes) < native.num_lanes if native.num_lanes > 1 else flags > 0
+    np.testing.assert_array_equal(found.reshape(-1, 2), np.where(is_called[:, None], xs + 1.0, 0.0))
 
 
 def test_what_is_no_number_stays_in_its_lane() -> None:

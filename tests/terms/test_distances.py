@@ -114,9 +114,12 @@ def test_large_distances_level_off():
     np.testing.assert_allclose(leveled(np.array([2.2, 3.0]), np.full(2, 2.0)), [2.2, 2.28], atol=1e-15)
     d = ca.SX.sym("d")
     row = ca.Function("row", [d], [*level_off(ca.SX(0.2), d, ca.SX(1), ca.SX(0))])
-    for at in (0.1, 0.3, 0.33, 0.38, 0.5):
+    for at in (0.1, 0.3, 0.33, 0.39, 0.5):
         ahead, behind = (np.array(row(at + step)).ravel() for step in (1e-6, -1e-6))
-        np.testing.assert_allclose((ahead - behind)[:2] / 2e-6, np.array(row(at)).ravel()[1:], atol=1e-3)
+        _, slope, curvature, is_near = np.array(row(at)).ravel()
+        np.testing.assert_allclose((ahead - behind)[:2] / 2e-6, [slope, curvature], atol=1e-3)
+        assert is_near == (at < 0.38)
+        assert is_near or slope == curvature == 0.0
 
 
 def test_points_that_meet():

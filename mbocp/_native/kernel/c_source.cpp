@@ -19,7 +19,7 @@ struct Unknown : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-std::string index(const char* array, int i) { return std::string(array) + '[' + std::to_string(i) + ']'; }
+std::string index(const std::string& array, int i) { return array + '[' + std::to_string(i) + ']'; }
 
 // A number in every lane, to the last bit.
 std::string literal(double number) {
@@ -67,9 +67,11 @@ const char* name_of_other(int operation) {
     return found->second;
 }
 
-// How others call a function: its name, numbers that go in and out, and room for what it keeps.
+// How others call a function: its name, numbers that go in and out, and room for what it keeps. Each input is where its
+// numbers are, one after another: what others have there need not be copied.
 struct Callee {
     std::string name;
+    std::vector<int> input_sizes;
     int num_inputs = 0, num_outputs = 0, room = 0;
 };
 
@@ -85,8 +87,12 @@ public:
         twin_.assign(count, none), local_in_.assign(count, none);
         list_slots_.assign(graph_.lists.size(), none);
         input_in_.assign(static_cast<std::size_t>(graph_.num_inputs), none);
+        for (std::size_t i = 0; i < graph_.input_sizes.size(); ++i)
+            for (int j = 0; j <= graph_.input_sizes[i]; ++j)
+                memory_of_input_.push_back({index("x", static_cast<int>(i)), j});
         find_twins();
         find_sums();
+        find_passed_columns();
         cut();
         find_outputs();
         begin_piece();
@@ -104,14 +110,15 @@ public:
         std::string all = head(name_) + "V* s=k+" + std::to_string(num_slots_) + ";\n(void)s;\n";
         for (int p = 0; p <= piece_; ++p) all += name_of_piece(p) + "(x,y,k,s);\n";
         functions.push_back(all + "}\n");
-        return {name_, graph_.num_inputs, static_cast<int>(graph_.results.size()), num_slots_ + scratch_};
+        const int num_outputs = static_cast<int>(graph_.results.size());
+        return {name_, graph_.input_sizes, graph_.num_inputs, num_outputs, num_slots_ + scratch_};
     }
 
 private:
     static constexpr int none = Graph::none;
 
     static std::string head(const std::string& name, const char* more = "") {
-        return "void " + name + "(const V* restrict x, V* restrict y, V* restrict k" + more + ") {\n";
+        return "void " + name + "(const V* const* restrict x, V* restrict y, V* restrict k" + more + ") {\n";
     }
     std::string name_of_piece(int p) const { return name_ + '_' + std::to_string(p); }
 
@@ -138,6 +145,34 @@ private:
         }
     }
 
+    // Columns that calls take as they are, and nothing else does, are read where the table is.
+    void find_passed_columns() {
+        std::vector<int> num_passed(nodes_.size(), 0);
+        for (const Node& n : nodes_) {
+            if (n.operation != call || n.num_uses == 0) continue;
+            const int* values = graph_.lists[n.list].data();
+            for (const int size : callees_[n.number].input_sizes) {
+                if (const int column = column_of(values, size); column != none) ++num_passed[column];
+                values += size;
+            }
+        }
+        is_passed_.assign(nodes_.size(), false);
+        for (std::size_t k = 0; k < nodes_.size(); ++k) is_passed_[k] = num_passed[k] > 0;
+        for (const Node& n : nodes_)
+            if (n.operation == result_of_call && n.num_uses != num_passed[n.a]) is_passed_[n.a] = false;
+    }
+    // The column that so many values are, or none.
+    int column_of(const int* values, int size) const {
+        const int column = size > 0 && values[0] >= 0 ? nodes_[values[0]].a : none;
+        if (column < 0 || nodes_[column].operation != choose_column || nodes_[column].number != size) return none;
+        for (int j = 0; j < size; ++j) {
+            if (values[j] < 0) return none;
+            const Node& n = nodes_[values[j]];
+            if (n.operation != result_of_call || n.a != column || n.number != j) return none;
+        }
+        return column;
+    }
+
     void cut() {
         int statements = 0, piece = 0;
         for (std::size_t k = 0; k < nodes_.size(); ++k) {
@@ -146,6 +181,12 @@ private:
             if (n.operation != result_of_call && ++statements > longest_piece) statements = 1, ++piece;
             piece_of_[k] = piece;
             graph_.for_operands(n, [&](int used) { last_piece_[used] = std::max(last_piece_[used], piece); });
+        }
+        for (std::size_t k = nodes_.size(); k-- > 0;) {  // the number of a column that is passed is read by the call
+            const Node& n = nodes_[k];
+            const bool is_of_passed = n.operation == result_of_call && is_passed_[n.a];
+            if (n.num_uses > 0 && n.a >= 0 && (is_of_passed || is_passed_[k]))
+                last_piece_[n.a] = std::max(last_piece_[n.a], last_piece_[k]);
         }
         for (std::size_t k = 0; k < nodes_.size(); ++k)  // the second one is there as soon as the first
             if (twin_[k] != none) piece_of_[twin_[k]] = piece_of_[k];
@@ -176,7 +217,8 @@ private:
         if (number < none) {
             const int place = Graph::index_of(number);
             const std::string name = 'x' + std::to_string(place);
-            if (input_in_[place] != piece_) text_ += "const V " + name + '=' + index("x", place) + ";\n";
+            const auto& [array, i] = memory_of_input_[place];
+            if (input_in_[place] != piece_) text_ += "const V " + name + '=' + index(array, i) + ";\n";
             input_in_[place] = piece_;
             return name;
         }
@@ -235,37 +277,66 @@ private:
         const Node& n = nodes_[number];
         const Callee& callee = callees_[n.number];
         slot_[number] = num_slots_, num_slots_ += callee.num_outputs, local_in_[number] = piece_;
-        const std::vector<int> places = places_of_inputs(graph_.called[n.number]);
-        put("s", graph_.lists[n.list], [&](std::size_t i) { return places[i]; });
-        text_ +=
-            callee.name + "(s,k+" + std::to_string(slot_[number]) + ",s+" + std::to_string(callee.num_inputs) + ");\n";
+        std::string inputs;
+        const int* values = graph_.lists[n.list].data();
+        int next = 0;
+        for (const int size : callee.input_sizes) {
+            inputs += passed({values, values + size}, next) + ',';
+            values += size, next += size + 1;
+        }
+        const std::string to = "k+" + std::to_string(slot_[number]);
+        if (Graph::is_where_any(graph_.called[n.number])) {
+            const std::string is_any = "mbocp_any(" + ref(graph_.lists[n.list][0]) + ')';
+            text_ += "if (!" + is_any + ") mbocp_zero(" + to + ',' + std::to_string(callee.num_outputs) + ");\nelse ";
+        }
+        text_ += "{ const V* const a[]={" + inputs + "0};\n" + callee.name + "(a," + to + ",s+" +
+                 std::to_string(callee.num_inputs) + "); }\n";
         scratch_ = std::max(scratch_, callee.num_inputs + callee.room);
+    }
+
+    // Where the values of an input are; from a place of the scratch on, if they are not one after another elsewhere.
+    std::string passed(const std::vector<int>& values, int place) {
+        const int size = static_cast<int>(values.size());
+        const std::string scratch = "s+" + std::to_string(place);
+        if (const int column = column_of(values.data(), size); column != none && is_passed_[column])
+            return chosen(column, scratch);
+        if (size > 0 && length_of_run(values, 0) == values.size()) {
+            const auto [array, first] = memory_of(values[0]);
+            return array + '+' + std::to_string(first);
+        }
+        put("s", values, [&](std::size_t i) { return place + static_cast<int>(i); });
+        return scratch;
     }
 
     void add_column(int number) {
         const Node& n = nodes_[number];
-        const int table = slots_of_list(n.list), columns = static_cast<int>(graph_.lists[n.list].size()) / n.number;
-        slot_[number] = num_slots_, num_slots_ += n.number, local_in_[number] = piece_;
-        const std::string which = ref(n.a);
-        text_ += "mbocp_choose_column(k+" + std::to_string(slot_[number]) + ",k+" + std::to_string(table) + ',' +
-                 std::to_string(n.number) + ',' + std::to_string(columns) + ',' + which + ");\n";
+        slots_of_list(n.list), local_in_[number] = piece_;
+        if (is_passed_[number]) return;
+        slot_[number] = num_slots_, num_slots_ += n.number;
+        const std::string to = "k+" + std::to_string(slot_[number]);
+        text_ += "mbocp_copy(" + to + ',' + chosen(number, to) + ',' + std::to_string(n.number) + ");\n";
+    }
+
+    // Where a column is, which is put there unless it stands in the table, and where not even that has one of it.
+    std::string chosen(int column, const std::string& there) {
+        const Node& n = nodes_[column];
+        const int columns = static_cast<int>(graph_.lists[n.list].size()) / n.number;
+        return "mbocp_choose_column(" + there + ",k+" + std::to_string(slots_of_list(n.list)) + ',' +
+               std::to_string(n.number) + ',' + std::to_string(columns) + ',' + ref(n.a) + ')';
     }
 
     // Values at places of an array; those that follow each other in memory by one call.
     template <class Place>
     void put(const char* array, const std::vector<int>& values, Place place) {
         for (std::size_t i = 0; i < values.size();) {
-            const auto [from, first] = memory_of(values[i]);
-            int count = 1;
-            const auto follows = [&](std::size_t next) {
-                return next < values.size() && place(next) == place(i) + count &&
-                       memory_of(values[next]) == std::pair{from, first + count};
-            };
-            while (from && follows(i + static_cast<std::size_t>(count))) ++count;
+            std::size_t count = 1;
+            for (const std::size_t most = length_of_run(values, i); count < most; ++count)
+                if (place(i + count) != place(i) + static_cast<int>(count)) break;
             if (count > most_in_a_row) {
+                const auto [from, first] = memory_of(values[i]);
                 text_ += std::string("mbocp_copy(") + array + '+' + std::to_string(place(i)) + ',' + from + '+' +
                          std::to_string(first) + ',' + std::to_string(count) + ");\n";
-                i += static_cast<std::size_t>(count);
+                i += count;
             } else {
                 const std::string value = values[i] == none ? literal(0.0) : ref(values[i]);  // none: of the pattern
                 text_ += index(array, place(i)) + '=' + value + ";\n";
@@ -273,20 +344,19 @@ private:
             }
         }
     }
-    // The array and the place that a value is read from, if it has one.
-    std::pair<char, int> memory_of(int number) const {
-        if (number < none && !Graph::is_constant(number)) return {'x', Graph::index_of(number)};
-        if (number >= 0 && nodes_[number].operation == result_of_call) return {'k', slot_[number]};
-        return {'\0', 0};
+    // How many values, from number i on, are one after another in memory; one where the first has no place.
+    std::size_t length_of_run(const std::vector<int>& values, std::size_t i) const {
+        auto [array, place] = memory_of(values[i]);
+        std::size_t count = 1;
+        while (!array.empty() && i + count < values.size() && memory_of(values[i + count]) == std::pair{array, ++place})
+            ++count;
+        return count;
     }
-
-    // As `Graph` counts them.
-    static std::vector<int> places_of_inputs(const casadi::Function& f) {
-        std::vector<int> places;
-        int next = 0;
-        for (casadi_int i = 0; i < f.n_in(); ++i, ++next)
-            for (casadi_int k = 0; k < f.nnz_in(i); ++k) places.push_back(next++);
-        return places;
+    // The array and the place that a value is read from, if it has one.
+    std::pair<std::string, int> memory_of(int number) const {
+        if (number < none && !Graph::is_constant(number)) return memory_of_input_[Graph::index_of(number)];
+        if (number >= 0 && nodes_[number].operation == result_of_call) return {"k", slot_[number]};
+        return {"", 0};
     }
 
     std::string value_of(const Node& n) {
@@ -364,6 +434,8 @@ private:
     std::vector<int> local_in_;               // the last piece that has a variable for it
     std::vector<int> twin_;                   // the cosine of a sine's angle, or the sine of a cosine's
     std::vector<int> list_slots_, input_in_, free_;
+    std::vector<std::pair<std::string, int>> memory_of_input_;
+    std::vector<bool> is_passed_;  // columns
     std::vector<std::vector<int>> slots_until_, outputs_of_;
     std::vector<bool> is_written_;  // outputs, as soon as their node has its value
 };
@@ -437,7 +509,11 @@ std::string entries_of(const casadi::Function& f, const Callee& callee) {
     std::string text = count("_n_in", num_in) + count("_n_out", num_out) + count("_room", std::to_string(callee.room));
     text += names_and_patterns(f);
     text += begin + "int " + name + "_num_lanes(void) { return MBOCP_LANES; }\n";
-    text += begin + "int " + name + "_in_lanes(double* memory) {\nV* m=(V*)memory;\n" + callee.name + "(m,m+" +
+    std::string inputs = "const V* const a[]={";
+    int next = 0;
+    for (const int size : callee.input_sizes) inputs += "m+" + std::to_string(next) + ',', next += size + 1;
+    inputs += "0};\n";
+    text += begin + "int " + name + "_in_lanes(double* memory) {\nV* m=(V*)memory;\n" + inputs + callee.name + "(a,m+" +
             after_inputs + ",m+" + after_outputs + ");\nreturn 0;\n}\n";
     text +=
         begin + "int " + name +
@@ -449,8 +525,8 @@ std::string entries_of(const casadi::Function& f, const Callee& callee) {
             list_of(sizes_in) + "}, out[]={" + list_of(sizes_out) + "};\nV *m=mbocp_first_place(w), *x=m, *y=m+" +
             after_inputs + ";\nint i, j;\n(void)iw, (void)mem;\nfor (i=0; i<" + num_in +
             "; x+=in[i++]+1)\nfor (j=0; j<in[i]; ++j) { const double one=arg[i]? arg[i][j] : 0.; "
-            "x[j]=mbocp_all(one); }\n" +
-            callee.name + "(m,y,m+" + after_outputs + ");\nfor (i=0; i<" + num_out +
+            "x[j]=mbocp_all(one); }\n{\n" +
+            inputs + callee.name + "(a,y,m+" + after_outputs + ");\n}\nfor (i=0; i<" + num_out +
             "; y+=out[i++])\nif (res[i]) for (j=0; j<out[i]; ++j) res[i][j]=mbocp_first(y[j]);\nreturn 0;\n}\n";
     return text;
 }

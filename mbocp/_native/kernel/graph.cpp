@@ -7,7 +7,7 @@
 namespace mbocp {
 namespace {
 
-const std::string choose = "choose_columns", add_chosen = "add_chosen_columns";
+const std::string choose = "choose_columns", add_chosen = "add_chosen_columns", where_any = "where_any";
 
 bool is_any(const std::vector<bool>& flags, const std::vector<int>& values) {
     return std::any_of(values.begin(), values.end(), [&](int k) { return k >= 0 && flags[k]; });
@@ -243,6 +243,8 @@ void Graph::count_uses() {
         for_operands(nodes[k], [&](int used) { is_needed[used] = true, ++nodes[used].num_uses; });
     }
 }
+
+bool Graph::is_where_any(const casadi::Function& f) { return f.name() == where_any; }
 
 bool Graph::takes_two(const Node& n) {
     if (n.operation == call || n.operation == result_of_call || n.operation == choose_column) return false;

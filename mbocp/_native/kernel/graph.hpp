@@ -83,6 +83,8 @@ public:
     static int index_of(int number) { return (-2 - number) / 2; }  // of an input's place, or of a constant
 
     static bool takes_two(const Node& n);
+    // Whether a function is zero where its first input is, see `mbocp.symbolic.columns`.
+    static bool is_where_any(const casadi::Function& f);
     // Passes on the number of each node that a node takes.
     template <class Work>
     void for_operands(const Node& n, Work work) const {

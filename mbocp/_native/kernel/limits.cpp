@@ -40,50 +40,59 @@ void read_values(const StageFunction& f, int lane, double* h) {
     for (int k = 0; k < rows.nnz(); ++k) h[rows.row[k]] = f.values(0)[k * f.num_lanes + lane];
 }
 
-// Of the rows of a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h, of nd states.
-std::vector<Window> windows_of(const StageFunction& f, int nd) {
-    const Pattern& slopes = f.outputs[1];
-    std::vector<Window> found(static_cast<std::size_t>(slopes.rows), Window{nd, 0, 0});
-    for (int k = 0; k < slopes.nnz(); ++k) {
-        Window& window = found[static_cast<std::size_t>(slopes.row[k])];
-        const int column = slopes.column[k];
-        const int end = window.size > 0 ? std::max(window.first + window.size, column + 1) : column + 1;
-        window.first = std::min(window.first, column), window.size = end - window.first;
-    }
+void extend(Window& window, int first, int end) {
+    if (window.size > 0) first = std::min(first, window.first), end = std::max(end, window.first + window.size);
+    window.first = first, window.size = end - first;
+}
+
+// Whole vectors, as far as there are nd columns, one after another; returns how many numbers these are.
+std::size_t lay_out(std::vector<Window>& windows, int nd) {
     int at = 0;
-    for (Window& window : found) {
-        if (window.size > 0) {  // whole vectors, as far as there are columns
-            const int end = std::min(padded(window.first + window.size), nd);
-            window.first -= window.first % dense::width, window.size = end - window.first;
-        }
-        window.at = at, at += window.size;
+    for (Window& window : windows) {
+        const int end = std::min(padded(window.first + window.size), nd);
+        if (window.size > 0) window.first -= window.first % dense::width, window.size = end - window.first;
+        window.at = at, at += padded(window.size);
     }
+    return static_cast<std::size_t>(at);
+}
+
+// Of the rows of a function (..., m, ...) -> h, dh_dx, upper Hessian of m'h.
+std::vector<Window> windows_of(const StageFunction& f) {
+    const Pattern& slopes = f.outputs[1];
+    std::vector<Window> found(static_cast<std::size_t>(slopes.rows), Window{});
+    for (int k = 0; k < slopes.nnz(); ++k)
+        extend(found[static_cast<std::size_t>(slopes.row[k])], slopes.column[k], slopes.column[k] + 1);
     return found;
 }
 
-std::size_t size_of(const std::vector<Window>& windows) {
-    return windows.empty() ? 0 : static_cast<std::size_t>(windows.back().at + windows.back().size);
-}
-
-// What such a function has just returned in a lane: values into h, and, where J and H are not null, derivatives into
-// the windows of J and added to H, which has the leading dimension px.
-void read_rows(const StageFunction& f, int lane, int px, const std::vector<Window>& windows, double* h, double* J,
-               double* H) {
-    read_values(f, lane, h);
-    if (!J) return;
-    const auto &slopes = f.outputs[1], &curvature = f.outputs[2];
-    const auto value = [&](int output, int k) { return f.values(output)[k * f.num_lanes + lane]; };
+// Where the derivatives that such a function returns belong, among those in windows of its rows.
+Places places_of_slopes(const StageFunction& f, const std::vector<Window>& windows) {
+    const Pattern& slopes = f.outputs[1];
+    Places places;
     for (int k = 0; k < slopes.nnz(); ++k) {
         const Window& window = windows[static_cast<std::size_t>(slopes.row[k])];
-        J[window.at + slopes.column[k] - window.first] = value(1, k);
+        places.push_back({f.first[1] + k, window.at + slopes.column[k] - window.first});
     }
+    return places;
+}
+
+// The same of its Hessian, both halves of which are in windows of the rows of a matrix.
+Places places_of_curvature(const StageFunction& f, const std::vector<Window>& windows) {
+    const Pattern& curvature = f.outputs[2];
+    Places places;
+    const auto add = [&](int k, int i, int j) {
+        const Window& window = windows[static_cast<std::size_t>(i)];
+        places.push_back({f.first[2] + k, window.at + j - window.first});
+    };
     for (int k = 0; k < curvature.nnz(); ++k) {
         const int i = curvature.row[k], j = curvature.column[k];
-        const double entry = value(2, k);
-        H[i * px + j] += entry;
-        if (i != j) H[j * px + i] += entry;
+        add(k, i, j);
+        if (i != j) add(k, j, i);
     }
+    return places;
 }
+
+int place_of_zero(const StageFunction& f) { return f.first.back() + f.outputs.back().nnz(); }
 
 double times(const Slope& J, const double* dx) { return dense::dot(J.size, J.values, dx + J.first); }
 
@@ -128,18 +137,42 @@ void Limits::set(const Bounds& bounds, Function path, Function path_values, Func
     lower.insert(lower.end(), num_guards_, 0.0);
     upper.insert(upper.end(), num_guards_, infinity);
 
-    windows_ = path_ ? windows_of(*path_, problem_.ndx) : std::vector<Window>();
-    guard_windows_ = guard_ ? windows_of(*guard_, problem_.ndx) : std::vector<Window>();
-    num_slopes_ = size_of(windows_);
-    const std::size_t px = padded(problem_.ndx);
+    const int nd = problem_.ndx;
+    matrix_rows_.assign(static_cast<std::size_t>(nd), Window{});
+    windows_ = path_ ? windows_of(*path_) : std::vector<Window>();
+    guard_windows_ = guard_ ? windows_of(*guard_) : std::vector<Window>();
+    num_slopes_ = lay_out(windows_, nd);
+    guard_J_.assign(lay_out(guard_windows_, nd), 0.0);
+    if (path_) add_to_matrix(*path_, windows_);
+    if (guard_) add_to_matrix(*guard_, guard_windows_);
+    size_of_matrix_ = lay_out(matrix_rows_, nd);
+    if (path_) {
+        slopes_ = Scatter(places_of_slopes(*path_, windows_), place_of_zero(*path_));
+        curvature_ = Scatter(places_of_curvature(*path_, matrix_rows_), place_of_zero(*path_));
+    }
     const std::size_t matrices = nodes + (num_guards_ && at_node_.back() < 0);
     const int num_threads = problem_.crew().size();
     may_share_ = path_ && path_->copy_for(num_threads) && path_values_->copy_for(num_threads);
     own_.assign(num_threads, {Numbers(nh_, 0.0), Numbers(nh_ * most_lanes, 0.0)});
     guard_lambda_.assign(num_guards_, 0.0);
     gradient_x_.assign(problem_.dx_offset(N), 0.0), gradient_u_.assign(problem_.u_offset[N], 0.0);
-    J_.assign(num_slopes_ * nodes, 0.0), guard_J_.assign(size_of(guard_windows_), 0.0);
-    H_.assign(matrices * px * px, 0.0), B_ = H_;
+    J_.assign(num_slopes_ * nodes, 0.0), H_.assign(matrices * size_of_matrix_, 0.0), B_ = H_;
+}
+
+// What J'J and the Hessian of such rows can fill.
+void Limits::add_to_matrix(const StageFunction& f, const std::vector<Window>& windows) {
+    const Pattern &slopes = f.outputs[1], &curvature = f.outputs[2];
+    const auto add = [&](int row, int first, int end) {
+        extend(matrix_rows_[static_cast<std::size_t>(row)], first, end);
+    };
+    for (int k = 0; k < slopes.nnz(); ++k) {
+        const Window& window = windows[static_cast<std::size_t>(slopes.row[k])];
+        add(slopes.column[k], window.first, window.first + window.size);
+    }
+    for (int k = 0; k < curvature.nnz(); ++k) {
+        const int i = curvature.row[k], j = curvature.column[k];
+        add(i, j, j + 1), add(j, i, i + 1);
+    }
 }
 
 // The rows `found` of one stage, of `size` entries; equations get no sides.
@@ -159,8 +192,7 @@ std::size_t Limits::jacobian_offset(int n) const { return static_cast<std::size_
 
 // Those of the guards come last where the last node has no path functions.
 std::size_t Limits::matrix_offset(int n) const {
-    const std::size_t px = padded(problem_.ndx);
-    return has_path(n) ? static_cast<std::size_t>(at_node_[n]) * px * px : H_.size() - px * px;
+    return has_path(n) ? static_cast<std::size_t>(at_node_[n]) * size_of_matrix_ : H_.size() - size_of_matrix_;
 }
 
 const double* Limits::matrix(int n) const {
@@ -214,7 +246,11 @@ bool Limits::call_guard(const Point& at, double* h, double* J, double* H) {
     guard_->share(1, guard_lambda_.data());
     guard_->share(2, problem_.rho_terminal.data());
     const bool ok = guard_->call_in_lanes(1);
-    read_rows(*guard_, 0, padded(problem_.ndx), guard_windows_, h, J, H);
+    read_values(*guard_, 0, h);
+    if (!J) return ok;
+    const auto value = [&](const Place& place) { return guard_->all_values()[place.from * guard_->num_lanes]; };
+    for (const Place& place : places_of_slopes(*guard_, guard_windows_)) J[place.to] = value(place);
+    for (const Place& place : places_of_curvature(*guard_, matrix_rows_)) H[place.to] += value(place);
     return ok;
 }
 
@@ -243,23 +279,28 @@ bool Limits::evaluate_group(std::size_t first, const Point& at, const Numbers& l
     StageFunction& f = path_->of(thread);
     Own& own = own_[static_cast<std::size_t>(thread)];
     const std::size_t last = std::min(first + f.num_lanes, with_path_.size());
-    const int px = padded(problem_.ndx);
     std::fill(own.lambda.begin(), own.lambda.end(), 0.0);
     for (std::size_t k = first; k < last; ++k) {
         const Rows rows = of_stage(with_path_[k]);
         for (int i = rows.path; i < rows.end; ++i) own.lambda[(k - first) * nh_ + entry(i)] = lambda[i];
     }
+    const int count = static_cast<int>(last - first);
     const double* of_lanes[most_lanes];
-    for (int lane = 0; lane < f.num_lanes; ++lane)
-        of_lanes[lane] = own.lambda.data() + static_cast<std::size_t>(lane) * nh_;
+    double *of_slopes[most_lanes], *of_curvature[most_lanes];
+    for (int lane = 0; lane < f.num_lanes; ++lane) {  // behind the last node it is repeated
+        const std::size_t k = std::min(lane, count - 1);
+        const int n = with_path_[first + k];
+        of_lanes[lane] = own.lambda.data() + k * nh_;
+        of_slopes[lane] = J_.data() + jacobian_offset(n), of_curvature[lane] = H_.data() + matrix_offset(n);
+    }
     set_states(f, first, at), f.set(1, of_lanes);
-    const bool ok = f.call_in_lanes(static_cast<int>(last - first));
+    const bool ok = f.call_in_lanes(count);
+    slopes_.apply(f.all_values(), f.num_lanes, count, of_slopes);
+    curvature_.apply(f.all_values(), f.num_lanes, count, of_curvature);
     for (std::size_t k = first; k < last; ++k) {
         const int n = with_path_[k];
         const Rows rows = of_stage(n);
-        double *J = J_.data() + jacobian_offset(n), *H = H_.data() + matrix_offset(n);
-        dense::zero(H, px * px);
-        read_rows(f, static_cast<int>(k - first), px, windows_, own.h.data(), J, H);
+        read_values(f, static_cast<int>(k - first), own.h.data());
         for (int i = rows.path; i < rows.end; ++i) {
             h[i] = own.h[entry(i)];
             add_multiple(lambda[i], slope(n, i), gradient_x_.data() + problem_.dx_offset(n));
@@ -293,7 +334,7 @@ bool Limits::evaluate(const Point& at, const Numbers& lambda, Numbers& h) {
     const int N = problem_.N;
     bool ok = true;
     std::fill(gradient_x_.begin(), gradient_x_.end(), 0.0), std::fill(gradient_u_.begin(), gradient_u_.end(), 0.0);
-    if (matrix(N - 1) && !has_path(N - 1)) std::fill(H_.begin() + matrix_offset(N - 1), H_.end(), 0.0);
+    if (num_guards_) std::fill(H_.end() - static_cast<std::ptrdiff_t>(size_of_matrix_), H_.end(), 0.0);
     for (int n = 0; n < N; ++n) {
         const Rows rows = of_stage(n);
         double* of_x = gradient_x_.data() + problem_.dx_offset(n);
@@ -352,14 +393,17 @@ void Limits::add_transposed(const Numbers& weights, Residual& out) const {
 }
 
 void Limits::weigh(const Numbers& weights) {
-    const int N = problem_.N, px = padded(problem_.ndx);
+    const int N = problem_.N;
     const auto add_outer = [&](double weight, const Slope& J, double* B) {
-        for (int i = 0; i < J.size; ++i)
-            if (J.values[i] != 0.0) add_multiple(weight * J.values[i], J, B + (J.first + i) * px);
+        for (int i = 0; i < J.size; ++i) {
+            if (J.values[i] == 0.0) continue;
+            const Window& row = matrix_rows_[static_cast<std::size_t>(J.first + i)];
+            dense::axpy(J.size, weight * J.values[i], J.values, B + row.at + J.first - row.first);
+        }
     };
     const auto copy = [&](int n) {
         double* B = B_.data() + matrix_offset(n);
-        dense::copy(H_.data() + matrix_offset(n), B, px * px);
+        dense::copy(H_.data() + matrix_offset(n), B, static_cast<int>(size_of_matrix_));
         return B;
     };
     if (matrix(N - 1) && !has_path(N - 1)) copy(N - 1);
@@ -381,8 +425,7 @@ void Limits::add_to_value(int n, const Numbers& weights, double* P) const {
     const int px = padded(problem_.ndx);
     const Rows rows = of_stage(n);
     for (int i = rows.x; i < rows.u; ++i) P[entry(i) * px + entry(i)] += weights[i];
-    const double* B = matrix(n);
-    for (int i = 0; B && i < problem_.ndx * px; ++i) P[i] += B[i];
+    for_rows_of_matrix(n, [&](int i, const Slope& B) { add_multiple(1.0, B, P + i * px); });
 }
 
 void Limits::add_products(int n, const Numbers& weights, const double* dx, const double* du, double* Hx,
@@ -390,7 +433,11 @@ void Limits::add_products(int n, const Numbers& weights, const double* dx, const
     const Rows rows = of_stage(n);
     for (int i = rows.x; i < rows.u; ++i) Hx[entry(i)] += weights[i] * dx[entry(i)];
     for (int i = rows.u; i < rows.path; ++i) Hu[entry(i)] += weights[i] * du[entry(i)];
-    if (const double* B = matrix(n)) dense::gemv(problem_.ndx, problem_.ndx, B, padded(problem_.ndx), dx, Hx);
+    for_rows_of_matrix(n, [&](int i, const Slope& B) {
+        dense::Vec lanes;
+        dense::multiply_rows<1>(B.size, B.values, padded(B.size), dx + B.first, &lanes);
+        Hx[i] += dense::sum_of(lanes);
+    });
 }
 
 }  // namespace mbocp

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "iterate.hpp"
+#include "scatter.hpp"
 
 namespace mbocp {
 
@@ -26,7 +27,7 @@ struct Equation {
 
 // Columns in which the derivatives of a row can be other than zero, and where they are among those of all rows.
 struct Window {
-    int first, size, at;
+    int first = 0, size = 0, at = 0;
 };
 
 // Those derivatives.
@@ -105,13 +106,24 @@ private:
         return {window.first, window.size, guard_J_.data() + window.at};
     }
     const double* matrix(int n) const;  // B, or null
+    // work(its number, what can be other than zero) for each row of B.
+    template <class Work>
+    void for_rows_of_matrix(int n, Work work) const {
+        const double* B = matrix(n);
+        for (std::size_t i = 0; B && i < matrix_rows_.size(); ++i)
+            if (const Window& row = matrix_rows_[i]; row.size > 0)
+                work(static_cast<int>(i), Slope{row.first, row.size, B + row.at});
+    }
+    void add_to_matrix(const StageFunction& f, const std::vector<Window>& windows);
     // Of a node that has path functions; of the matrices, or has guards.
     std::size_t jacobian_offset(int n) const;
     std::size_t matrix_offset(int n) const;
 
     const Problem& problem_;
-    std::vector<Window> windows_, guard_windows_;  // of the path functions at a node, and of the guards
-    std::size_t num_slopes_ = 0;                   // numbers of a node's derivatives
+    std::vector<Window> windows_, guard_windows_;      // of the path functions at a node, and of the guards
+    std::vector<Window> matrix_rows_;                  // of the rows of H and B
+    std::size_t num_slopes_ = 0, size_of_matrix_ = 0;  // numbers of a node's derivatives, and of its matrix
+    Scatter slopes_, curvature_;                       // of the path functions
     std::vector<Rows> stages_;
     std::vector<int> entry_;
     std::vector<int> with_path_;                     // stages whose nodes have path functions

@@ -14,6 +14,7 @@ using Places = std::vector<Place>;
 
 class Scatter {
 public:
+    Scatter() = default;
     // `zero` is the place of a zero among the outputs: what is beside a number in a vector and has no place is zeroed.
     Scatter(Places places, int zero);
     // Stages' memories begin on the boundary of a vector; there are `count`, up to the lanes of a vector repeated.
