@@ -29,7 +29,7 @@ from .yamls import count_entries
 COUNT = 2000
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(COUNT, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(COUNT, marks=pytest.mark.slow)])
 def test_nothing_is_lost(count: int) -> None:
     """Any finding is told with the command that replays it."""
     command = [sys.executable, "-m", "tests.attack", "--count", str(count), "--short", "--quiet"]
