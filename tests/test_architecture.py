@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 from collections.abc import Iterator
 from functools import cache
+from itertools import groupby
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -90,7 +93,9 @@ def module_name(path: Path) -> str:
 def imported(tree: ast.AST, for_types: bool = True) -> Iterator[tuple[int, str]]:
     """Line and dotted name of each import, wherever it stands, those for types alone only if asked for."""
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and not for_types:
+        if isinstance(node, ast.expr):
+            continue
+        if not for_types and isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
@@ -118,15 +123,20 @@ def layer_of(path: Path) -> str:
     return module_name(path).split(".")[1]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=module_name)
-def test_imports_go_one_way(path):
-    layer = layer_of(path)
+OF_LAYER = {layer: list(paths) for layer, paths in groupby(sorted(SOURCES, key=layer_of), layer_of)}
+
+
+@pytest.mark.parametrize("layer", OF_LAYER)
+def test_imports_go_one_way(layer):
     assert layer in LAYERS, f"mbocp.{layer} has no place among the layers"
     allowed = set(LAYERS[: LAYERS.index(layer) + 1])
     if layer in ALONE:
         allowed = ALONE[layer] | {layer}
     wrong = [
-        f"{path.name}:{line} imports mbocp.{used}" for line, used in layers_used(path) if used not in allowed
+        f"{path.name}:{line} imports mbocp.{used}"
+        for path in OF_LAYER[layer]
+        for line, used in layers_used(path)
+        if used not in allowed
     ]
     assert not wrong, "; ".join(wrong)
 
@@ -150,7 +160,7 @@ def imported_modules(path: Path, modules: set[str], for_types: bool = True) -> s
 
 @cache
 def imports_of(path: Path, for_types: bool = True) -> tuple[tuple[int, str], ...]:
-    return tuple(imported(ast.parse(path.read_text()), for_types))
+    return tuple(imported(ast.parse(path.read_text(encoding="utf-8")), for_types))
 
 
 def within(name: str, modules: set[str]) -> Iterator[str]:
@@ -190,28 +200,29 @@ def test_circles_are_found():
     assert list(circles_of(graph)) == [{"b", "c"}]
 
 
-def module_at(path: Path) -> object:
-    """The module, unless it is for a library that is not installed."""
-    if path in (PACKAGE / "autodiff/jax.py", PACKAGE / "autodiff/torch.py"):
-        pytest.importorskip(path.stem)
-    return importlib.import_module(module_name(path))
+def modules_at(paths: list[Path]) -> Iterator[ModuleType]:
+    """Modules, without those for libraries that are not installed."""
+    for path in paths:
+        is_optional = path in (PACKAGE / "autodiff/jax.py", PACKAGE / "autodiff/torch.py")
+        if not is_optional or importlib.util.find_spec(path.stem):
+            yield importlib.import_module(module_name(path))
 
 
-@pytest.mark.parametrize("path", [PACKAGE / "__init__.py", *SOURCES], ids=module_name)
-def test_public_names_exist(path):
-    module = module_at(path)
-    public = getattr(module, "__all__", [])
-    assert len(set(public)) == len(public)
-    missing = [name for name in public if not hasattr(module, name)]
-    assert not missing
+@pytest.mark.parametrize("layer", [None, *OF_LAYER])
+def test_public_names_exist(layer):
+    for module in modules_at(OF_LAYER.get(layer, [PACKAGE / "__init__.py"])):
+        public = getattr(module, "__all__", [])
+        assert len(set(public)) == len(public), module
+        missing = [name for name in public if not hasattr(module, name)]
+        assert not missing, module
 
 
-@pytest.mark.parametrize("path", [p for p in SOURCES if p.name != "__init__.py"], ids=module_name)
-def test_modules_list_names_only_to_show_those_of_others(path):
+@pytest.mark.parametrize("layer", OF_LAYER)
+def test_modules_list_names_only_to_show_those_of_others(layer):
     """A leading underscore says what is private; a list of all other names would say it twice."""
-    module = module_at(path)
-    shown = [getattr(module, name) for name in getattr(module, "__all__", [])]
-    assert not [thing for thing in shown if getattr(thing, "__module__", None) == module.__name__]
+    for module in modules_at([path for path in OF_LAYER[layer] if path.name != "__init__.py"]):
+        shown = [getattr(module, name) for name in getattr(module, "__all__", [])]
+        assert not [thing for thing in shown if getattr(thing, "__module__", None) == module.__name__], module
 
 
 LATE = [path for path in SOURCES if path.name == "__init__.py" and "names_of(__name__" in path.read_text()]

@@ -153,8 +153,9 @@ def test_derivatives_of_steps(controls: str, name: str) -> None:
         scheme="gauss2",
         controls=controls,
     )
-    for stage in (0, 3):
-        check_derivatives(formulate(problem), stage, alone=())
+    formulation = formulate(problem)
+    for stage in (0, 3) if name == "double_pendulum" else (3,):
+        check_derivatives(formulation, stage, alone=())
 
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss1"])

@@ -119,7 +119,8 @@ FREE = [
 @pytest.mark.parametrize(("scheme", "duration", "cost"), GIVEN + FREE)
 def test_solvers_agree(scheme: str, duration: Any, cost: dict[str, float]) -> None:
     via = [{"name": "a", "time": "free", "q": [0.8, 0.1]}]
-    problem = pendulum(duration, via, 40, scheme=scheme, cost=cost)
+    steps = 40 if scheme in ("heun", "rk4") else 24  # fewer have other optima beside
+    problem = pendulum(duration, via, steps, scheme=scheme, cost=cost)
     own, ipopt = (solved(problem, solver=name) for name in ("monolithic", "ipopt"))
     fatrop = solved(problem.with_(solver={"method": "fatrop", "tolerance": 1e-7}))
     for other, tolerance in ((ipopt, 1e-6), (fatrop, 1e-4)):

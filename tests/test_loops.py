@@ -45,15 +45,15 @@ def solved(name: str, steps: int, coordinates: str, method: str = "auto") -> Sol
 
 @pytest.mark.parametrize(("name", "coordinates"), [*EVERYWHERE, *SLOW])
 def test_strategies_find_the_same_optimum(name: str, coordinates: str) -> None:
-    problem = example(name, 100)
-    first = solved(name, 100, coordinates, METHODS[0])
+    problem = example(name, 60)
+    first = solved(name, 60, coordinates, METHODS[0])
     for method in METHODS[1:]:
-        other = solved(name, 100, coordinates, method)
+        other = solved(name, 60, coordinates, method)
         assert other.cost == pytest.approx(first.cost, rel=1e-10), method
         scale = max(1.0, float(np.abs(first.us).max()))
         assert np.abs(other.us - first.us).max() < 1e-9 * scale, method
     for method in METHODS:
-        found = solved(name, 100, coordinates, method)
+        found = solved(name, 60, coordinates, method)
         assert found.residual < 1e-10
         assert found.constraint_violation < 1e-10
         assert np.abs(problem.robot.closure_along(found.qs)[0]).max() < 1e-10

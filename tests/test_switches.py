@@ -17,10 +17,13 @@ WORDS = re.compile(r"isinstance\([^)]*Natural|is_explicit|EXPLICIT_SCHEMES|is_fl
 FAMILIES = {"EXPLICIT_SCHEMES", "EULER_SCHEMES", "TAU", "TABLEAUX"}
 FLAGS = {"is_explicit", "is_flat", "is_natural"}
 ASKED = {"coordinates", "scheme"}
+NAMED = re.compile(rf"\b(?:{'|'.join(FAMILIES | FLAGS | ASKED)})\b")  # a file without them has no switch
 
 
 def switches(source: str) -> Iterator[int]:
     """Lines that ask for coordinates, for a family of schemes, or for a class that stands for one of them."""
+    if not NAMED.search(source) and not ("isinstance" in source and KINDS.search(source)):
+        return iter(())
     return (node.lineno for node in ast.walk(ast.parse(source)) if is_switch(node))
 
 

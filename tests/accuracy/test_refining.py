@@ -289,7 +289,7 @@ def test_phases_that_hold_and_let_go(asked: float) -> None:
     assert s.phase_times["slide"] == pytest.approx((0.2, 0.35))
 
 
-@pytest.mark.parametrize("coordinates", ["joint", "natural"])
+@pytest.mark.parametrize("coordinates", ["joint", pytest.param("natural", marks=pytest.mark.slow)])
 def test_a_throw(coordinates: str) -> None:
     """A ball that is held and let go, with a free body in the flight."""
     case = thrown(coordinates=coordinates)

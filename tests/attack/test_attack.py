@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 import time
@@ -27,9 +28,10 @@ from .targets import TARGETS
 from .yamls import count_entries
 
 COUNT = 2000
+NAMES_A_FILE = re.compile(rb'"[^"\n]*(/|\.[a-z]{3,4}")')
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(COUNT, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [60, pytest.param(COUNT, marks=pytest.mark.slow)])
 def test_nothing_is_lost(count: int) -> None:
     """Any finding is told with the command that replays it."""
     command = [sys.executable, "-m", "tests.attack", "--count", str(count), "--short", "--quiet"]
@@ -52,6 +54,8 @@ def test_a_seed_makes_the_same_input_again(kind: str) -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_files_that_nobody_touched_are_accepted(kind: str, tmp_path: Path) -> None:
     for number, entry in enumerate(dict.fromkeys(entries(kind))):
+        if kind == "problem" and not NAMES_A_FILE.search(entry.files[entry.main]):
+            continue  # it is the same in every folder, and tests/frozen loads it
         folder = tmp_path / str(number)
         folder.mkdir()
         case = Case(kind, 0, entry.name, entry.main, entry.files, entry.files)

@@ -12,7 +12,7 @@ import pinocchio as pin
 import mbocp
 from tests.campaign.robots import Loaded, arm_urdf
 from tests.campaign.witness import Witness
-from tests.checker.clearance import missing
+from tests.checker.clearance import centers, missing
 from tests.checker.system import Array, System, read_system
 from tests.checker.task import Ball, Shape, Task
 
@@ -55,13 +55,12 @@ def beside(
 ) -> Task:
     """The task with shapes near the straight line from start to goal that the motion stays clear of."""
     shapes: list[Shape] = []
-    qs = _finely(loaded.system, witness.qs)
+    at = centers(loaded.system, loaded.balls, _finely(loaded.system, witness.qs))
     for k, kind in enumerate(kinds):
         for attempt in range(_ATTEMPTS):
             found = _drawn(loaded, task, f"{kind} {k}", kind, rng, is_near=attempt < _SOUGHT)
             grown = replace(found, margin=found.margin + found.smoothing + _RESERVE)
-            asked = replace(task, balls=loaded.balls, shapes=(grown,))
-            if missing(loaded.system, asked, qs) == 0.0:
+            if missing(replace(task, balls=loaded.balls, shapes=(grown,)), at) == 0.0:
                 shapes.append(found)
                 break
         else:

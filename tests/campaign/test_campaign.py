@@ -26,12 +26,12 @@ TWICE = ("rates_gauss2", "free_gauss2", "double_pendulum_gauss2")
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name in TWICE else []) for name in QUICK]
 )
 def test_random_tasks(name: str, tmp_path: Path) -> None:
-    rows = [run_task(name, seed, tmp_path) for seed in range(5)]
+    rows = [run_task(name, seed, tmp_path) for seed in range(2)]
     assert false_converged(rows) == []
     assert all(row["status"] not in ("crash", "refused") for row in rows), rows
     feasible = [row for row in rows if row["feasible"]]
     solved = ("converged", "under_resolved")  # the second: limits are left between nodes, and that is said
-    assert sum(row["status"] in solved for row in feasible) >= len(feasible) - 1
+    assert all(row["status"] in solved for row in feasible), rows
     assert show(rows).count("\n") == 3
     assert "stationarity" in worst(rows)
 
@@ -55,7 +55,7 @@ def test_a_motion_in_another_configuration_is_found(tmp_path: Path) -> None:
     [
         ("double_pendulum_gauss2", 33),
         pytest.param("free_gauss2", 11, marks=pytest.mark.slow),
-        ("rates_gauss2", 10),
+        pytest.param("rates_gauss2", 10, marks=pytest.mark.slow),
         pytest.param("rates_gauss2", 28, marks=pytest.mark.slow),
     ],
 )

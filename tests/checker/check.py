@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from tests.checker.clearance import missing
+from tests.checker.clearance import centers, missing
 from tests.checker.conditions import Conditions, Motion, joint_conditions, natural_conditions
 from tests.checker.optimality import stationarity
 from tests.checker.system import System
@@ -70,7 +70,7 @@ def check_solution(system: System, task: Task, motion: Motion) -> Report:
         _start_velocity(system, task, motion),
     )
     violated = max((b.value / b.scale for b in conditions.bounds), default=0.0)
-    violated = max(violated, missing(system, task, motion.qs[1:]))
+    violated = max(violated, missing(task, centers(system, task.balls, motion.qs[1:])))
     size = max(abs(conditions.cost), 1e-300)
     return Report(
         start=start,

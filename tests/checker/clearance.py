@@ -6,7 +6,7 @@ What is true of the shapes themselves coal says.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import coal
@@ -20,7 +20,7 @@ from tests.checker.task import Ball, Shape, Task
 if TYPE_CHECKING:
     from tests.checker.conditions import Layout, Motion
 
-__all__ = ["clearance_bounds", "missing", "rounded", "true_distance"]
+__all__ = ["centers", "clearance_bounds", "missing", "rounded", "true_distance"]
 
 _TINY = 1e-30  # imaginary part of a complex step
 _NEAR = 0.2  # [m] of rows that matter
@@ -71,17 +71,21 @@ def _clearance(system: System, ball: Ball, shape: Shape) -> tuple[float, Array]:
     return value, (shape.rotation @ _slope(shape, inside)) @ moved
 
 
+def centers(system: System, balls: Sequence[Ball], qs: Array) -> Array:
+    """Centers of spheres at every node, shape (nodes, balls, 3)."""
+    found = np.zeros((len(qs), len(balls), 3))
+    for n, q in enumerate(qs if balls else ()):
+        system.place(q)
+        found[n] = [_at(system, ball)[1] for ball in balls]
+    return found
+
+
 def _all_clearances(system: System, task: Task, qs: Array) -> Array:
     """Of every node, sphere and shape."""
-    found = np.zeros((len(qs), len(task.balls), len(task.shapes)))
-    for n, q in enumerate(qs):
-        system.place(q)
-        for i, ball in enumerate(task.balls):
-            center = _at(system, ball)[1]
-            for k, shape in enumerate(task.shapes):
-                value = rounded(shape, shape.rotation.T @ (center - shape.position))
-                found[n, i, k] = value - ball.radius - shape.margin
-    return found
+    at, radii = centers(system, task.balls, qs), np.array([ball.radius for ball in task.balls])
+    inside = [np.moveaxis((at - shape.position) @ shape.rotation, -1, 0) for shape in task.shapes]
+    found = [rounded(shape, p) - radii - shape.margin for shape, p in zip(task.shapes, inside, strict=True)]
+    return np.stack(found, axis=-1)
 
 
 def clearance_bounds(system: System, task: Task, motion: Motion, layout: Layout) -> Iterator[Bound]:
@@ -113,14 +117,18 @@ def true_distance(center: Array, radius: float, shape: Shape) -> float:
     return float(coal.distance(made, there, coal.Sphere(float(radius)), here, request, result))
 
 
-def missing(system: System, task: Task, qs: Array) -> float:
-    """What is missing to a margin at worst [m], by the distances themselves, less what rounding may take."""
-    worst = 0.0
-    for q in qs if task.shapes else ():
-        system.place(q)
-        for ball in task.balls:
-            center = _at(system, ball)[1]
-            for shape in task.shapes:
-                left = true_distance(center, ball.radius, shape) - (shape.margin - shape.smoothing)
-                worst = max(worst, -left)
+def missing(task: Task, at: Array) -> float:
+    """What is missing to a margin at worst [m], by the distances themselves, less what rounding may take.
+
+    Coal is asked for those alone that may be worst by the sphere about the shape.
+    """
+    worst, radii = 0.0, np.array([ball.radius for ball in task.balls])
+    for shape in task.shapes:
+        around = shape.sizes[0] if shape.kind == "sphere" else np.linalg.norm(shape.sizes) / 2.0
+        kept = shape.margin - shape.smoothing
+        least = np.linalg.norm(at - shape.position, axis=-1) - radii - around - kept
+        for n, i in zip(*np.unravel_index(np.argsort(least, axis=None), least.shape), strict=True):
+            if least[n, i] >= -worst:
+                break
+            worst = max(worst, kept - true_distance(at[n, i], radii[i], shape))
     return worst

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["follow_bounds", "follow_equations", "follow_missed", "spline"]
 
 _SAMPLES = 4000  # among which the nearest point is looked for
-_NEWTON = 20
+_NEWTON, _SETTLED = 20, 1e-14
 _LEAST, _MOST = -1e-2, 8.0  # paces, in units of the mean one
 _PART = 1.0 / 3.0  # of the path, at most, in a step
 
@@ -54,7 +54,10 @@ class _Along:
             s = float(samples[np.argmin(np.where(ahead, gap, np.inf))])
             for _ in range(_NEWTON):
                 away, first, second = self.curve(s) - p, self.curve(s, 1), self.curve(s, 2)
-                s -= float(away @ first) / float(first @ first + away @ second)
+                by = float(away @ first) / float(first @ first + away @ second)
+                s -= by
+                if abs(by) < _SETTLED:
+                    break
             found.append(s)
             last = s
         return np.array(found)

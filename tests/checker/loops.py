@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,17 +40,16 @@ class Loop:
             return values, jacobian
         axis = A.rotation @ self.axis
         turning = Ja[3:] - Jb[3:]
-        for e in _normals(self.axis):
-            other = B.rotation @ e
-            values = np.append(values, other @ axis)
-            jacobian = np.vstack([jacobian, np.cross(axis, other) @ turning])
-        return values, jacobian
+        others = self.normals @ B.rotation.T
+        values = np.append(values, others @ axis)
+        return values, np.vstack([jacobian, others @ pin.skew(axis).T @ turning])
 
-
-def _normals(axis: Any) -> tuple[Any, Any]:
-    first = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first /= np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    @cached_property
+    def normals(self) -> Any:
+        """Two directions across the axis, shape (2, 3)."""
+        first = np.cross(self.axis, np.eye(3)[int(np.argmin(np.abs(self.axis)))])
+        first /= np.linalg.norm(first)
+        return np.array([first, np.cross(self.axis, first)])
 
 
 def loop_of(model: Any, table: dict[str, Any], frame: Callable[[Any, str], int]) -> Loop:

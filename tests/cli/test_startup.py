@@ -30,6 +30,21 @@ try:
 except SystemExit as done:
     assert not done.code, done.code
 """
+HELPS = f"""
+import json, os, sys
+from mbocp.cli.app import app
+for name in {list(COMMANDS)!r}:
+    child = os.fork()
+    if child:
+        assert os.waitpid(child, 0)[1] == 0, name
+        continue
+    sys.argv, sys.stdout = ["mbocp", name, "--help"], open(os.devnull, "w")
+    try:
+        app()
+    except SystemExit as done:
+        print(json.dumps([name, sorted(sys.modules)]), file=sys.__stdout__, flush=True)
+        os._exit(done.code or 0)
+"""
 TOLD = "\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))\n"
 
 
@@ -125,9 +140,19 @@ def test_a_result_leaves_most_of_the_package_alone() -> None:
     assert len(read) < everything / 5
 
 
+@pytest.fixture(scope="module")
+def helped() -> dict[str, set[str]]:
+    """Modules that are there after the help of each command, each in a fork of one process."""
+    done = subprocess.run([sys.executable, "-c", HELPS], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return {name: set(there) for name, there in map(json.loads, done.stdout.splitlines())}
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_help_of_a_command_needs_neither_numbers_nor_mechanics(name: str) -> None:
-    there = modules(SHELL.format(words=[name, "--help"]))
+def test_the_help_of_a_command_needs_neither_numbers_nor_mechanics(
+    name: str, helped: dict[str, set[str]]
+) -> None:
+    there = helped[name]
     assert f"mbocp.cli.{COMMANDS[name][0]}" in there  # else the test would see nothing
     assert not {name.partition(".")[0] for name in there} & (MECHANICS | NEVER | {"numpy"})
 

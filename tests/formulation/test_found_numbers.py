@@ -247,8 +247,8 @@ def test_motors_that_cannot_be_are_refused(row: Any, words: str) -> None:
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
-        ("counterweight", {}),
-        ("base_placement", {}),
+        ("counterweight", {"horizon.steps": 12}),
+        pytest.param("base_placement", {}, marks=pytest.mark.slow),
         pytest.param("gear_ratio", {"horizon.steps": 12}, marks=pytest.mark.slow),
     ],
 )

@@ -68,35 +68,35 @@ def case(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
     return request.param
 
 
-@pytest.mark.parametrize("stage", [0, 3, BEGINS])
-def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, Any]], stage: int) -> None:
+def test_a_step_is_the_one_of_given_length_and_time(case: tuple[str, dict[str, Any]]) -> None:
     problem = free(*case, has_rates=False)
     formulation = formulate(problem)
     programme, at, nu = formulation.programme, formulation.layout, problem.robot.nu
     assert list(at.states) == ["h", "t"]
     point, _ = near(formulation)
-    e, (w,) = begins_phase(N, (0, BEGINS))[stage], point.u[nu:]
-    (h0,), (h1,), (t0,), (t1,) = (
-        x[piece] for piece in (at.states["h"], at.states["t"]) for x in (point.x0, point.x1)
-    )
-    length, T = h0 + e * w, problem.duration
-    rho = programme.rho.reshape(N, -1)[stage]
-    assert rho[-1] == e
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ProblemWarning)  # cost.time adds a constant, which is meant
-        given = formulate(problem.with_(duration=T * length, via=(), limits={"effort": 1e6})).programme
-    rho_given = given.rho.reshape(N, -1)[stage].copy()
-    tau = problem_tau(formulation)
-    assert rho_given[-1] == pytest.approx((stage + tau) * T / N * length)  # the time of equal steps
-    rho_given[-1] = t0 * T + tau * T / N * length
-    c, cost = programme.functions.function("values")(*point, programme.theta, rho)
-    same = (point.x0[: at.states["h"].start], point.x1[: at.states["h"].start], point.y, point.u[:nu])
-    c_given, cost_given = given.functions.function("values")(*same, given.theta, rho_given)
-    c, c_given = np.asarray(c).ravel(), np.asarray(c_given).ravel()
-    rows = [at.rows["h"].start, at.rows["t"].start]
-    assert np.allclose(np.delete(c, rows), c_given, rtol=1e-12, atol=1e-12 * np.abs(c_given).max())
-    assert c[rows] == pytest.approx([length - h1, t0 + length / N - t1], abs=1e-15)
-    assert float(cost) == pytest.approx(float(cost_given) + (1 - e) * w**2 / 2, rel=1e-12)
+    for stage in (0, 3, BEGINS):
+        e, (w,) = begins_phase(N, (0, BEGINS))[stage], point.u[nu:]
+        (h0,), (h1,), (t0,), (t1,) = (
+            x[piece] for piece in (at.states["h"], at.states["t"]) for x in (point.x0, point.x1)
+        )
+        length, T = h0 + e * w, problem.duration
+        rho = programme.rho.reshape(N, -1)[stage]
+        assert rho[-1] == e
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ProblemWarning)  # cost.time adds a constant, which is meant
+            given = formulate(problem.with_(duration=T * length, via=(), limits={"effort": 1e6})).programme
+        rho_given = given.rho.reshape(N, -1)[stage].copy()
+        tau = problem_tau(formulation)
+        assert rho_given[-1] == pytest.approx((stage + tau) * T / N * length)  # the time of equal steps
+        rho_given[-1] = t0 * T + tau * T / N * length
+        c, cost = programme.functions.function("values")(*point, programme.theta, rho)
+        same = (point.x0[: at.states["h"].start], point.x1[: at.states["h"].start], point.y, point.u[:nu])
+        c_given, cost_given = given.functions.function("values")(*same, given.theta, rho_given)
+        c, c_given = np.asarray(c).ravel(), np.asarray(c_given).ravel()
+        rows = [at.rows["h"].start, at.rows["t"].start]
+        assert np.allclose(np.delete(c, rows), c_given, rtol=1e-12, atol=1e-12 * np.abs(c_given).max())
+        assert c[rows] == pytest.approx([length - h1, t0 + length / N - t1], abs=1e-15)
+        assert float(cost) == pytest.approx(float(cost_given) + (1 - e) * w**2 / 2, rel=1e-12)
 
 
 def problem_tau(formulation: Formulation) -> float:
@@ -106,13 +106,12 @@ def problem_tau(formulation: Formulation) -> float:
     )
 
 
-@pytest.mark.parametrize("stage", [0, 3, BEGINS])
-def test_derivatives(case: tuple[str, dict[str, Any]], stage: int) -> None:
+def test_derivatives(case: tuple[str, dict[str, Any]]) -> None:
     """Length and time of the step are among the unknowns that are looked at alone."""
     formulation = formulate(free(*case, has_rates=True))
-    check_derivatives(
-        formulation, stage, [formulation.layout.rows["h"].start, formulation.layout.rows["t"].start]
-    )
+    alone = [formulation.layout.rows[name].start for name in ("h", "t")]
+    for stage in (0, 3, BEGINS):
+        check_derivatives(formulation, stage, alone)
 
 
 def test_motions_keep_the_lengths_of_their_phases() -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from functools import cache
+from pathlib import PurePath
 from typing import Any
 
 import pytest
@@ -13,6 +15,7 @@ from mbocp._files import parse_toml
 from mbocp.problem import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
 from tests.frozen.fingerprints import RECORD, equals, fingerprint, make_problem, problem_names
+from tests.problem.same import same
 
 # Searches for poses of frames end 6e-9 apart on different processors.
 ROUGH = (
@@ -44,3 +47,9 @@ def test_it_comes_to_what_was_recorded(name: str) -> None:
         warnings.simplefilter("ignore")
         again = parse_problem(problem_to_toml(problem))
     assert equals(parse_toml(problem_to_toml(again)), parse_toml(problem_to_toml(problem)))
+    if problem.cost.tracking == 0.0:  # unused: the weights that were written
+        again = again.with_(cost=replace(again.cost, tracking_weights=problem.cost.tracking_weights))
+    if problem.chooses_scheme:  # the text says which
+        again = replace(again, chooses_scheme=True, scheme_reason=problem.scheme_reason)
+    same(problem, again)
+    assert problem.name == (PurePath(name).stem if name.endswith(".toml") else "problem")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -42,6 +43,11 @@ def guess_of(problem: Problem) -> Array:
     return formulation.motion_of(line(formulation)).qs
 
 
+@cache
+def guess_along(word: str) -> Array:
+    return guess_of(walks(word))
+
+
 def places(problem: Problem, qs: Array) -> Array:
     """Of the feet, shape (n, 4, 3)."""
     return np.array(
@@ -51,8 +57,7 @@ def places(problem: Problem, qs: Array) -> Array:
 
 @pytest.mark.parametrize("word", GAITS)
 def test_it_ends_at_the_goal_with_feet_under_the_body(word: str) -> None:
-    problem = walks(word)
-    qs = guess_of(problem)
+    problem, qs = walks(word), guess_along(word)
     assert np.abs(problem.robot.difference(qs[-1], moved(problem.robot))).max() < 1e-8
     way = [pin.log3(pin.Quaternion(q[3:7]).matrix())[2] for q in qs]
     assert np.diff(qs[:, 0]).min() > -5e-3  # hardly back, before a hop
@@ -73,12 +78,12 @@ def test_a_goal_of_the_base_and_of_the_legs_is_the_same(word: str) -> None:
     legs = {label.name: angle for label, angle in zip(robot.q_labels[7:], robot.q0[7:], strict=True)}
     frame = {"name": "base_link", "position": [x, y, 0.235], "rpy": [0, 0, yaw]}
     other = walks(word, goal={"q": legs, "frame": frame, "v": 0})
-    assert np.allclose(guess_of(problem), guess_of(other), atol=1e-7)
+    assert np.allclose(guess_along(word), guess_of(other), atol=1e-7)
 
 
 def test_feet_that_stand_in_the_middle_of_a_trot_are_halfway_under_the_body() -> None:
     problem = walks("trot")
-    qs = guess_of(problem)
+    qs = guess_along("trot")
     robot, feet = problem.robot, places(problem, qs)
     first, last = (places(problem, q[None])[0] for q in (robot.q0, moved(robot)))
     footholds = []

@@ -200,7 +200,7 @@ def test_splines_have_their_derivatives():
 def test_a_closed_loop_tells_its_parameters():
     four_bar = load_robot("four_bar")
     truth = changed(four_bar)
-    log = simulate_log(truth, duration=4.0, period=4.0, amplitude=1.0)
+    log = simulate_log(truth, duration=4.0, period=4.0, amplitude=1.0, rate=50.0)
     found = identify(four_bar, log)
     off = (found.base_values - found.base.combinations @ true_values(found, truth)) / found.base_sd
     assert np.abs(off).max() < 4.0

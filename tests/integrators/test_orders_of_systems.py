@@ -91,7 +91,7 @@ HEAVY = pytest.mark.slow  # seconds to write the functions
 
 def is_heavy(name: str, pair: Pair) -> bool:
     """A free body turns as on SO(3), where all schemes are asked."""
-    return name == "ur5" or (name == "SE(3)" and pair.num_stages > 2)
+    return name == "ur5" or (name == "SE(3)" and pair.num_stages > 1)
 
 
 @cache

@@ -13,51 +13,10 @@ from mbocp.robot import Robot
 from tests.robot import urdfs
 
 from .conftest import EXAMPLES
+from .same import same
 
 Loader = Callable[..., Problem]
 FILES = sorted(path for path in EXAMPLES.rglob("*.toml") if "[horizon]" in path.read_text())  # not studies
-
-
-def same(a: object, b: object) -> None:
-    """Assert that two values agree, to the round-off that normalising cos/sin pairs again leaves."""
-    if isinstance(a, Robot):
-        assert isinstance(b, Robot)
-        assert a.fingerprint == b.fingerprint
-    elif dataclasses.is_dataclass(a) and not isinstance(a, type):
-        assert type(a) is type(b)
-        for field in dataclasses.fields(a):
-            if field.name not in ("source", "name", "document", "draft"):  # what was said, and how
-                same(getattr(a, field.name), getattr(b, field.name))
-    elif isinstance(a, tuple) and isinstance(b, tuple):
-        assert len(a) == len(b)
-        for one, other in zip(a, b, strict=True):
-            same(one, other)
-    elif isinstance(a, tuple):
-        assert isinstance(b, tuple)
-        for one, other in zip(a, b, strict=True):
-            same(one, other)
-    elif isinstance(a, dict):
-        assert isinstance(b, dict)
-        assert a.keys() == b.keys()
-        for key, value in a.items():
-            same(value, b[key])
-    elif isinstance(a, np.ndarray):
-        np.testing.assert_allclose(np.asarray(a, float), np.asarray(b, float), atol=1e-15)
-    else:
-        assert a == b or (a != a and b != b)  # NaN: not worked out
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_example_loads_and_its_text_loads_as_the_same(path: Path) -> None:
-    problem = load_problem(path)
-    assert problem.name == path.stem
-    again = parse_problem(problem_to_toml(problem))
-    assert "goal" in problem_to_toml(problem)
-    if problem.cost.tracking == 0.0:  # unused: the weights that were written
-        again = again.with_(
-            cost=dataclasses.replace(again.cost, tracking_weights=problem.cost.tracking_weights)
-        )
-    same(problem, again)
 
 
 def test_all_examples_are_there() -> None:

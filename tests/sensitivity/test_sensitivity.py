@@ -55,7 +55,7 @@ def loop_of_bodies():
 
 
 def quaternion():
-    return example("free_flyer/drone_flip.toml", steps=24)
+    return example("free_flyer/drone_flip.toml", steps=14)
 
 
 def explicit_steps():
@@ -63,7 +63,7 @@ def explicit_steps():
 
 
 def quartic_spring():
-    return example("paper/cart_pendulum_elastic.toml", steps=40)
+    return example("paper/cart_pendulum_elastic.toml", steps=20)
 
 
 def continuous_joints():
@@ -111,7 +111,7 @@ def arm_that_follows_the_time():
     def away(at):
         return (at.q[0] - 0.3 * ca.sin(3.0 * at.t)) ** 2
 
-    return example("arms/ur5_reach.toml", steps=20).with_(terms=[running_cost(away, weight=50.0)])
+    return example("arms/ur5_reach.toml", steps=10).with_(terms=[running_cost(away, weight=50.0)])
 
 
 def arm_along_a_path():
@@ -124,7 +124,7 @@ def arm_along_a_path():
 
 def arm_with_a_cool_wrist():
     """Its limit is small, and numbers go with its square."""
-    return example("arms/ur5_reach.toml", steps=20, limits={"effort_rms": {"wrist_3_joint": 0.03}})
+    return example("arms/ur5_reach.toml", steps=10, limits={"effort_rms": {"wrist_3_joint": 0.03}})
 
 
 CASES = [

@@ -18,7 +18,7 @@ LIMITS = {"position": np.array([[-3.0], [3.0]]), "velocity": np.array([[-2.0], [
 LIMITS |= {"acceleration": np.array([[-9.0], [9.0]]), "jerk": np.array([[-70.0], [70.0]])}
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_nothing_is_left_as_it_is_sent(name: str, seed: int) -> None:
     row = row_of(name, seed)
@@ -30,7 +30,10 @@ def test_nothing_is_left_as_it_is_sent(name: str, seed: int) -> None:
         assert row["end_acceleration"] < 1e-4
 
 
-@pytest.mark.parametrize(("name", "seed"), [("ur5e", 1474), ("ur5e", 1820), ("fr3", 1003), ("fr3", 1022)])
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("ur5e", 1474), ("ur5e", 1820), ("fr3", 1003), pytest.param("fr3", 1022, marks=pytest.mark.slow)],
+)
 def test_controls_at_stages_are_as_fast_as_the_slowest_joint(name: str, seed: int) -> None:
     """Where accelerations change in 10 ms, or speeds fall towards the limits of positions."""
     row = row_of(name, seed, controls="stages")

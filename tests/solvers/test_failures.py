@@ -179,7 +179,7 @@ vector = st.tuples(small, small, small)
 
 
 @pytest.mark.parametrize("method", [*METHODS, "auto"])
-@settings(max_examples=40, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=10, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     system=st.sampled_from(["elastic_pendulum", "rigid_pendulum"]),
     enforce=st.sampled_from(["exact", "penalty"]),

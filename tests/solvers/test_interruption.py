@@ -73,7 +73,7 @@ def check_interrupted(s: Solution) -> None:
     assert any(record.residual == s.residual and record.cost == s.cost for record in s.history)
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [0, 2])
 @pytest.mark.parametrize(("method", "phase"), PHASES)
 def test_every_phase_returns_its_best_iterate(method: str, phase: str, count: int) -> None:
     s = mbocp.solve(load(), solver=method, callback=stop_at(phase, count))

@@ -27,7 +27,7 @@ from tests.solution.fabricated import arm, humanoid, limited, pendulum
 from tests.view.motions import hanging, motion
 
 TOUCH = 0.5  # [pixel] by which boxes may meet
-SCALES = (1e-9, 1.0, 4321.0)  # of what is drawn: the numbers at the ticks are long or short
+SCALES = (1e-9, 4321.0)  # of what is drawn: the numbers at the ticks are long or short
 
 
 def reach(scale: float = 1.0) -> tuple[Solution, Any]:
@@ -145,5 +145,7 @@ def test_the_page_has_a_margin() -> None:
     """Words do not touch the edge: at other resolutions letters are wider, by up to half a pixel each."""
     figure = overview(*reach())
     renderer = drawn(figure)
+    assert not outside(figure, renderer)
+    assert not overlaps(figure, renderer)
     left = min(box(axes.yaxis.label, renderer).x0 for axes in figure.axes)
     assert left / figure.dpi > 0.03  # [inch]

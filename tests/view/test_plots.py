@@ -64,7 +64,7 @@ def legend(axes: Axes | Figure) -> list[str]:
 @pytest.mark.parametrize("make", [pendulum, arm, humanoid, limited])
 @pytest.mark.parametrize(
     "plot",
-    [plot_states, plot_controls, plot_multipliers, plot_rates, plot_convergence, plot_invariants, overview],
+    [plot_states, plot_controls, plot_multipliers, plot_rates, plot_convergence, plot_invariants],
 )
 def test_every_picture_of_every_size_renders(make: Any, plot: Any) -> None:
     figure = plot(make(num_steps=20))

@@ -55,7 +55,7 @@ def self_pairs(
     disabled : collection of frozenset of str
         Pairs of links by name that are left out.
     """
-    placed = [_place(model, links, q) for q in (q0, *_poses(model, q0, *limits))]
+    placed = _place(model, links, [q0, *_poses(model, q0, *limits)])
     chosen, kept = [], []
     left_out: dict[str, list[tuple[str, str]]] = {}
     for a, b in combinations(range(len(links)), 2):
@@ -65,7 +65,7 @@ def self_pairs(
         if not reason:
             reach = links[a].radii[:, None] + links[b].radii
             # Poses, spheres of a, spheres of b.
-            gaps = np.array([np.linalg.norm(pose[a][:, None] - pose[b], axis=2) - reach for pose in placed])
+            gaps = np.linalg.norm(placed[a][:, :, None] - placed[b][:, None], axis=3) - reach
             reason = _by_distance(gaps.min(axis=(1, 2)))
         if reason or gaps is None:
             left_out.setdefault(reason, []).append(names)
@@ -95,14 +95,15 @@ def _by_distance(nearest: Array) -> str:
     return "never near each other" if nearest.min() > _RESERVE else ""
 
 
-def _place(model: pin.Model, links: Sequence[LinkSpheres], q: Array) -> list[Array]:
-    """Centres of each link's spheres in the world at a pose."""
+def _place(model: pin.Model, links: Sequence[LinkSpheres], qs: Sequence[Array]) -> list[Array]:
+    """Centres of each link's spheres in the world, shape (poses, spheres, 3)."""
     data = model.createData()
-    pin.framesForwardKinematics(model, data, np.array(q))
-    found = []
-    for link in links:
-        at = data.oMf[link.frame]
-        found.append(link.centers @ at.rotation.T + at.translation)
+    found = [np.empty((len(qs), len(link.centers), 3)) for link in links]
+    for n, q in enumerate(qs):
+        pin.framesForwardKinematics(model, data, np.array(q))
+        for link, places in zip(links, found, strict=True):
+            at = data.oMf[link.frame]
+            places[n] = link.centers @ at.rotation.T + at.translation
     return found
 
 

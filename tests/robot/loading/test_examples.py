@@ -81,6 +81,19 @@ def test_is_the_robot_that_upstream_builds(name: str) -> None:
     assert not shown
 
 
+def test_a_robot_that_is_read_once_is_another_one_each_time() -> None:
+    """Upstream builds these legs by code, with all meshes, which takes a second."""
+    one = load_robot("talos_legs")
+    assert examples._built("talos_legs") is examples._built("talos_legs")
+    model = one.model.copy()
+    one.model.gravity.linear = np.zeros(3)
+    one.model.inertias[1] = pin.Inertia.Zero()
+    one.visual_model.removeGeometryObject(one.visual_model.geometryObjects[0].name)
+    other = load_robot("talos_legs")
+    assert other.model == model
+    assert len(other.visual_model.geometryObjects) == len(one.visual_model.geometryObjects) + 1
+
+
 def test_ur3_is_a_ur3() -> None:
     # Upstream's table has the UR5 under this name.
     assert load_robot("ur3").source is not None

@@ -44,7 +44,7 @@ VALUES = st.lists(st.one_of(st.just(0.0), st.floats(-1.5, 1.5)), min_size=2, max
 
 @pytest.mark.parametrize("name", LOCKS)
 @given(values=VALUES, seed=st.integers(0, 2**31))
-@settings(max_examples=10)
+@settings(max_examples=4)
 def test_functions_of_all_values(
     name: str, sources: dict[str, str | Path], values: list[float], seed: int
 ) -> None:

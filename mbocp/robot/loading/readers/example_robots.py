@@ -172,9 +172,15 @@ def _has_own_code(loader: Any) -> bool:
 
 
 def _describe_built(name: str, path: Path) -> Description:
+    robot = _built(name)
+    shapes = pin.GeometryModel(robot.visual_model)
+    return Description(name, path, pin.Model(robot.model), shapes, np.array(robot.q0), source=path)
+
+
+@cache  # upstream reads all meshes, of collisions, too
+def _built(name: str) -> Any:
     with contextlib.redirect_stdout(io.StringIO()), capture_stderr([]):
-        robot = _loaders()[name]().robot
-    return Description(name, path, robot.model, robot.visual_model, np.array(robot.q0), source=path)
+        return _loaders()[name]().robot
 
 
 def _reference_pose(facts: ExampleFacts, model: pin.Model) -> Array:
