@@ -25,13 +25,13 @@ _PLACES = {
     "solve": """
         bounds damping explaining guesses holds mimic pairs phases robust solution stop strangers study
         cli/check cli/end cli/end_to_end cli/machine cli/solve cli/spheres formulation/features
-        formulation/fewer_ends formulation/memory formulation/moved_start formulation/operations
-        formulation/sources formulation/found_numbers formulation/step_lengths formulation/steps
-        formulation/turning problem/between_nodes problem/causes problem/clear_goal problem/default_cost
-        problem/effort_rms problem/frame_goals problem/goal_sets problem/impulse_bounds
-        problem/mesh_obstacles problem/moving_obstacles problem/compound_obstacles problem/scenes
-        problem/pair_clearances problem/place_causes problem/file/gait problem/file/ground problem/via
-        programme/c_files programme/keys programme/later receding/estimator receding/horizon
+        formulation/fewer_ends formulation/free_contacts formulation/memory formulation/moved_start
+        formulation/operations formulation/sources formulation/found_numbers formulation/step_lengths
+        formulation/steps formulation/turning problem/between_nodes problem/causes problem/clear_goal
+        problem/default_cost problem/effort_rms problem/frame_goals problem/goal_sets
+        problem/impulse_bounds problem/mesh_obstacles problem/moving_obstacles problem/compound_obstacles
+        problem/scenes problem/pair_clearances problem/place_causes problem/file/gait problem/file/ground
+        problem/via programme/c_files programme/keys programme/later receding/estimator receding/horizon
         receding/moving robot/large_robots robot/loops/undriven ros sensitivity menus cli/menu cli/excite
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/constraint_force terms/contact terms/distances

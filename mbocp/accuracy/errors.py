@@ -277,8 +277,9 @@ def motion_of(solution: Solution) -> Motion:
 
 
 def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
-    """The solution with the errors of its motion; as it is where there is no motion or no time."""
-    if not solution.is_stationary:
+    """The solution with the errors of its motion; as it is without a motion or time, or with free feet."""
+    table = problem.timeline.switches
+    if not solution.is_stationary or (table is not None and (table.pushes != table.rows).any()):
         return solution
     begun = time.perf_counter()
     motion = motion_of(solution)
@@ -286,7 +287,7 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
         found = accuracy_of(
             problem.with_found(solution.parameters).robot,
             motion,
-            table=problem.timeline.switches,
+            table=table,
             gains=solution.gains,
             deadline=deadline,
         )

@@ -36,6 +36,8 @@ class Motion:
         See `mbocp.integrators.controls`.
     found : ndarray, shape (parameters,)
         Numbers of the robot that are found with the motion; empty where nobody has looked.
+    lams : ndarray, shape (N, rows)
+        Multipliers of all constraints, for what is made of them; of shape (0, 0) where they are not known.
     """
 
     qs: Array
@@ -45,6 +47,7 @@ class Motion:
     values: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
     shares: tuple[float, ...] = ()
     found: Array = field(default_factory=lambda: np.zeros(0))
+    lams: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def us_at_ends(self) -> Array:

@@ -108,8 +108,6 @@ def _at_nodes(
     holds = path_nodes(problem)
     if not holds.all():
         lower, upper = np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
-    if not (problem.has_limits_of_phases or problem.timeline.impacts):
-        return lower, upper
     lower, upper = np.array(lower), np.array(upper)
     N, dt, first = problem.num_steps, problem.dt, 0
     limits = problem.limits_along() if problem.has_limits_of_phases else None

@@ -97,7 +97,7 @@ def can_hold(problem: Problem) -> bool:
     """Whether controls and constraints, with what the first step holds, can keep the robot at its start."""
     robot, q, table = problem.robot, problem.q_start, problem.timeline.switches
     rest = np.zeros(robot.nv)
-    G = robot.constraint_jacobian(q) if table is None else table.in_step(q, 0)
+    G = robot.constraint_jacobian(q) if table is None else table.derivatives(q, table.own[0], table.pushes[0])
     u, lam = balance(robot, q, rest, rest, G)
     wanted = required_force(robot, q, rest, rest)
     left = wanted - robot.actuation_matrix(q) @ u + G.T @ lam

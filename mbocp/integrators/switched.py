@@ -7,7 +7,7 @@ k, 1 for an impact. With the impulses :math:`\Lambda` and :math:`\Delta t' = (1 
 .. math::
     q_1 &= q_0 \exp(\Delta t'\,v_\tau), \\
     M\,(v_1 - v_0) &= \Delta t'\,(f - C v - g) - J^T \Lambda, \\
-    0 &= e\,\bigl[(1 - k)\,\Phi(q_1; q_0) / \Delta t + k\,J v_1\bigr] + (1 - e)\,\Lambda.
+    0 &= e\,\bigl[(1 - k)\,\Phi(q_1; q_0) / \Delta t + k\,J v_1\bigr] + (1 - e)\,(\Lambda - w).
 
 So an impact leaves the configuration, and :math:`M (v_1 - v_0) = -J^T \Lambda` with :math:`J v_1 = 0`: the
 inelastic impact, in which the kinetic energy falls by :math:`(v_1 - v_0)^T M (v_1 - v_0) / 2`, and momenta
@@ -46,11 +46,14 @@ class Switched(NamedTuple):
         e of every row: of the mechanics' constraints, then of the held frames.
     is_impact : casadi.SX
         k; a constant zero where there are no impacts.
+    given : casadi.SX, shape (rows,)
+        Impulses w of rows that do not act.
     """
 
     held: Sequence[HeldFrame]
     active: ca.SX
     is_impact: ca.SX
+    given: ca.SX
 
 
 def switched_point(
@@ -94,4 +97,5 @@ def switched_rows(
         mechanics.constraints(after.q), held_rows(switched.held, mechanics, after.q, before.q)
     )
     rows = goes * places / dt + switched.is_impact * (jacobian @ after.v)
-    return StepRows(kinematic, momentum, switched.active * rows + (1 - switched.active) * impulse)
+    others = impulse - switched.given
+    return StepRows(kinematic, momentum, switched.active * rows + (1 - switched.active) * others)

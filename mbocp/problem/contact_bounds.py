@@ -298,7 +298,7 @@ def _holds_by_name(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
     """What is held, by name; rows that are implied in all of its steps have no force."""
     found, first = {}, 0
     for frame in table.held:
-        acting = table.rows[:, first : first + len(frame.rows)]
+        acting = table.pushes[:, first : first + len(frame.rows)]
         rows = tuple(int(i) for i in np.flatnonzero(acting.any(axis=0)))
         own = tuple(nc + first + i for i in rows)
         found[frame.constraint.name] = ForceSource(frame.constraint, rows, own, *_acts(table, acting))

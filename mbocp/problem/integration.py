@@ -27,6 +27,7 @@ from mbocp.robot import Robot, kinematics
 from mbocp.terms.own import OwnTerm
 
 Lie: TypeAlias = Literal["plain", "baumgarte", "munthe_kaas"]
+FREE_SCHEME = "se1"  # of contacts that are found
 AUTO_SCHEME = "auto"
 SMALL_LOOP = 6  # velocities, beyond which the stages of a closed loop take longer than they win
 _STIFF = 20.0  # times in a step that a velocity falls to 1/e: midpoint leaves 0.8 of it, with the other sign
@@ -191,6 +192,7 @@ def choose_scheme(
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
     said_steps_of_impacts: tuple[int, ...],
+    free_feet: tuple[Hold, ...],
     num_steps: int,
     duration: float,
 ) -> tuple[str, bool, str]:
@@ -198,6 +200,7 @@ def choose_scheme(
 
     For one accuracy of the motion, in the time of a solver (docs/problem_files.md, "The scheme that suits"):
 
+    - contacts that are found: `se1`, under which velocities leap within a step, and settle;
     - controls that prescribe velocities, and rotation matrices, are for explicit schemes alone;
     - frames with equations at all nodes alternate under schemes that move by mean velocities: `se1`;
     - natural coordinates, constraints that begin or end along the way, and bounds of their forces are for the
@@ -226,6 +229,7 @@ def choose_scheme(
     has_weight = is_weighed("constraint_force", said_cost, said_phase)
     has_cost = has_weight or bool(forces_of_costs(said_terms, robot))
     suits = (  # the first that holds
+        (bool(free_feet), FREE_SCHEME, "contacts that are found"),
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
         (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),
         (COORDINATES[coordinates].needs_constraints, "midpoint", f"{coordinates} coordinates"),

@@ -11,6 +11,7 @@ from typing import Any
 
 from mbocp._arrays import Array
 from mbocp.problem._checks import check_integer
+from mbocp.problem.free_contact import check_free_contacts, free_contacts
 from mbocp.problem.goals.ends import check_acceleration, check_start_state, settle_goal
 from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
@@ -119,7 +120,8 @@ def _acting(
         check_schedule(robot, scheme, coordinates, num_steps, schedule)
         table = switch_table(robot, schedule, num_steps, (q_start, v_start))
         check_landings(table, coordinates)
-    return table, with_contacts(path_of_frames, robot, scheme, table)
+    path = with_contacts(path_of_frames, robot, scheme, table)
+    return table, (*path, *free_contacts(robot, q_start, table, path))
 
 
 def _timeline(
@@ -183,6 +185,7 @@ RESOLVE = (
     Step.of(_phase, "phase", "bounds_of_sum"),
     Step.of(_limits_of_ends, "widest", "limits_at_start", "limits_at_end"),
     Step.of(check_coordinates),
+    Step.of(check_free_contacts),
     Step.of(check_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
     Step.of(_acting, "switches", "path_with_contacts"),

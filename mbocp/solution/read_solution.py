@@ -19,6 +19,8 @@ from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops, vias_at_once
+from mbocp.formulation.features.changing_constraints import reactions_along
+from mbocp.formulation.features.free_contacts import describe_free_contacts
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
@@ -106,6 +108,8 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
             told += _suffix(describe_idle_parameters(formulation, result.iterate))
+            reactions = reactions_along(problem, formulation.layout, result.iterate.xs)
+            told += _suffix(describe_free_contacts(problem, motion.qs, reactions))
         judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)
     gains = np.zeros((0, 0, 0))

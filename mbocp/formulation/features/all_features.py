@@ -10,6 +10,7 @@ from mbocp.formulation.features.clock import Clock, Moment
 from mbocp.formulation.features.control_values import ControlValues
 from mbocp.formulation.features.feature import Asked, Feature
 from mbocp.formulation.features.found_numbers import FoundNumbers
+from mbocp.formulation.features.free_contacts import FreeContacts
 from mbocp.formulation.features.heat import Heat
 from mbocp.formulation.features.lines_within import LinesWithin
 from mbocp.formulation.features.memory import Memory
@@ -42,6 +43,7 @@ _KINDS: tuple[type[Feature], ...] = (
     Clock,
     StepLengths,
     Switches,
+    FreeContacts,
 )
 
 

@@ -72,7 +72,8 @@ class Switches(Feature):
         """Say what acts in the step."""
         always = ca.SX.ones(at.mechanics.nc - self.num_own)
         active = ca.vertcat(always, at.given.get(_ACTIVE, ca.SX.zeros(0, 1)))
-        return replace(at, switched=Switched(self.held, active, at.given.get(_IS_IMPACT, ca.SX(0))))
+        is_impact, nothing = at.given.get(_IS_IMPACT, ca.SX(0)), ca.SX.zeros(active.numel())
+        return replace(at, switched=Switched(self.held, active, is_impact, nothing))
 
     def idle_cost(self, at: StepSymbols) -> ca.SX:
         """Half the square of the controls of impacts, on which nothing depends."""

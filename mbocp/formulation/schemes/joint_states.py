@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -45,6 +46,7 @@ class JointFormulation(Formulation):
     ) -> tuple[Array, Array]:
         """States and controls of the programme at a motion, see `mbocp.formulation.states`."""
         z_and_speeds = (self.space.coordinates(motion.qs), speeds)
+        motion = motion if lams is None else replace(motion, lams=lams)
         xs, us = self.states.of_motion(motion, z_and_speeds, self.programme.x_start)
         return self.states.remember(xs, us, lams), us
 

@@ -42,6 +42,7 @@ _INNER = (
     "phases_of_gait",
     "phases_on_ground",
     "forces_of_feet",
+    "free_feet",
     "phases_unweighted",
     "cost_reader",
 )

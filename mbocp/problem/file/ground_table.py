@@ -29,15 +29,18 @@ from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
 from mbocp.problem.file.start_tables import ViaTable
 from mbocp.problem.goals.free_start import FreeStart
+from mbocp.problem.timeline.hold import FreeContact, Hold
 from mbocp.problem.timeline.phase import MEETINGS
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
 from mbocp.terms.contact import ContactTerm
+from mbocp.terms.free_contact import FACETS
 from mbocp.terms.heights import Surface, surface_from
 from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
+CONTACTS = ("phases", "free")
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
 _LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no one multiplier, and solvers stall
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
@@ -84,6 +87,19 @@ class GroundTable(Table):
     meeting: Annotated[
         str, choice(MEETINGS), Key('how feet land: with an `"impact"`, or `"soft"`, at rest')
     ] = "impact"
+    contact: Annotated[
+        str,
+        choice(CONTACTS),
+        Key(
+            '`"free"`: [the solver finds](contact.md#contact-without-phases) which feet stand',
+            "",
+            '`"phases"`',
+        ),
+    ] = "phases"
+    smoothing: Annotated[
+        Positive,
+        Key("of free contacts: most of force by height, in units of the robot"),
+    ] = 1e-4
 
 
 def on_ground(
@@ -94,8 +110,8 @@ def on_ground(
     said_q_start: Array,
     start_free: FreeStart | None,
     folder: Path | None = None,
-) -> tuple[list[PhaseTable], list[Any]]:
-    """Return the phases with what follows from their contacts, and path constraints of the whole motion.
+) -> tuple[list[PhaseTable], list[Any], tuple[Hold, ...]]:
+    """Return the phases with what follows from their contacts, path constraints, and feet that are free.
 
     Raises
     ------
@@ -107,7 +123,11 @@ def on_ground(
         for table in phase_table:
             if table.contacts is not None:
                 raise ProblemError(f"phase {table.name!r}: contacts: of which feet? Say it in [ground]")
-        return phase_table, []
+        return phase_table, [], ()
+    if ground_table.contact == "free":
+        _check_free(ground_table, phase_table, start_free)
+        ground = _Ground.of(ground_table, robot, said_q_start, folder or Path())
+        return phase_table, [ground.force(name) for name in ground_table.feet], ground.free_feet()
     if not phase_table:
         raise ProblemError("ground: phases say which feet stand; give one [[phase]] with contacts at least")
     ground = _Ground.of(ground_table, robot, said_q_start, folder or Path())
@@ -118,7 +138,29 @@ def on_ground(
     if start_free is not None:
         found[0] = ground.complete_start(found[0], stands[0], robot, said_q_start, start_free.q)
     used = [name for name in ground.table.feet if any(name in names for names in stands)]
-    return found, [ground.force(name) for name in used]
+    return found, [ground.force(name) for name in used], ()
+
+
+def _check_free(table: GroundTable, phases: Sequence[PhaseTable], start_free: FreeStart | None) -> None:
+    """Refuse what contacts that are found do not go with.
+
+    Raises
+    ------
+    ProblemError
+    """
+    not_beside = {
+        "ground.heights": table.heights is not None,
+        "ground.sole": table.sole is not None,
+        "ground.lift": table.lift > 0.0,
+        "ground.min_normal": bool(table.min_normal),
+        "start.free": start_free is not None,
+        "contacts of phases, or a gait": any(phase.contacts is not None for phase in phases),
+        "holds of phases": any(phase.hold or phase.release for phase in phases),
+    }
+    if not table.friction:
+        raise ProblemError('ground.contact: "free" needs a friction > 0')
+    if found := [key for key, is_said in not_beside.items() if is_said]:
+        raise ProblemError(f'ground.contact: "free" does not go with {found[0]}; leave one of them out')
 
 
 class _Swing(NamedTuple):
@@ -282,10 +324,31 @@ class _Ground:
         update = {"hold": [*table.hold, *holds], "path": [*table.path, *above]}
         return table.model_copy(update={**update, "via": _with_frames(table.via, at_end)})
 
+    def free_feet(self) -> tuple[Hold, ...]:
+        """Feet whose forces are found in all steps.
+
+        Raises
+        ------
+        ProblemError
+            If one is below the ground at the start.
+        """
+        for name, place in self.places.items():
+            if (z := float(place.translation[2])) < self.height - BOUND_TOLERANCE:
+                raise ProblemError(
+                    f"ground: at the start {name!r} is at z = {z:.6g} m, below the ground at "
+                    f"{self.height:.6g} m; move the start, or ground.height"
+                )
+        contact = FreeContact(height=self.height, smoothing=self.table.smoothing)
+        feet = self.table.feet.items()
+        return tuple(Hold(name=name, frame=frame, kind="point", free=contact) for name, frame in feet)
+
     def force(self, name: str) -> Any:
         """The ground pushes, and holds as far as its friction does."""
         friction, sole = self.table.friction, self.table.sole
-        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name, "min_normal": self.min_normal}
+        is_free = self.table.contact == "free"
+        least = 0.0 if is_free else self.min_normal
+        found: dict[str, Any] = {"kind": ContactTerm.kind, "constraint": name, "min_normal": least}
+        found |= {"facets": FACETS} if is_free else {}
         found |= {} if friction is None else {"friction": friction}
         found |= {} if sole is None else {"pressure": sole}
         found |= self.map

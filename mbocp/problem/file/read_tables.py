@@ -242,7 +242,7 @@ READ = (
     Step.of(read_start, "said_q_start", "said_v_start", "said_a_start", "u_start", "start_free"),
     Step.of(_is_cycle, "is_cycle"),
     Step.of(phases_of_gait, "phases_of_gait"),
-    Step.of(on_ground, "phases_on_ground", "forces_of_feet"),
+    Step.of(on_ground, "phases_on_ground", "forces_of_feet", "free_feet"),
     Step.of(phases_from, "phases_unweighted"),
     Step.of(
         _horizon,

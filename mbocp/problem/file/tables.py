@@ -12,6 +12,7 @@ import numpy as np
 
 from mbocp._arrays import plain
 from mbocp.problem.file.cost_table import write_cost
+from mbocp.problem.file.free_ground import write_free
 from mbocp.problem.file.goal_table import write_goal
 from mbocp.problem.file.limits_table import write_limits
 from mbocp.problem.file.obstacle_table import write_self_collision
@@ -32,11 +33,13 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
     are absolute.
     """
     robot = problem.robot
+    ground, path = write_free(robot, problem.path)
     return {
         "coordinates": problem.coordinates,
         "phase": [write_phase(phase) for phase in problem.phase] or None,
         "via": [write_via(robot, point) for point in problem.via] or None,
-        "path": path_tables(robot, problem.path) or None,
+        "path": path_tables(robot, path) or None,
+        "ground": ground,
         "obstacle": [obstacle.table for obstacle in problem.obstacle] or None,
         "self_collision": write_self_collision(problem.self_collision),
         "terms": [write_term(robot, term) for term in problem.terms] or None,

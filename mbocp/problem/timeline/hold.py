@@ -39,6 +39,22 @@ _PLACES = ("where_it_is", "coincide")
 
 
 @dataclass(frozen=True, kw_only=True)
+class FreeContact:
+    """A level ground that pushes a frame where it stands, and that the frame may leave at any time.
+
+    Attributes
+    ----------
+    height : float
+        Of the ground [m].
+    smoothing : float
+        Most of the products that are to be zero, see `mbocp.terms.free_contact`.
+    """
+
+    height: float
+    smoothing: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Hold:
     """A frame is held at another one, or in the world, in some of the steps.
 
@@ -61,6 +77,8 @@ class Hold:
         Of a screw: how far the frame slides in a turn [m].
     spans : tuple of (int, int)
         Steps ``[first, last)`` in which it holds, one after the other.
+    free : FreeContact, optional
+        Where its force is found in all steps, and it never holds.
     """
 
     name: str
@@ -71,6 +89,7 @@ class Hold:
     axis: Axis = (0.0, 0.0, 1.0)
     pitch: float | None = None
     spans: Spans = ()
+    free: FreeContact | None = None
 
     def __post_init__(self) -> None:
         key = f"hold {self.name!r}"

@@ -91,6 +91,7 @@ def schedule_of(
     said_holds: tuple[Hold, ...],
     said_releases: tuple[Release, ...],
     said_steps_of_impacts: tuple[int, ...],
+    free_feet: tuple[Hold, ...],
 ) -> Schedule:
     """Return spans of all holds and releases, and impacts: what phases say, or else what is given.
 
@@ -99,7 +100,7 @@ def schedule_of(
     ProblemError
         If both say something else.
     """
-    given = Schedule(tuple(said_holds), tuple(said_releases), said_steps_of_impacts)
+    given = Schedule((*said_holds, *free_feet), tuple(said_releases), said_steps_of_impacts)
     if not any(phase.holds or phase.releases for phase in said_phase):
         if said_phase and given.impacts:
             raise ProblemError(

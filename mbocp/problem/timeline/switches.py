@@ -69,6 +69,13 @@ class SwitchTable:
         """Whether constraints of the robot are let go."""
         return not bool(self.own.all())
 
+    @cached_property
+    def pushes(self) -> BoolArray:
+        """Rows of the held frames with a force, shape (N, rows): those that act, and of free feet."""
+        pairs = zip(self.schedule.holds, self.held, strict=True)
+        free = [hold.free is not None for hold, frame in pairs for _ in frame.rows]
+        return self.rows | np.array(free, dtype=np.bool_)
+
     @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row of the held frames."""
@@ -151,7 +158,7 @@ class SwitchTable:
         return np.vstack([of_robot, self.jacobians(q[None])[0][rows]])
 
     def along(self, qs: Array, own: Array) -> Array:
-        """Derivatives of all rows, zero where they do not act, shape (N, nc + rows, nv).
+        """Derivatives of all rows, zero where they have no force, shape (N, nc + rows, nv).
 
         Parameters
         ----------
@@ -160,7 +167,7 @@ class SwitchTable:
         own : ndarray, shape (N, nc, nv)
             Derivatives of the robot's own rows there.
         """
-        acts = np.hstack([self.own, self.rows])
+        acts = np.hstack([self.own, self.pushes])
         return np.concatenate([own, self.jacobians(qs)], axis=1) * acts[:, :, None]
 
 
