@@ -191,7 +191,7 @@ def test_a_solution_is_that_of_joints_and_knows_its_coordinates(tmp_path) -> Non
 )
 def test_every_cost_and_goal_means_the_same(tables: dict[str, Any]) -> None:
     gaps = []
-    for steps in (50, 200):
+    for steps in (40, 100):
         joint, natural = (
             solved(double_pendulum(steps, "joint", **tables)),
             solved(double_pendulum(steps, **tables)),

@@ -111,7 +111,7 @@ def test_a_floating_body_strays_along_its_tangent(scheme):
     )
     solution = solved(problem)
     assert solution.sigma_qs.shape == (21, 6)
-    q, v = simulate(problem, solution, 400, finer=3).away(problem, solution)
+    q, v = simulate(problem, solution, 400, finer=2).away(problem, solution)
     np.testing.assert_allclose(q.std(axis=0), solution.sigma_qs, rtol=0.17)
     np.testing.assert_allclose(v.std(axis=0), solution.sigma_vs, rtol=0.17)
 

@@ -116,7 +116,7 @@ def linkage(name: str, **changes: Any) -> mbocp.Problem:
     return mbocp.Problem.create(robot, **(given | changes))
 
 
-@pytest.mark.parametrize("name", ["four_bar", "five_bar", "delta"])
+@pytest.mark.parametrize("name", ["four_bar", "delta"])
 def test_the_slope_along_loops_is_that_of_differences(name: str) -> None:
     limits = {"effort": True, "velocity": 8.0 if name != "delta" else {f"arm_{k}": 8.0 for k in (1, 2, 3)}}
     search, rng = _Search(linkage(name, limits=limits), 0.05, "both", 5), np.random.default_rng(1)
@@ -134,20 +134,22 @@ def test_the_slope_along_loops_is_that_of_differences(name: str) -> None:
     assert np.abs(search.dynamics.robot.closure_along(motion.qs)[0]).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["four_bar", pytest.param("five_bar", marks=pytest.mark.slow)])
-def test_loops_tell_more_than_along_random_motions(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "steps"), [("four_bar", 30), pytest.param("five_bar", 60, marks=pytest.mark.slow)]
+)
+def test_loops_tell_more_than_along_random_motions(name: str, steps: int) -> None:
     """Joints that follow keep their limits, too, and a log says more by what the information promises."""
-    problem = linkage(name)
+    problem = linkage(name, steps=steps)
     search, rng = _Search(problem, 0.05, "both", 6), np.random.default_rng(2)
-    random = [search.begin(rng) for _ in range(4)]
+    random = [search.begin(rng) for _ in range(2)]
     values = [_log_det(search.matrix(search.motion(c))) for c in random]
-    best = search.climb(random[int(np.argmax(values))], 6)[1]
+    best = search.climb(random[int(np.argmax(values))], 3)[1]
     solution = mbocp.solve(search.problem_near(best), check=True)
     told = information(solution)
     assert told.log_det > max(values) + 3.0
     follow = search.dynamics.dependent
     assert 5.0 < np.abs(solution.vs[:, follow]).max() <= 8.0 * (1.0 + 1e-6)
-    t = np.arange(300) / 100.0
+    t = np.arange(150) / 50.0
     size = []
     for c in (random[int(np.argmax(values))], best):
         y, yd, ydd = (search.spline.derivative(k)(t) @ c for k in range(3))

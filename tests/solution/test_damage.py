@@ -422,7 +422,7 @@ def strange(value: Any, draw: random.Random) -> Any:
 
 @pytest.mark.parametrize("make", [limited, pendulum])
 @pytest.mark.parametrize(
-    ("count", "seed"), [(40, 1), pytest.param(1500, 2, marks=pytest.mark.slow)], ids=["short", "long"]
+    ("count", "seed"), [(15, 1), pytest.param(1500, 2, marks=pytest.mark.slow)], ids=["short", "long"]
 )
 @pytest.mark.filterwarnings("ignore::mbocp.solution.solution.ProblemNotShownWarning")
 def test_any_change_gives_a_solution_or_one_error(make: Any, count: int, seed: int, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from mbocp.study import run_task as task_module
 from mbocp.study.run_task import FIELDS, check_record, make_problem, solution_row
 
 from . import callables
-from .conftest import EXAMPLES, MakeStudy
+from .conftest import EXAMPLES, PENDULUM, MakeStudy
 
 GOALS = [[0, 0, -5], [3, 0, -4], [0, 4, -3]]
 
@@ -34,9 +34,21 @@ def ends(result: StudyResult) -> list[str]:
     return result.column("status").tolist()
 
 
-@pytest.fixture
-def small(make: MakeStudy) -> Study:
-    return make(grid={"goal.q": GOALS, "cost.effort": [0.5, 1.0]}, record=["q_final", "v_final", "u", "eta"])
+@pytest.fixture(scope="module")
+def small() -> Study:
+    tables = {
+        "grid": {"goal.q": GOALS, "cost.effort": [0.5, 1.0]},
+        "record": ["q_final", "v_final", "u", "eta"],
+    }
+    return Study.from_tables({"problem": PENDULUM, **tables})
+
+
+@pytest.fixture(scope="module")
+def solved(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All rows of the small study, to be read and copied."""
+    path = tmp_path_factory.mktemp("small") / "rows.jsonl"
+    run_study(small, path)
+    return path
 
 
 def test_rows_say_what_the_solutions_say(small: Study, tmp_path: Path) -> None:
@@ -79,8 +91,8 @@ def test_rows_have_what_was_found() -> None:
     assert len(row["parameters"]) == 2
 
 
-def test_all_executors_make_the_same_table(small: Study, tmp_path: Path) -> None:
-    local = run_study(small, tmp_path / "local.jsonl")
+def test_all_executors_make_the_same_table(small: Study, solved: Path, tmp_path: Path) -> None:
+    local = StudyResult.load(solved)
     context = multiprocessing.get_context("forkserver")
     for name, executor in (
         ("processes", ProcessPoolExecutor(2, mp_context=context)),
@@ -179,10 +191,9 @@ def test_workers_have_one_thread_and_the_parents_words(
     assert ends(result) == ["converged"]
 
 
-def test_resume_does_what_is_missing(small: Study, tmp_path: Path) -> None:
-    path = tmp_path / "rows.jsonl"
-    whole = run_study(small, path)
-    header, *lines = path.read_text().splitlines(keepends=True)
+def test_resume_does_what_is_missing(small: Study, solved: Path, tmp_path: Path) -> None:
+    path, whole = tmp_path / "rows.jsonl", StudyResult.load(solved)
+    header, *lines = solved.read_text().splitlines(keepends=True)
     path.write_text(header + lines[4] + lines[1] + lines[5][:-20])
     kept = {json.loads(lines[i])["index"] for i in (4, 1)}
     seen: list[int] = []
@@ -209,10 +220,9 @@ def test_ctrl_c_leaves_what_is_done(small: Study, tmp_path: Path) -> None:
     assert run_study(small, path, resume=True).is_complete
 
 
-def test_files_are_kept(small: Study, make: MakeStudy, tmp_path: Path) -> None:
-    path = tmp_path / "rows.jsonl"
-    run_study(small, path)
-    before = path.read_bytes()
+def test_files_are_kept(small: Study, solved: Path, make: MakeStudy, tmp_path: Path) -> None:
+    path, before = tmp_path / "rows.jsonl", solved.read_bytes()
+    path.write_bytes(before)
     with pytest.raises(ResultFileError, match="exists already"):
         run_study(small, path)
     with pytest.raises(StudyError, match=r"belongs to another study .* they differ in record, grid"):

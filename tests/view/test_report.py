@@ -40,7 +40,7 @@ def a_solution(name: str) -> Solution:
     )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["ur5", "four_bar", "solo12"])
+@pytest.fixture(scope="module", params=["four_bar", "solo12"])
 def page(request, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp(request.param)
     facts = [("status", "all <well>")]
