@@ -54,8 +54,8 @@ def _constraints(solution: Solution) -> str:
     named = ", ".join(c.name for c in columns)
     names = named if len(columns) <= _MAX_NAMES else f"all {len(columns)} of them"
     words = f"violated by {solution.constraint_violation:.2e} at most ({names})"
-    hidden = solution.velocity_violation
-    return words if math.isnan(hidden) else f"{words}, their rates by {hidden:.2e}"
+    more = (("their rates", solution.velocity_violation), ("within steps", solution.violation_within))
+    return ", ".join([words, *(f"{what} by {size:.2e}" for what, size in more if not math.isnan(size))])
 
 
 def _forces(solution: Solution) -> _Rows:

@@ -13,6 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Formulation
+from mbocp.formulation.features.changing_constraints import violation_within
 from mbocp.formulation.inequalities import inequalities, limit_violation
 from mbocp.formulation.motion import Motion
 from mbocp.integrators import root_mean_squares
@@ -50,6 +51,7 @@ class Trajectory:
     control_momentum_names: tuple[str, ...]
     constraint_violation: float
     velocity_violation: float
+    violation_within: float
     manifold_drifts: Array
     manifold_drift: float
     manifold_drift_resimulated: float
@@ -97,6 +99,7 @@ def read_trajectory(formulation: Formulation, iterate: Iterate) -> Trajectory:
         control_momentum_names=names,
         constraint_violation=violation.position,
         velocity_violation=violation.velocity,
+        violation_within=violation_within(problem, motion.qs),
         manifold_drifts=drifts,
         manifold_drift=_largest(drifts),
         manifold_drift_resimulated=_drift_of_simulation(formulation, iterate),

@@ -40,7 +40,7 @@ class ForceSource:
     acts : ndarray of bool, shape (N,), optional
         Steps that take time and in which it acts; None: all.
     hits : ndarray of bool, shape (N,), optional
-        Impacts and partings in which it acts. None: there are none.
+        Impacts in which it acts; no partings. None: there are none.
     """
 
     constraint: Constraint
@@ -140,7 +140,7 @@ class ContactBounds(BoundedTerm):
 
     @property
     def hits(self) -> BoolArray | None:
-        """Impacts and partings whose impulses are bounded, shape (N,); None where nothing begins or ends."""
+        """Impacts whose impulses are bounded, shape (N,); None where nothing begins or ends along the way."""
         hits = self.source.hits
         return hits if hits is None or self.contact.impulses else np.zeros_like(hits)
 
@@ -309,7 +309,8 @@ def _holds_by_name(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
 def _acts(table: SwitchTable, rows: BoolArray) -> tuple[BoolArray, BoolArray]:
     """Steps that take time and in which a constraint of these rows acts, and impacts in which it does."""
     acts: BoolArray = np.asarray(rows.any(axis=1))
-    return acts & ~table.is_impact, acts & table.is_impact
+    begins = np.isin(np.arange(len(acts)), [begin.step for begin in table.begins])
+    return acts & ~table.is_impact, acts & table.is_impact & begins
 
 
 def contact_bounds(

@@ -59,6 +59,8 @@ class Solution(SolutionData):
         Largest holonomic constraint along the trajectory [m^2, m, rad].
     velocity_violation : float
         Largest rate of one, :math:`|\Phi_q v|`: the hidden constraint, which is kept to O(dt).
+    violation_within : float
+        Largest holonomic constraint in the middles of steps, on geodesics from node to node [m^2, m, rad].
     wall_time_s : float
         Duration of the whole solve [s].
     phases : tuple of Phase

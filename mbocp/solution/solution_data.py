@@ -49,6 +49,7 @@ class SolutionData:
     increment: float = field(default=math.nan, metadata=_TOLD)
     constraint_violation: float = field(default=0.0, metadata=_TOLD)
     velocity_violation: float = field(default=math.nan, metadata=_TOLD)
+    violation_within: float = field(default=math.nan, metadata=_TOLD)
     limit_violation: float = field(default=0.0, metadata=_TOLD)
     limit_excess: float = field(default=0.0, metadata=_TOLD)
     limit_excess_of: str = field(default="", metadata=_TOLD)

@@ -45,8 +45,8 @@ def check_walk(
     -------
     dict of str to float
         "dynamics", "impact": what no force of the feet balances, as a part of what cancels. "cone",
-        "impulse": how far forces, and impulses where feet land or part, are outside the cone [weight, of
-        impulses in a step]. "slip": speed of feet that stand after an impact [m/s]. "stands",
+        "impulse", "parting": how far forces, and impulses where feet land or part, are outside the cone
+        [weight, of impulses in a step]. "slip": speed of feet that stand after an impact [m/s]. "stands",
         "below": how far feet are from where they landed, and in the air below the ground [m]; "stands
         between", "below between": beside nodes, too, on geodesics from node to node.
     """
@@ -60,6 +60,7 @@ def check_walk(
     feet = sorted({foot for stance in stances for foot in stance.feet})
     ground = min(_place(system, foot, steps.qs[0])[2] for foot in feet)
     landed: dict[str, Array] = {}
+    before: tuple[str, ...] = stances[0].feet
     for stance in stances:
         for n in range(stance.first, stance.last):
             (q0, q1), (v0, v1) = steps.qs[n : n + 2], steps.vs[n : n + 2]
@@ -69,7 +70,9 @@ def check_walk(
                 size = max(float(np.abs(leap).max()), 1e-3 * weight * float(dts.max()))
                 note("impact", np.abs(leap - J.T @ impulses).max() / size)
                 note("slip", np.abs(J @ v1).max(initial=0.0))
-                note("impulse", _outside(impulses, friction) / (weight * float(dts.max())))
+                is_landing = n == stance.first and not set(stance.feet) <= set(before)
+                outside = _outside(impulses, friction) / (weight * float(dts.max()))
+                note("impulse" if is_landing else "parting", outside)
                 continue
             step = ImplicitStep(system, scheme, float(dts[n]))
             x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, v1])
@@ -89,6 +92,7 @@ def check_walk(
                     off, name = ground - places[:, 2], "below"
                 note(name, off[[0, -1]].max())
                 note(f"{name} between", off.max())
+        before = stance.feet
     return found
 
 

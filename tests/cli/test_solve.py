@@ -64,6 +64,7 @@ def test_json_is_one_object_and_nothing_else(folder: Path, run: Run, solver: Fak
         "increment",
         "constraint_violation",
         "velocity_violation",
+        "violation_within",
         "limit_violation",
         "limit_excess",
         "limit_excess_of",

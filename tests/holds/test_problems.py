@@ -32,6 +32,18 @@ def test_a_soft_landing_has_no_leap(scheme: str) -> None:
     assert s.lams[8:14, 1].all()
 
 
+def test_what_is_held_moves_within_steps_and_results_say_how_far() -> None:
+    """A tip that slides along a vertical wire, and leaves it."""
+    wire = Hold(name="wire", frame="tip", kind="line", spans=((0, 4),))
+    start = {"q_start": np.array([0.3, 0.4]), "num_steps": 6}
+    problem = pendulum(steps=6, holds=(), impacts=()).with_(holds=(wire,), **start)
+    s = mbocp.solve(problem, check=True)
+    middles = (s.qs[:4] + s.qs[1:5]) / 2.0
+    sides = [problem.robot.frame_placement("tip", q).translation[1] for q in (s.qs[0], *middles)]
+    assert s.violation_within == pytest.approx(np.abs(np.subtract(sides, sides[0])).max(), rel=1e-9)
+    assert s.constraint_violation < 1e-3 * s.violation_within
+
+
 def test_frames_that_are_to_coincide_meet_where_their_span_begins() -> None:
     """The tip of a pendulum in a plane through the world: softly, and with an impact."""
     at = {"kind": "plane", "axis": (0.0, 1.0, 0.0), "at": "coincide"}

@@ -17,8 +17,8 @@ from .fabricated import limited, pendulum
 # The object of `mbocp solve --json`, in this order: others read it.
 KEYS = [
     "status", "converged", "advice", "solver", "iterations", "cost", "residual", "increment",
-    "constraint_violation", "velocity_violation", "limit_violation", "limit_excess",
-    "limit_excess_of", "limit_excess_time", "manifold_drift",
+    "constraint_violation", "velocity_violation", "violation_within", "limit_violation",
+    "limit_excess", "limit_excess_of", "limit_excess_time", "manifold_drift",
     "manifold_drift_resimulated", "clearance", "clearance_between", "clearance_time", "positive_work",
     "drawn_energy", "sigmas", "tightest", "accuracy", "unknowns", "num_steps", "duration", "via_times",
     "phase_times", "parameters", "wall_time_s", "phases",

@@ -20,6 +20,7 @@ from mbocp.mechanics.held_frames import HeldFrame, held_labels
 from mbocp.problem import Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
+from mbocp.robot.nodes import between
 from mbocp.terms.contact import ContactTerm
 
 _ACTIVE = "active"  # the stage parameters e
@@ -167,7 +168,7 @@ def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintVi
     What is held where it is counts from where it was when its span began. Velocities count there, too, after
     an impact.
     """
-    robot, count = table.robot, len(table.rows) + 1
+    robot, count = table.robot, len(qs)
     kept = list(robot.kept_rows)
     own = np.zeros((count, 0)), np.zeros((count, 0))
     if robot.nc:
@@ -177,21 +178,39 @@ def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintVi
     acts = np.hstack([table.own, table.rows])
     names = [label.name for label in (*robot.constraint_labels, *table.labels)]
     rates = np.einsum("nij,nj->ni", table.jacobians(qs), vs)
-    position = np.hstack([own[0], _places(table, qs)]) * np.vstack([at_start[0], acts])
+    places = np.vstack([table.residuals(qs[:1], qs[:1]), _places(table, qs, qs[1:])])
+    position = np.hstack([own[0], places]) * np.vstack([at_start[0], acts])
     velocity = np.hstack([own[1], rates]) * np.vstack([at_start[1], acts])
     return worst_violation(position, velocity, names)
 
 
-def _places(table: SwitchTable, qs: Array) -> Array:
-    """How far what is held is from where its span began, or from coinciding, shape (N + 1, rows)."""
+def _places(table: SwitchTable, qs: Array, reached: Array) -> Array:
+    """How far what is held is from where its span began, or from coinciding, shape (N, rows).
+
+    Parameters
+    ----------
+    qs : ndarray, shape (N + 1, nq)
+        At the nodes, among which spans begin.
+    reached : ndarray, shape (N, nq)
+        A configuration of each step.
+    """
     anchors = table.anchors
-    found = np.zeros((len(qs), anchors.shape[1]))
-    found[0] = table.residuals(qs[:1], qs[:1])[0]
+    found = np.zeros(anchors.shape)
     for first in np.unique(anchors[anchors >= 0]):
         steps = np.flatnonzero((anchors == first).any(axis=1))
-        residuals = table.residuals(qs[steps + 1], np.tile(qs[first], (len(steps), 1)))
-        found[steps + 1] = np.where(anchors[steps] == first, residuals, found[steps + 1])
+        residuals = table.residuals(reached[steps], np.tile(qs[first], (len(steps), 1)))
+        found[steps] = np.where(anchors[steps] == first, residuals, found[steps])
     return found
+
+
+def violation_within(problem: Problem, qs: Array) -> float:
+    """Largest violation of positions in the middles of steps, on geodesics from node to node."""
+    robot, table = problem.robot, problem.timeline.switches
+    middles = between(robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
+    found = robot.closure_along(middles)[0][:, list(robot.kept_rows)] if robot.nc else middles[:, :0]
+    if table is not None:
+        found = acting(problem, np.hstack([found, _places(table, qs, middles)]))
+    return float(np.abs(found).max(initial=0.0))
 
 
 @dataclass(frozen=True)
