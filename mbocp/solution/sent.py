@@ -158,7 +158,7 @@ def motion_as_sent(
     times = sample_times(curves, rate)
     if is_joined:
         times = times[np.abs(times[:, None] - curves.nodes).min(axis=1) > _NEAREST / (rate or 1.0)]
-        times = np.round(np.sort(np.append(times, curves.nodes)), 9)  # as messages have them [ns]
+        times = np.unique(np.round(np.append(times, curves.nodes), 9))  # as messages have them [ns], once
     rests = tuple(cubics.nodes[cubics.rests].tolist()) if found.mean else ()
     fitted = (found.mean, found.slower, tuple(excesses), found.is_nearest, lag, rests)
     return Sent(solution, joints.names, units, curves, times, *fitted)

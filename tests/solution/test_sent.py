@@ -105,6 +105,7 @@ def test_a_motion_that_rests_on_the_way_rests_there_as_it_is_sent(leap: float) -
     if leap == 0.5:  # more than what steps are wrong by
         assert sent.mean == 0.0
         assert "its velocities leap" in what_helps(sent, sent.excesses)
+        assert (np.diff(motion_as_sent(made, is_joined=True).times) > 0.0).all()  # controllers ask for it
         return
     assert sent.excesses == ()
     assert sent.mean > 0.0
