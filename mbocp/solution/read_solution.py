@@ -108,10 +108,9 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
             told += _suffix(describe_idle_parameters(formulation, result.iterate))
-            reactions = reactions_along(problem, formulation.layout, result.iterate.xs)
-            told += _suffix(describe_free_contacts(problem, motion.qs, reactions))
         judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)
+        status, advice = _above_ground(formulation, result.iterate, motion, status, advice)
     gains = np.zeros((0, 0, 0))
     if with_gains and result.status.is_stationary:
         with time_phase(phases, "gains"):
@@ -300,6 +299,19 @@ def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: s
         status = Status.OTHER_ROOT if gross.is_free else Status.UNDER_RESOLVED
         return status, f"{gross.words}; the optimality conditions hold: {advice}"
     return status, advice + _suffix(opening or (missed and missed.words)) + _suffix(at_via)
+
+
+def _above_ground(
+    formulation: Formulation, iterate: Iterate, motion: Motion, status: Status, advice: str
+) -> tuple[Status, str]:
+    """Status and advice of a motion whose feet may leave the ground, and are in it between its nodes."""
+    if not status.is_stationary:
+        return status, advice
+    reactions = reactions_along(formulation.problem, formulation.layout, iterate.xs)
+    words, is_gross = describe_free_contacts(formulation.problem, motion.qs, reactions)
+    if is_gross and status is Status.CONVERGED:
+        return Status.UNDER_RESOLVED, f"{words}: take more steps; the optimality conditions hold: {advice}"
+    return status, advice + _suffix(words)
 
 
 def _ratio_of(excess: LimitExcess | None, problem: Problem) -> float:

@@ -127,6 +127,12 @@ def test_a_leg_finds_its_hop(hop: mbocp.Solution) -> None:
     assert "contacts are found (experimental)" in hop.advice
 
 
+def test_feet_that_sink_between_nodes_do_not_stand(tmp_path: Path) -> None:
+    solution = mbocp.solve(hopper(tmp_path, steps=16))
+    assert solution.status == "under_resolved"
+    assert "mm below the ground between nodes at most: take more steps" in solution.advice
+
+
 def test_a_warm_start_is_the_motion(hop: mbocp.Solution) -> None:
     again = mbocp.solve(hop.problem, warm_start=hop)
     assert again.converged

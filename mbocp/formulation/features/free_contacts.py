@@ -32,6 +32,7 @@ from mbocp.terms.free_contact import SLIP, FreeContactTerm
 _FEET = "feet"  # the controls w
 _WEIGHT = "feet.weight"
 _PART = 1e-3  # of the weight of efforts
+_GROSS_DEPTH = 0.01  # [m] between nodes: what is deeper in the ground does not stand on it
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,8 @@ class FreeContacts(Feature):
         return {_FEET: forces, SLIP: np.column_stack(slips)}
 
 
-def describe_free_contacts(problem: Problem, qs: Array, lams: Array) -> str:
-    """Return by how much feet that may leave the ground miss its laws; "" where there are none.
+def describe_free_contacts(problem: Problem, qs: Array, lams: Array) -> tuple[str, bool]:
+    """Say by how much feet that may leave the ground miss its laws, and whether by far; "" where none may.
 
     Parameters
     ----------
@@ -129,15 +130,16 @@ def describe_free_contacts(problem: Problem, qs: Array, lams: Array) -> str:
     """
     feet = _feet(problem)
     if not feet:
-        return ""
+        return "", False
     robot = problem.robot
     middles = between(robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
     products = [one.force.wrenches(lams)[:, 0] * one.heights(robot, qs[1:]) for one in feet]
     below = max(float(-one.heights(robot, middles).min()) for one in feet)
-    return (
+    words = (
         f"contacts are found (experimental): force times height is at most {np.max(products):.1e} N m, and "
         f"feet are {1e3 * max(below, 0.0):.2g} mm below the ground between nodes at most"
     )
+    return words, below > _GROSS_DEPTH
 
 
 def _feet(problem: Problem) -> list[FreeContactBounds]:
