@@ -164,19 +164,19 @@ def test_closed_loops_stray_along_what_they_leave():
     path = EXAMPLES / "loops" / "four_bar.toml"
     size = 1e-4
     problem = mbocp.load_problem(path).with_(
-        steps=120, robust={"start": {"q": {"crank": size}}, "feedback": "none"}
+        steps=60, robust={"start": {"q": {"crank": size}}, "feedback": "none"}
     )
     solution, robot = solved(problem), problem.robot
     covariances = Tubes.of(solution, problem.robust).tube.covariances
-    for n in (0, 20, 40):
+    for n in (0, 10, 20):
         J = robot.constraint_jacobian(solution.qs[n])
         assert np.abs(J @ covariances[n, :3, :3] @ J.T).max() < 1e-6 * np.abs(covariances[n, :3, :3]).max()
     # The same mechanism, started a little further along what its loop leaves, by other mechanics.
     basis = problem.free_at_end(solution.qs[0])
     move = basis @ basis.T @ np.array([size, 0.0, 0.0])
-    ends = [followed(robot, solution, share * move, 40) for share in (-1.0, 1.0)]
+    ends = [followed(robot, solution, share * move, 20) for share in (-1.0, 1.0)]
     away = (ends[1] - ends[0]) / 2.0
-    expected = np.concatenate([solution.sigma_qs[40], solution.sigma_vs[40]])
+    expected = np.concatenate([solution.sigma_qs[20], solution.sigma_vs[20]])
     np.testing.assert_allclose(np.abs(away), expected, rtol=0.02, atol=0.01 * expected.max())
 
 

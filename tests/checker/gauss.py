@@ -10,6 +10,8 @@ eliminated, so that a step gives the state at its end, as an explicit one does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 
@@ -26,6 +28,20 @@ _A = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]]
 _B = np.array([0.5, 0.5])
 _ITERATIONS = 30
 _EXACT = 1e-14  # of the largest velocity
+_SLOW = 0.1  # shrink steps no faster than to this share of the last, slopes are taken anew
+
+
+def _once(function: Callable[[Array, Array], tuple[Array, Array]]) -> Callable[..., tuple[Array, Array]]:
+    """Keep what a function finds for a state and controls."""
+    found: dict[bytes, tuple[Array, Array]] = {}
+
+    def find(x0: Array, u: Array) -> tuple[Array, Array]:
+        key = np.append(x0, u).tobytes()
+        if key not in found:
+            found[key] = function(x0, u)
+        return found[key]
+
+    return find
 
 
 class GaussStep(ExplicitStep):
@@ -35,6 +51,7 @@ class GaussStep(ExplicitStep):
         if not system.is_vector or system.nc or system.drives:
             raise NotImplementedError("the checker's Gauss steps are for open chains of plain numbers")
         self.system, self.dt, self.nx = system, dt, 2 * system.nv
+        self.stages, self._by_stages = _once(self._stages), _once(self._slopes_of_stages)
 
     def force(self, q: Array, v: Array, u: Array) -> Array:
         """Rate of the momentum."""
@@ -60,15 +77,20 @@ class GaussStep(ExplicitStep):
             lambda d: self._missing(vs + d.reshape(vs.shape), x0, u).ravel(), vs.size, np.minimum(scales, 1.0)
         )
 
-    def stages(self, x0: Array, u: Array) -> tuple[Array, Array]:
+    def _stages(self, x0: Array, u: Array) -> tuple[Array, Array]:
         """Configurations and velocities of both, shape (2, nv) each."""
-        vs = np.tile(self.split(x0)[1], (2, 1))
+        vs, before, slopes = np.tile(self.split(x0)[1], (2, 1)), 0.0, np.zeros(0)
         for _ in range(_ITERATIONS):
             with np.errstate(over="ignore", invalid="ignore"):
-                change = np.linalg.solve(self._slopes(vs, x0, u), -self._missing(vs, x0, u).ravel())
-            vs = vs + change.reshape(vs.shape)
-            if not np.abs(change).max() > _EXACT * (1.0 + np.abs(vs).max()):
+                if not slopes.size:
+                    slopes = self._slopes(vs, x0, u)
+                change = np.linalg.solve(slopes, -self._missing(vs, x0, u).ravel())
+            vs, size = vs + change.reshape(vs.shape), np.abs(change).max()
+            if not size > _EXACT * (1.0 + np.abs(vs).max()):
                 break
+            if size > _SLOW * before:  # slopes of states further back serve while steps shrink
+                slopes = np.zeros(0)
+            before = size
         return self._places(vs, x0), vs
 
     def _end(self, vs: Array, x0: Array, u: Array) -> Array:
@@ -82,8 +104,9 @@ class GaussStep(ExplicitStep):
     def after(self, x0: Array, u: Array) -> Array:
         return self._end(self.stages(x0, u)[1], x0, u)
 
-    def _by_stages(self, vs: Array, x0: Array, u: Array) -> tuple[Array, Array]:
+    def _slopes_of_stages(self, x0: Array, u: Array) -> tuple[Array, Array]:
         """Derivatives of the stages' velocities in x_{n-1} and u, by the implicit function theorem."""
+        vs = self.stages(x0, u)[1]
         slopes, sizes = self._slopes(vs, x0, u), np.maximum(np.abs(u), 1.0)
         by_x = derivative(lambda d: self._missing(vs, x0 + d, u).ravel(), self.nx)
         by_u = derivative(lambda d: self._missing(vs, x0, u + d).ravel(), u.size, sizes)
@@ -92,7 +115,7 @@ class GaussStep(ExplicitStep):
     def linearise(self, x0: Array, x1: Array, lam: Array, u: Array) -> Linearised:
         rows, sizes = self.rows(x0, x1, lam, u)
         _, vs = self.stages(x0, u)
-        vs_x, vs_u = self._by_stages(vs, x0, u)
+        vs_x, vs_u = self._by_stages(x0, u)
         on_vs = derivative(lambda d: self._end(vs + d.reshape(vs.shape), x0, u), vs.size)
         before = derivative(lambda d: self._end(vs, x0 + d, u), self.nx) + on_vs @ vs_x
         by_u = derivative(lambda d: self._end(vs, x0, u + d), u.size, np.maximum(np.abs(u), 1.0))
@@ -101,7 +124,7 @@ class GaussStep(ExplicitStep):
     def samples(self, x0: Array, x1: Array, u: Array) -> list[Sample]:
         """The stages, with the weights of the scheme."""
         qs, vs = self.stages(x0, u)
-        vs_x, vs_u = self._by_stages(vs, x0, u)
+        vs_x, vs_u = self._by_stages(x0, u)
         nv = self.system.nv
         found = []
         for i, weight in enumerate(_B):

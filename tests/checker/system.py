@@ -181,8 +181,7 @@ class System:
         return gravity - self.applied(q, zero, np.zeros(self.nu))
 
     def mass(self, q: Array) -> Array:
-        upper = np.triu(np.asarray(pin.crba(self.model, self.data, q)))
-        return upper + np.triu(upper, 1).T
+        return np.array(pin.crba(self.model, self.data, q))
 
     # Speeds: v = V(q) s + U(q) u where drives prescribe some of them
 

@@ -23,7 +23,8 @@ class Stepper:
     def __init__(self, robot: Robot, scheme: str, dt: float) -> None:
         steps, mechanics = PartitionedSteps(scheme), JointMechanics(robot)
         signature = FunctionSignature("", steps, ExactGoal("p", 0, 0), (Effort(),))
-        self.robot, self.functions = robot, build_functions(mechanics, signature)
+        self.robot = robot
+        self.functions = build_functions(mechanics, signature, ("jacobian", "retract"))
         self.theta = np.concatenate([[dt, 1.0], np.zeros(robot.nu)])
         self.ndx, self.ny = 2 * robot.nv, steps.num_algebraic(mechanics)
         self.u = np.zeros(robot.nu)

@@ -135,7 +135,7 @@ def _functions(mechanics: JointMechanics, scheme: str) -> tuple[ca.Function, ca.
     out = [ca.densify(c.value), ca.densify(chain.jacobian(c))]
     d = ca.SX.sym("d", 2 * nv)
     return (
-        ca.Function("rows", [x0, x1, y, u, h], ca.cse(out)),
+        ca.Function("rows", [x0, x1, y, u, h], out),
         ca.Function("moved", [x0, d], [ca.vertcat(*moved(x0, d))]),
     )
 

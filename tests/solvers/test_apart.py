@@ -41,7 +41,7 @@ def check_last_told(s: Solution) -> None:
 
 def test_the_time_limit_ends_it() -> None:
     assert mbocp.solve(endless(power=10.0)).converged  # the process has begun
-    s = mbocp.solve(endless(time_limit=3.0))
+    s = mbocp.solve(endless(time_limit=1.5))
     assert s.status is Status.TIME_LIMIT
     check_last_told(s)
     after = mbocp.solve(endless(power=10.0, time_limit=60.0))

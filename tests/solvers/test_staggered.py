@@ -77,7 +77,7 @@ def test_newton_s_strategies_solve_robots(name: str, method: str) -> None:
         ("rigid_pendulum", ("horizon.steps=100", "guess.u=[0, -2, 1]")),
         ("cart_pendulum_rigid", ("horizon.steps=40",)),
         ("cart_pendulum_elastic", ("horizon.steps=40",)),
-        ("free_flyer/drone_flip", ("horizon.steps=50", 'solver.loop="open"')),
+        ("free_flyer/drone_flip", ("horizon.steps=20", 'solver.loop="open"')),
     ],
 )
 def test_all_ways_to_the_step_give_the_same_iterates(
