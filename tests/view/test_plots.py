@@ -128,10 +128,15 @@ def test_limits_are_dashed_where_the_motion_comes_near() -> None:
     assert plot_controls(weak).axes[0].get_title(loc="right") == "limits from ±28 not shown"
 
 
-def test_limits_that_nobody_enforces_are_not_drawn() -> None:
-    robot = load_robot("ur5")  # the URDF has an effort for each joint
-    figure = overview(motion(robot, robot.q0 + 0.5, us=np.full((20, 6), 100.0)), robot)
-    controls = panel(figure, "Control")
+@pytest.fixture(scope="module")
+def of_arm() -> Figure:
+    """An overview with a robot whose URDF has an effort for each joint, and efforts above some."""
+    robot = load_robot("ur5")
+    return overview(motion(robot, robot.q0 + 0.5, us=np.full((20, 6), 100.0)), robot)
+
+
+def test_limits_that_nobody_enforces_are_not_drawn(of_arm: Figure) -> None:
+    controls = panel(of_arm, "Control")
     assert controls.get_title(loc="right") == ""
     assert levels(controls) == set()
 
@@ -351,11 +356,9 @@ def test_the_overview_says_what_it_is() -> None:
     assert failed.get_suptitle().endswith("give it more iterations")
 
 
-def test_the_overview_with_a_robot_has_its_path() -> None:
-    robot = load_robot("ur5")
-    figure = overview(motion(robot, robot.q0 + 0.5), robot)
-    assert "Path in space" in titles(figure)
-    figure.canvas.draw()
+def test_the_overview_with_a_robot_has_its_path(of_arm: Figure) -> None:
+    assert "Path in space" in titles(of_arm)
+    of_arm.canvas.draw()
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
