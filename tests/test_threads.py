@@ -272,13 +272,13 @@ def test_threads_that_share_stages_change_no_bit(name: str, programmes: list[Ker
 
 @pytest.mark.parametrize("name", ["arms/ur5_limits", "arms/slalom", "arms/panda_reach"])
 def test_every_part_of_an_iteration_is_the_same_at_random_points(name: str):
-    """Two hundred times: loops are shared now and then."""
+    """A hundred times: loops are shared now and then."""
     problem = near_the_way(mbocp.load_problem(EXAMPLES / f"{name}.toml"))
     formulation = formulate(problem)
     iterate, _ = make_guess(guess_candidates(problem)[0], formulation)
     has_limits = not formulation.programme.bounds.is_empty
     made = [kernel_programme(formulation.programme, has_limits=has_limits, threads=n) for n in (1, 2, 4)]
-    for seed in range(200):
+    for seed in range(100):
         found = [
             parts_of(native, iterate, np.random.default_rng(seed), has_limits=has_limits) for native in made
         ]

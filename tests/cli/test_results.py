@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import mbocp
 import mbocp.view.of_solution
@@ -122,6 +123,7 @@ def test_a_full_disk(folder: Path, run: Run, monkeypatch: pytest.MonkeyPatch, wo
     old = folder / name
     old.write_text("old")
     monkeypatch.setattr("mbocp.solution.atomic._flush", refuse)
+    monkeypatch.setattr("mbocp.view.plots.overview", lambda *_, **__: Figure())  # whatever is on the page
     done = run(*words.split())
     assert (done.exit_code, done.stdout, old.read_text()) == (2, "", "old")
     assert re.match(f"error: (.*/)?{name}: cannot be written: No space left on device", done.stderr)

@@ -49,6 +49,17 @@ while not Path(sys.argv[1]).exists() and time.monotonic() < limit:
 print("compiles", flush=True)
 {}
 """
+# Two processes, one after the other, that import everything once.
+CALLS = """
+import os
+from tests.programme.test_background import execute, load
+for _ in range(2):
+    child = os.fork()
+    if not child:
+        execute(load())
+        break
+    assert os.waitpid(child, 0)[1] == 0
+"""
 
 
 @pytest.fixture
@@ -229,11 +240,9 @@ def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each says at its end how many instructions it has executed; the file has what is compiled."""
-    calls = "from tests.programme.test_background import *\nexecute(load())"
+    subprocess.run([sys.executable, "-c", CALLS], cwd=EXAMPLES.parent, check=True)
     for seconds, suffixes in ((1e-9, {".tape", ".executed"}), (1.0, {".tape", ".executed", ".key", ".so"})):
         monkeypatch.setattr(tapes, "_INSTRUCTION", seconds)
-        for _ in range(2):
-            subprocess.run([sys.executable, "-c", calls], cwd=EXAMPLES.parent, check=True)
         forget()
         assert (load_functions("key", never).library is not None) == (seconds == 1.0)
         assert {path.suffix for path in folder.iterdir()} == suffixes

@@ -433,16 +433,18 @@ def test_a_first_estimator_waits_for_no_compiler(tmp_path, monkeypatch):
     np.testing.assert_allclose(found.standard_deviations, expected.standard_deviations, rtol=1e-12)
 
 
-@pytest.mark.parametrize("functions", ["tapes", "compiled"])
+@pytest.mark.parametrize(
+    ("functions", "robot", "frame"), [("tapes", "ur5", "tool0"), ("compiled", "double_pendulum", "link2")]
+)
 @pytest.mark.skipif(sys.platform != "linux", reason="LD_PRELOAD and the counter are for Linux")
-def test_the_kernel_allocates_nothing(functions, tmp_path):
+def test_the_kernel_allocates_nothing(functions, robot, frame, tmp_path):
     counter, cc = tmp_path / "allocations.so", compiler()
     if cc is None:
         pytest.skip("no C compiler")
     command = [*cc, "-shared", "-fPIC", "-O1", "-o", counter, HERE / "allocations.c", "-ldl"]
     subprocess.run(command, check=True)
     found = subprocess.run(
-        [sys.executable, HERE / "count_estimator.py"],
+        [sys.executable, HERE / "count_estimator.py", robot, frame],
         env={**os.environ, "LD_PRELOAD": str(counter), "MBOCP_FUNCTIONS": functions},
         capture_output=True,
         text=True,

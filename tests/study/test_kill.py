@@ -10,12 +10,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
-from mbocp.study import StudyResult
+from mbocp.cli.app import app
+from mbocp.study import Study, StudyResult, run_study
 
 from .conftest import EXAMPLES
 
@@ -162,9 +165,8 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path) -> None:
         f"interrupted: {done} of {CTRL_C_TASKS} tasks are in {rows}; go on with",
         f"  {told}",
     ]
-    process = start(file, rows)
-    process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
+    with ThreadPoolExecutor(1) as executor:
+        assert run_study(Study.load(file), rows, resume=True, executor=executor).is_complete
     assert sorted(row["index"] for row in rows_of(rows)) == list(range(CTRL_C_TASKS))
 
 
@@ -172,10 +174,9 @@ def test_two_at_once_are_refused(tmp_path: Path) -> None:
     file, rows = write_study(tmp_path, LASTING_TASKS), tmp_path / "rows.jsonl"
     first = start(file, rows)
     wait_for(rows, 1, first)
-    second = start(file, rows)
-    _, errors = second.communicate(timeout=PATIENCE)
-    assert second.returncode == 2
-    assert "another process is writing it" in errors
+    second = CliRunner().invoke(app, ["study", str(file), "-o", str(rows), "--resume"])
+    assert second.exit_code == 2
+    assert "another process is writing it" in second.stderr
     wait_for(rows, count(rows) + 5, first)
     assert first.poll() is None
     os.killpg(first.pid, signal.SIGINT)

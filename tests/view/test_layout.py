@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import pytest
@@ -30,7 +31,7 @@ TOUCH = 0.5  # [pixel] by which boxes may meet
 SCALES = (1e-9, 4321.0)  # of what is drawn: the numbers at the ticks are long or short
 
 
-def reach(scale: float = 1.0) -> tuple[Solution, Any]:
+def reach(scale: float) -> tuple[Solution, Any]:
     robot = hanging(load_robot("ur5"), "tool0")
     made = motion(robot, [0.5, -1.0, 1.0, 0.0, 0.5, 0.0])
     return motion(robot, [0.5, -1.0, 1.0, 0.0, 0.5, 0.0], us=scale * made.us, vs=scale * made.vs), robot
@@ -45,7 +46,7 @@ def overviews() -> Iterator[tuple[str, Any]]:
     for scale in SCALES:
         yield f"reach-{scale:g}", lambda scale=scale: overview(*reach(scale))
     yield "flat", lambda: overview(*flat())
-    yield "path", lambda: plot_path(*reach())
+    yield "path", lambda: plot_path(*reach(1.0))
     for make in (pendulum, arm, humanoid, limited):
         yield make.__name__, lambda make=make: overview(make(num_steps=20))
     yield "states", lambda: plot_states(humanoid(num_steps=20))
@@ -89,10 +90,17 @@ def words(figure: Figure) -> Iterator[Text]:
 
 
 def drawn(figure: Figure) -> Any:
-    """A renderer after the figure is drawn as `save_figure` does."""
+    """A renderer after the figure is laid out as `save_figure` does."""
     canvas = FigureCanvasAgg(figure)
-    canvas.draw()
+    figure.draw_without_rendering()
     return canvas.get_renderer()
+
+
+@cache
+def page(case: str) -> tuple[Figure, Any]:
+    """A figure that is laid out, and its renderer."""
+    figure = CASES[case]()
+    return figure, drawn(figure)
 
 
 def outside(figure: Figure, renderer: Any) -> list[str]:
@@ -122,9 +130,8 @@ def overlaps(figure: Figure, renderer: Any) -> list[str]:
 
 @pytest.mark.parametrize("case", CASES)
 def test_words_are_on_the_page_and_labels_beside_the_ticks(case: str) -> None:
-    figure = CASES[case]()
+    figure, renderer = page(case)
     assert figure.dpi == DPI
-    renderer = drawn(figure)
     assert not outside(figure, renderer)
     assert not overlaps(figure, renderer)
 
@@ -143,9 +150,6 @@ def test_what_is_outside_or_over_a_tick_is_found() -> None:
 
 def test_the_page_has_a_margin() -> None:
     """Words do not touch the edge: at other resolutions letters are wider, by up to half a pixel each."""
-    figure = overview(*reach())
-    renderer = drawn(figure)
-    assert not outside(figure, renderer)
-    assert not overlaps(figure, renderer)
+    figure, renderer = page(f"reach-{SCALES[-1]:g}")
     left = min(box(axes.yaxis.label, renderer).x0 for axes in figure.axes)
     assert left / figure.dpi > 0.03  # [inch]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from mbocp.exceptions import ReplayError
-from mbocp.robot import load_robot
+from mbocp.robot import Robot, load_robot
 from mbocp.view import movie
 from mbocp.view.camera import fit_camera
 from mbocp.view.movie import Film, frame_times, write_frames, write_movie
@@ -33,15 +33,15 @@ def page(folder: Path, **options) -> Page:
     return read_page(write_replay(UR5, T, QS, folder / "page.html", **options))
 
 
-def joints(found: Page, root: str) -> np.ndarray:
+def joints(found: Page, root: str, robot: Robot = UR5) -> np.ndarray:
     """Placements of all joints below a node."""
-    numbers = range(UR5.model.njoints)
+    numbers = range(robot.model.njoints)
     return np.array([found.transform(f"/replay/world/{root}/joint_{joint}") for joint in numbers])
 
 
-def placements(q: np.ndarray) -> np.ndarray:
-    data = UR5.model.createData()
-    pin.forwardKinematics(UR5.model, data, q)
+def placements(q: np.ndarray, robot: Robot = UR5) -> np.ndarray:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
     return np.array([placed.homogeneous for placed in data.oMi])
 
 
@@ -166,11 +166,14 @@ def test_pictures_of_another_film_stay(tmp_path: Path) -> None:
 
 
 def test_so_many_ghosts_are_spread_over_the_motion(tmp_path: Path) -> None:
-    solution = motion(UR5, UR5.q0 + 0.5)
+    robot = load_robot("double_pendulum")
+    solution = motion(robot, robot.q0 + 0.5)
     for count, expected in ((0, []), (1, [20]), (3, [0, 10, 20])):
-        found = read_page(replay_solution(solution, tmp_path / f"{count}.html", robot=UR5, ghosts=count))
+        found = read_page(replay_solution(solution, tmp_path / f"{count}.html", robot=robot, ghosts=count))
         for k, node in enumerate(expected):
-            np.testing.assert_allclose(joints(found, f"ghost_{k}"), placements(solution.qs[node]), atol=1e-9)
+            there = joints(found, f"ghost_{k}", robot)
+            np.testing.assert_allclose(there, placements(solution.qs[node], robot), atol=1e-9)
+            assert found.objects(f"/replay/world/ghost_{k}")
         assert not found.objects(f"/replay/world/ghost_{len(expected)}")
 
 
