@@ -256,10 +256,8 @@ def test_adjoints_are_what_derivatives_add_up_to(make):
 @pytest.mark.parametrize(
     ("path", "changes"),
     [
-        (
-            "loops/polish.toml",
-            {f"phase.{k}.steps": 10 for k in range(3)},
-        ),  # conditions of the end are chosen where the motion ends
+        # Conditions of the end are chosen where the motion ends,
+        ("loops/polish.toml", {f"phase.{k}.steps": 10 for k in range(3)}),
         ("design/five_bar_lengths.toml", {"integrator.scheme": "midpoint"}),  # and with the first lengths
     ],
 )
