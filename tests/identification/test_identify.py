@@ -49,7 +49,7 @@ def truth(ur5):
 
 @pytest.fixture(scope="module")
 def found(ur5, truth):
-    return identify(ur5, simulate_log(truth, duration=8.0, rate=50.0, seed=3))
+    return identify(ur5, simulate_log(truth, duration=8.0, seed=3))
 
 
 def test_true_values_are_within_the_stated_intervals(found, truth):
@@ -91,7 +91,7 @@ def test_without_noise_torques_are_recovered_to_round_off(ur5, truth):
 
 def test_errors_of_positions_do_not_bias(ur5, truth):
     """Regression along a smoothed motion has too small accelerations, and inertias off by many deviations."""
-    log = simulate_log(truth, duration=8.0, rate=50.0, position_noise=2e-3, seed=4)
+    log = simulate_log(truth, duration=8.0, position_noise=2e-3, seed=4)
     found = identify(ur5, log, friction_speed=0.1)
     true = true_values(found, truth)
     off = (found.base_values - found.base.combinations @ true) / found.base_sd
@@ -101,7 +101,7 @@ def test_errors_of_positions_do_not_bias(ur5, truth):
 @pytest.mark.parametrize("speed", [0.02, 0.3])
 def test_the_speed_over_which_friction_turns_is_found(ur5, speed):
     truth = changed(ur5, speed=speed)
-    log = simulate_log(truth, duration=8.0, rate=50.0, seed=3)
+    log = simulate_log(truth, duration=8.0, seed=3)
     found, fixed = identify(ur5, log), identify(ur5, log, friction_speed=0.1)
     assert [label.name for label in found.speed_labels] == ["robot.friction_speed"]
     assert found.speeds[0] == pytest.approx(speed, abs=3.0 * found.speed_sd[0])
@@ -139,7 +139,7 @@ def test_sliding_joints_have_a_friction_speed_of_their_own(tmp_path):
     losses = tuple(
         replace(loss, speed=speed) for loss, speed in zip(crane.resistances, (0.3, 0.04), strict=True)
     )
-    log = simulate_log(replace(crane, resistances=losses), duration=10.0, rate=50.0)
+    log = simulate_log(replace(crane, resistances=losses), duration=10.0)
     found = identify(crane, log)
     assert [label.unit for label in found.speed_labels] == ["m/s", "rad/s"]
     assert (np.abs(found.speeds - [0.3, 0.04]) < 3.0 * found.speed_sd).all()
@@ -209,7 +209,7 @@ def test_a_closed_loop_tells_its_parameters():
 
 def test_a_payload_is_found(ur5):
     held = Payload(frame="tool0", mass=1.5, com=(0.01, 0.02, 0.06), inertia=(4e-3, 3e-3, 2e-3, 0.0, 0.0, 0.0))
-    found = identify(ur5, simulate_log(ur5.with_payload(held), duration=6.0, rate=50.0), payload="tool0")
+    found = identify(ur5, simulate_log(ur5.with_payload(held), duration=6.0), payload="tool0")
     ((body, now),) = found.bodies
     assert body.name == "tool0"
     assert now.mass == pytest.approx(1.5, abs=4.0 * found.sd[0])
@@ -275,7 +275,7 @@ def test_the_plot_shows_every_joint(found, tmp_path):
 
 
 def test_a_log_without_what_is_needed_is_refused_by_name(ur5, truth):
-    log = simulate_log(truth, duration=2.0, rate=50.0)
+    log = simulate_log(truth, duration=2.0)
 
     def without(joint, kind):
         return Log(
@@ -333,7 +333,7 @@ def test_what_looks_like_something_else_is_asked(ur5, truth, found, spoil, words
 
 
 def test_columns_of_a_gripper_are_left_out(ur5, truth, found):
-    log = simulate_log(truth, duration=8.0, rate=50.0, seed=3)
+    log = simulate_log(truth, duration=8.0, seed=3)
     gripper = {"finger": {"q": log.t, "tau": log.t}}
     again = identify(ur5, Log(log.t, {**log.joints, **gripper}))
     np.testing.assert_array_equal(again.values, found.values)
@@ -347,7 +347,7 @@ def test_the_example_finds_the_heavier_link():
 
 
 def test_the_command_prints_and_writes(truth, tmp_path):
-    log = write_log(simulate_log(truth, duration=4.0, rate=50.0), tmp_path / "log.csv")
+    log = write_log(simulate_log(truth, duration=4.0), tmp_path / "log.csv")
     out = tmp_path / "new.urdf"
     done = CliRunner().invoke(app, ["identify", "ur5", str(log), "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
@@ -363,11 +363,11 @@ def test_the_command_prints_and_writes(truth, tmp_path):
 
 def test_a_log_at_rest_says_so(ur5, truth):
     """Intervals are wide then, not wrong."""
-    log, rng = simulate_log(truth, duration=3.0, rate=50.0), np.random.default_rng(0)
+    log, rng = simulate_log(truth, duration=3.0), np.random.default_rng(0)
     still = {
         name: {
-            "q": columns["q"][0] + 1e-4 * rng.standard_normal(150),
-            "tau": columns["tau"][0] + 0.05 * rng.standard_normal(150),
+            "q": columns["q"][0] + 1e-4 * rng.standard_normal(300),
+            "tau": columns["tau"][0] + 0.05 * rng.standard_normal(300),
         }
         for name, columns in log.joints.items()
     }
