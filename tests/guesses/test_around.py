@@ -21,7 +21,7 @@ SLALOM = Path(__file__).parents[2] / "examples/arms/slalom.toml"
 
 @pytest.fixture(scope="module")
 def slalom() -> Problem:
-    return load_problem(SLALOM, ["integrator.scheme=se1"])
+    return load_problem(SLALOM, ["integrator.scheme=se1", "horizon.steps=30"])
 
 
 @pytest.fixture(scope="module")

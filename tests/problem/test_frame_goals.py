@@ -443,7 +443,7 @@ def test_tolerances_are_a_box_and_a_cone_at_the_end(words: dict[str, Any]) -> No
     problem = Problem.create(
         "ur5",
         1.0,
-        12,
+        8,
         start=DIRECT,
         goal={"v": 0, "frame": frame},
         cost={"velocity": 100.0},

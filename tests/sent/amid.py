@@ -6,7 +6,7 @@ import argparse
 import sys
 import tempfile
 import warnings
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,8 @@ import numpy as np
 
 import mbocp
 from mbocp.exceptions import MbocpError
+from mbocp.problem import Problem
+from mbocp.solution.curves import Curves
 from mbocp.solution.sent import motion_as_sent
 from tests.sent.cases import JERK, PROFILES, RATES, ROBOTS, problem_of
 from tests.sent.reader import limits_of, samples_of, violation_of_points, violation_of_samples
@@ -24,14 +26,12 @@ _KEPT = 1e-6  # of a limit
 
 def row_of(name: str, seed: int, folder: Path, *, is_stop: bool) -> dict[str, Any]:
     """A stop, or the rest of a motion solved again, from an instant of it as it is sent: written, read."""
-    problem, limits = problem_of(name, seed, with_torques=False), limits_of(PROFILES / f"{name}.toml")
+    limits, rng = limits_of(PROFILES / f"{name}.toml"), np.random.default_rng(seed)
     if name == "ur5e":
-        problem = problem.with_(limits={**ROBOTS[name][1], "effort": False, "jerk": JERK})
         limits |= {
             kind: np.array([[-x] * 6, [x] * 6]) for kind, x in (("acceleration", 15.0), ("jerk", JERK))
         }
-    plan, rng = mbocp.solve(problem, check=True), np.random.default_rng(seed)
-    sent = motion_as_sent(plan, 1000.0, fit=True).curves
+    problem, sent = _plan(name, seed)
     at = rng.uniform(0.15, 0.85) * float(sent.nodes[-1])
     q, v, a = (x[0] for x in sent.at(np.array([at]))[:3])
     bounds = problem.limits
@@ -54,6 +54,16 @@ def row_of(name: str, seed: int, folder: Path, *, is_stop: bool) -> dict[str, An
     ends = [samples[0] - q, *([] if is_stop else [samples[-1] - problem.goal.q])]
     longer = float(t[-1]) / found.duration - 1.0
     return row | {"violations": worst, "away": float(np.abs(ends).max()), "longer": longer}
+
+
+@lru_cache(maxsize=1)
+def _plan(name: str, seed: int) -> tuple[Problem, Curves]:
+    """A problem, and its motion as it is sent."""
+    problem = problem_of(name, seed, with_torques=False)
+    if name == "ur5e":
+        problem = problem.with_(limits={**ROBOTS[name][1], "effort": False, "jerk": JERK})
+    plan = mbocp.solve(problem, check=True)
+    return problem, motion_as_sent(plan, 1000.0, fit=True).curves
 
 
 def _row(name: str, seed: int, *, is_stop: bool) -> dict[str, Any]:

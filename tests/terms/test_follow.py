@@ -21,7 +21,7 @@ from mbocp.view.marks import marks_of, marks_of_result
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 START = {"q": [0, -1.57, 1.57, -1.57, -1.57, 0]}
-N = 16
+N = 12
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 CIRCLE = (0.1 * np.column_stack([0 * ANGLE, np.cos(ANGLE) - 1, np.sin(ANGLE)])).tolist()
 EIGHT = [[0, 0, 0], [0.04, 0.1, 0], [0.12, 0.12, 0], [0, 0, 0], [-0.04, -0.1, 0], [-0.12, -0.12, 0]]
@@ -42,7 +42,7 @@ def arm(*paths: dict[str, Any], **words: Any) -> Problem:
     return Problem.create(
         "ur5",
         given.pop("duration", 2.0),
-        N,
+        given.pop("steps", N),
         start=START,
         path=path,
         **{"integrator": {"scheme": "se1"}, **given},
@@ -164,7 +164,7 @@ def test_for_a_part_of_the_time() -> None:
 
 def test_with_a_free_duration() -> None:
     words = {"duration": {"min": 0.2, "max": 5.0}, "cost": {"time": 1.0, "effort": 1e-4, "velocity": 0.0}}
-    problem = arm(HALF, limits={"effort": True, "velocity": 2.0}, **words)
+    problem = arm(HALF, steps=16, limits={"effort": True, "velocity": 2.0}, **words)
     own, other = solved(problem), solved(problem, "ipopt")
     assert own.duration == pytest.approx(other.duration, rel=1e-5)
     assert along(problem, own)[1].max() < 1e-8
