@@ -147,8 +147,9 @@ def check_energy(robot: Robot, scheme: str, dt: float, q: Array, v: Array) -> No
         largest.append(np.abs(errors).max())
         means.append(errors.mean())
         q, v = qs[-1], vs[-1]
-    assert max(largest) < 1.2 * largest[0] + 1e-10
-    assert np.ptp(means) < 0.2 * largest[0] + 1e-11
+    first = max(largest[:2])  # a tenth alone has not seen all of a motion that does not repeat itself
+    assert max(largest) < 1.2 * first + 1e-10
+    assert np.ptp(means) < 0.2 * first + 1e-11
 
 
 LONG = [
