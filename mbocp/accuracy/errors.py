@@ -279,7 +279,7 @@ def motion_of(solution: Solution) -> Motion:
 def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
     """The solution with the errors of its motion; as it is without a motion or time, or with free feet."""
     table = problem.timeline.switches
-    if not solution.is_stationary or (table is not None and (table.pushes != table.rows).any()):
+    if not solution.is_stationary or (table is not None and table.free_feet):
         return solution
     begun = time.perf_counter()
     motion = motion_of(solution)

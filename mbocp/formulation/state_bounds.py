@@ -109,7 +109,7 @@ def _at_nodes(
     if not holds.all():
         lower, upper = np.where(holds, lower, -np.inf), np.where(holds, upper, np.inf)
     lower, upper = np.array(lower), np.array(upper)
-    N, dt, first = problem.num_steps, problem.dt, 0
+    dt, first = problem.dt, 0
     limits = problem.limits_along() if problem.has_limits_of_phases else None
     for constraint in problem.inequalities:
         columns = slice(first, first + constraint.rows)

@@ -11,7 +11,7 @@ from typing import Any
 
 from mbocp._arrays import Array
 from mbocp.problem._checks import check_integer
-from mbocp.problem.free_contact import check_free_contacts, free_contacts
+from mbocp.problem.free_contact_bounds import check_free_contacts, free_contacts
 from mbocp.problem.goals.ends import check_acceleration, check_start_state, settle_goal
 from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal

@@ -19,7 +19,6 @@ from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops, vias_at_once
-from mbocp.formulation.features.changing_constraints import reactions_along
 from mbocp.formulation.features.free_contacts import describe_free_contacts
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import place_iterate, with_robot_of
@@ -307,8 +306,7 @@ def _above_ground(
     """Status and advice of a motion whose feet may leave the ground, and are in it between its nodes."""
     if not status.is_stationary:
         return status, advice
-    reactions = reactions_along(formulation.problem, formulation.layout, iterate.xs)
-    words, is_gross = describe_free_contacts(formulation.problem, motion.qs, reactions)
+    words, is_gross = describe_free_contacts(formulation.problem, formulation.layout, iterate.xs, motion.qs)
     if is_gross and status is Status.CONVERGED:
         return Status.UNDER_RESOLVED, f"{words}: take more steps; the optimality conditions hold: {advice}"
     return status, advice + _suffix(words)

@@ -246,7 +246,7 @@ class Reactions(Feature):
 
     def units(self, problem: Problem) -> Mapping[str, float]:
         """The largest scale of a contact [N, N m]."""
-        return {"reaction": _unit(problem)}
+        return {"reaction": reaction_unit(problem)}
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Of which constraint."""
@@ -258,7 +258,8 @@ def _rows_of(terms: Iterable[ContactTerm]) -> tuple[int, ...]:
     return tuple(sorted({row for term in terms for row in term.of_rows}))
 
 
-def _unit(problem: Problem) -> float:
+def reaction_unit(problem: Problem) -> float:
+    """Unit of the forces that states remember [N]."""
     return max((contact.scale for contact in problem.contacts), default=1.0)
 
 
@@ -277,5 +278,5 @@ def reactions_along(problem: Problem, at: StateLayout, xs: Array) -> Array:
     rows = _rows_of(contact.term for contact in problem.contacts)
     found = np.zeros((len(xs) - 1, rows[-1] + 1 if rows else 0))
     if rows:
-        found[:, list(rows)] = _unit(problem) * xs[1:, at.states["reaction"]]
+        found[:, list(rows)] = reaction_unit(problem) * xs[1:, at.states["reaction"]]
     return found

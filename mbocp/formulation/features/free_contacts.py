@@ -19,12 +19,13 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
+from mbocp.formulation.features.changing_constraints import reaction_unit, reactions_along
 from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
-from mbocp.formulation.layout import Block
+from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols, unit_of
 from mbocp.problem import Problem
-from mbocp.problem.free_contact import FreeContactBounds
+from mbocp.problem.free_contact_bounds import FreeContactBounds
 from mbocp.robot import Label
 from mbocp.robot.nodes import between
 from mbocp.terms.free_contact import SLIP, FreeContactTerm
@@ -91,7 +92,7 @@ class FreeContacts(Feature):
         """A part of the weight of efforts, of forces in the unit of reactions."""
         weights = problem.heaviest_cost.on_squares
         least = min((float(weight) for weight in weights if weight > 0.0), default=1.0)
-        return {_WEIGHT: np.array([_PART * least * _unit(problem) ** 2])}
+        return {_WEIGHT: np.array([_PART * least * reaction_unit(problem) ** 2])}
 
     def control_bounds(self, problem: Problem) -> Mapping[str, tuple[Array, Array]]:
         """None: path constraints have them."""
@@ -112,26 +113,27 @@ class FreeContacts(Feature):
         """Forces that are known, else zero; the least bounds of the speeds."""
         forces = np.zeros((problem.num_steps, len(self._places)))
         if motion.lams.size:
-            forces = motion.lams[:, self._places] / _unit(problem)
+            forces = motion.lams[:, self._places] / reaction_unit(problem)
         slips = [foot.slips(problem.robot, motion.qs[1:], motion.vs[1:]) for foot in _feet(problem)]
         return {_FEET: forces, SLIP: np.column_stack(slips)}
 
 
-def describe_free_contacts(problem: Problem, qs: Array, lams: Array) -> tuple[str, bool]:
+def describe_free_contacts(problem: Problem, at: StateLayout, xs: Array, qs: Array) -> tuple[str, bool]:
     """Say by how much feet that may leave the ground miss its laws, and whether by far; "" where none may.
 
     Parameters
     ----------
     problem : Problem
+    at : StateLayout
+    xs : ndarray, shape (N + 1, nx)
+        States, which remember forces.
     qs : ndarray, shape (N + 1, nq)
         Configurations at the nodes [m, rad, unit quaternion].
-    lams : ndarray, shape (N, rows)
-        Multipliers of all constraints [N].
     """
     feet = _feet(problem)
     if not feet:
         return "", False
-    robot = problem.robot
+    robot, lams = problem.robot, reactions_along(problem, at, xs)
     middles = between(robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
     products = [one.force.wrenches(lams)[:, 0] * one.heights(robot, qs[1:]) for one in feet]
     below = max(float(-one.heights(robot, middles).min()) for one in feet)
@@ -148,8 +150,3 @@ def _feet(problem: Problem) -> list[FreeContactBounds]:
 
 def _names(problem: Problem) -> list[str]:
     return [one.force.contact.constraint for one in _feet(problem)]
-
-
-def _unit(problem: Problem) -> float:
-    """Of reactions [N]."""
-    return max(contact.scale for contact in problem.contacts)

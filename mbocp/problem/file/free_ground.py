@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from mbocp.problem.free_contact import FreeContactBounds
+from mbocp.problem.free_contact_bounds import FreeContactBounds
 from mbocp.robot import Robot
 from mbocp.terms.bounded import BoundedTerm
 

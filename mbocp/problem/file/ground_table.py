@@ -40,7 +40,7 @@ from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
 
-CONTACTS = ("phases", "free")
+_CONTACTS = ("phases", "free")
 _NEARLY = 5e-3  # [m] that a foot may be off a map at the start: nobody places four of them better
 _LEAST_LOAD = 5e-3  # of the weight: at the tip of its cone a force has no one multiplier, and solvers stall
 _AT_END = (None, 1.0)  # shares of via points at the end of their phase
@@ -89,7 +89,7 @@ class GroundTable(Table):
     ] = "impact"
     contact: Annotated[
         str,
-        choice(CONTACTS),
+        choice(_CONTACTS),
         Key(
             '`"free"`: [the solver finds](contact.md#contact-without-phases) which feet stand',
             "",

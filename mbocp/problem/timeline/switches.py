@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, null_space
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobians, held_labels, held_residuals
-from mbocp.problem.timeline.hold import Schedule
+from mbocp.problem.timeline.hold import Hold, Schedule
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.contact import ContactConditionTerm
@@ -68,6 +68,11 @@ class SwitchTable:
     def has_releases(self) -> bool:
         """Whether constraints of the robot are let go."""
         return not bool(self.own.all())
+
+    @property
+    def free_feet(self) -> tuple[Hold, ...]:
+        """Feet whose forces are found in all steps."""
+        return tuple(hold for hold in self.schedule.holds if hold.free is not None)
 
     @cached_property
     def pushes(self) -> BoolArray:

@@ -84,7 +84,7 @@ def test_is_the_robot_that_upstream_builds(name: str) -> None:
 def test_a_robot_that_is_read_once_is_another_one_each_time() -> None:
     """Upstream builds these legs by code, with all meshes, which takes a second."""
     one = load_robot("talos_legs")
-    assert examples._built("talos_legs") is examples._built("talos_legs")
+    assert examples._build("talos_legs") is examples._build("talos_legs")
     model = one.model.copy()
     one.model.gravity.linear = np.zeros(3)
     one.model.inertias[1] = pin.Inertia.Zero()

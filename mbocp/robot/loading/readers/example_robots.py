@@ -172,13 +172,13 @@ def _has_own_code(loader: Any) -> bool:
 
 
 def _describe_built(name: str, path: Path) -> Description:
-    robot = _built(name)
+    robot = _build(name)
     shapes = pin.GeometryModel(robot.visual_model)
     return Description(name, path, pin.Model(robot.model), shapes, np.array(robot.q0), source=path)
 
 
 @cache  # upstream reads all meshes, of collisions, too
-def _built(name: str) -> Any:
+def _build(name: str) -> Any:
     with contextlib.redirect_stdout(io.StringIO()), capture_stderr([]):
         return _loaders()[name]().robot
 

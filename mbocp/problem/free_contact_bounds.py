@@ -153,7 +153,7 @@ def free_contacts(
     ProblemError
         If the robot does not stand above its ground.
     """
-    asked = () if table is None else tuple(hold for hold in table.schedule.holds if hold.free is not None)
+    asked = () if table is None else table.free_feet
     by_name = {force.contact.constraint: force for force in forces if isinstance(force, ContactBounds)}
     data, found = robot.model.createData(), []
     centre = float(pin.centerOfMass(robot.model, data, q_start)[2])
